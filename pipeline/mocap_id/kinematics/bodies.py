@@ -1,0 +1,151 @@
+"""Which markers move as one body: the fixed base and the rigid bodies above it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.joint import fit_joint
+from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals
+
+_REASSIGNMENTS = 20
+
+
+@dataclass(frozen=True)
+class Base:
+    """The markers that do not move.
+
+    Parameters
+    ----------
+    markers : int array
+        Columns of the still markers; empty where none stands still.
+    noise : float
+        rms of one coordinate of the still markers, m: the noise floor.
+    gap : float
+        Scatter of the first moving marker over that of the last still one.
+    scatter : (M,) array
+        rms distance of every marker from its mean, m.
+    """
+
+    markers: IntArray
+    noise: float
+    gap: float
+    scatter: FloatArray
+
+
+def find_base(points: ComplexArray, limit: float) -> Base:
+    """Split still from moving markers at the largest jump in their scatter.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m.
+    limit : float
+        A marker with more scatter than this (m) cannot be still.
+    """
+    scatter = _scatter(points)
+    order = np.argsort(scatter)
+    floor = np.maximum(scatter[order], 1e-5)  # below this, ratios are those of rounding
+    still = int(np.sum(scatter[order] <= limit))
+    if still == 0:
+        return Base(np.array([], dtype=np.int64), 0.0, 1.0, scatter)
+    jumps = np.append(floor[1:], np.inf if still == len(order) else floor[-1]) / floor
+    last = int(np.argmax(jumps[:still]))
+    markers = np.sort(order[: last + 1])
+    noise = float(np.median(scatter[markers]) / np.sqrt(2))
+    return Base(markers, noise, float(jumps[last]), scatter)
+
+
+def cluster(points: ComplexArray, moving: IntArray, count: int) -> list[Body]:
+    """Sort the moving markers into at most ``count`` rigid bodies of at least two markers.
+
+    Average linkage on the variance of the mutual distances starts it; then every marker goes to the body that holds
+    it best, until none changes.
+    """
+    tree = linkage(squareform(_distance_variance(points[:, moving]), checks=False), "average")
+    labels = fcluster(tree, count, "maxclust")
+    return reassign(points, [moving[labels == label] for label in np.unique(labels)])
+
+
+def reassign(points: ComplexArray, groups: list[IntArray]) -> list[Body]:
+    """Move markers between bodies until each sits on the body that holds it best."""
+    moving = np.sort(np.concatenate(groups))
+    for _ in range(_REASSIGNMENTS):
+        bodies = [fit_body(points, group) for group in groups if len(group) > 1]
+        if len(bodies) < 2:
+            break
+        residuals = np.stack([marker_residuals(body, points[:, moving]) for body in bodies])
+        best = np.argmin(residuals, axis=0)
+        regrouped = [moving[best == index] for index in range(len(bodies))]
+        if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
+            break
+        groups = regrouped
+    return [fit_body(points, group) for group in groups if len(group) > 1]
+
+
+def merge_rigid_pairs(points: ComplexArray, bodies: list[Body], min_arc: float, tolerance: float) -> list[Body]:
+    """Merge bodies that hardly turn against each other and fit one rigid body nearly as well as two.
+
+    Parameters
+    ----------
+    min_arc : float
+        Bodies that turn by less (rad) may be one.
+    tolerance : float
+        They are one if the merged residual stays under this multiple of their own.
+    """
+    bodies = list(bodies)
+    while len(bodies) > 1:
+        candidates = []
+        for i, first in enumerate(bodies):
+            for j in range(i + 1, len(bodies)):
+                second = bodies[j]
+                if fit_joint(first, second).arc >= min_arc:
+                    continue
+                merged = fit_body(points, np.sort(np.concatenate([first.markers, second.markers])))
+                candidates.append((merged.residual / _pooled(first, second), i, j, merged))
+        if not candidates:
+            break
+        ratio, i, j, merged = min(candidates, key=lambda candidate: candidate[0])
+        if ratio > tolerance:
+            break
+        bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [merged]
+    return bodies
+
+
+def _pooled(first: Body, second: Body) -> float:
+    """rms residual of two bodies taken together, m, not below a tenth of a millimetre."""
+    counts = len(first.markers), len(second.markers)
+    square = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
+    return float(max(np.sqrt(square), 1e-4))
+
+
+def _scatter(points: ComplexArray) -> FloatArray:
+    """(M,) rms distance of every marker from its mean, m; inf for a marker that is hardly ever seen."""
+    seen = np.isfinite(points)
+    counts = seen.sum(axis=0)
+    filled = np.where(seen, points, 0)
+    mean = filled.sum(axis=0) / np.maximum(counts, 1)
+    square = np.where(seen, np.abs(filled - mean) ** 2, 0).sum(axis=0) / np.maximum(counts, 1)
+    return np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
+
+
+def _distance_variance(points: ComplexArray) -> FloatArray:
+    """(M, M) variance over time of the distance between every two markers, m^2; large for pairs never seen together."""
+    count = points.shape[1]
+    variance = np.zeros((count, count))
+    for marker in range(count):
+        distance = np.abs(points - points[:, marker : marker + 1])
+        seen = np.isfinite(distance)
+        counts = seen.sum(axis=0)
+        filled = np.where(seen, distance, 0)
+        mean = filled.sum(axis=0) / np.maximum(counts, 1)
+        square = np.where(seen, (filled - mean) ** 2, 0).sum(axis=0) / np.maximum(counts, 1)
+        variance[marker] = np.where(counts > 1, square, np.nan)
+    variance = np.where(np.isfinite(variance), variance, np.nanmax(variance, initial=0.0))
+    variance = (variance + variance.T) / 2
+    np.fill_diagonal(variance, 0)
+    return variance

@@ -1,0 +1,114 @@
+"""Rigid bodies in the plane: markers that keep their mutual distances.
+
+Points of the plane are complex numbers here: a rotation by phi and a shift is ``z = p + exp(i phi) q``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+
+_ITERATIONS = 50
+_TOLERANCE = 1e-9  # m
+
+
+@dataclass(frozen=True)
+class Body:
+    """Markers moving as one rigid body.
+
+    Parameters
+    ----------
+    markers : (k,) int array
+        Columns of the trajectories.
+    template : (k,) complex array
+        Marker coordinates in the body's own frame, whose origin is their centroid, m.
+    rotation : (F,) complex array
+        ``exp(i phi)`` of the body in each frame; NaN where fewer than two markers are seen.
+    position : (F,) complex array
+        Origin of the body's frame, m.
+    residual : float
+        rms distance of the markers from their place on the body, m.
+    """
+
+    markers: IntArray
+    template: ComplexArray
+    rotation: ComplexArray
+    position: ComplexArray
+    residual: float
+
+    def local(self, points: ComplexArray) -> ComplexArray:
+        """Trajectories (F, ...) seen from the body's frame."""
+        shape = (-1,) + (1,) * (points.ndim - 1)
+        return np.asarray(np.conj(self.rotation).reshape(shape) * (points - self.position.reshape(shape)))
+
+
+def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Body:
+    """Least-squares rigid body of some markers (generalised Procrustes over the frames, missing markers left out).
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    markers : sequence of int
+        At least two columns of ``points``.
+    """
+    columns = np.asarray(markers, dtype=np.int64)
+    seen = np.isfinite(points[:, columns])
+    z = np.where(seen, points[:, columns], 0)
+    template = z[int(np.argmax(seen.sum(axis=1)))]
+    for _ in range(_ITERATIONS):
+        rotation, position = _poses(z, seen, template)
+        local = np.conj(rotation)[:, None] * (z - position[:, None])
+        updated = (local * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        updated -= updated.mean()
+        moved = float(np.max(np.abs(updated - template)))
+        template = updated
+        if moved < _TOLERANCE:
+            break
+    rotation, position = _poses(z, seen, template)
+    enough = seen.sum(axis=1) >= 2
+    off = np.abs(z - position[:, None] - rotation[:, None] * template)[seen & enough[:, None]]
+    residual = float(np.sqrt(np.mean(off**2))) if off.size else np.inf
+    unknown = np.where(enough, 1.0, np.nan)
+    return Body(columns, template, rotation * unknown, position * unknown, residual)
+
+
+def still_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Body:
+    """The fixed base: its frame is the plane frame in every frame."""
+    columns = np.asarray(markers, dtype=np.int64)
+    template = np.nanmean(points[:, columns], axis=0)
+    frames = len(points)
+    off = np.abs(points[:, columns] - template)
+    return Body(
+        columns,
+        template,
+        np.ones(frames, dtype=np.complex128),
+        np.zeros(frames, dtype=np.complex128),
+        float(np.sqrt(np.nanmean(off**2))),
+    )
+
+
+def marker_residuals(body: Body, points: ComplexArray) -> FloatArray:
+    """(M,) rms distance of every marker from its mean place in the body's frame, m; inf where never seen with it."""
+    local = body.local(points)
+    seen = np.isfinite(local)
+    counts = seen.sum(axis=0)
+    filled = np.where(seen, local, 0)
+    mean = filled.sum(axis=0) / np.maximum(counts, 1)
+    square = np.where(seen, np.abs(filled - mean) ** 2, 0).sum(axis=0) / np.maximum(counts, 1)
+    return np.where(counts > 1, np.sqrt(square), np.inf)
+
+
+def _poses(z: ComplexArray, seen: BoolArray, template: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Rotation and position (F,) that bring the template onto each frame (closed form in the plane)."""
+    counts = np.maximum(seen.sum(axis=1), 1)
+    centroid = z.sum(axis=1) / counts
+    template_centroid = (seen * template).sum(axis=1) / counts
+    moment = (seen * (z - centroid[:, None]) * np.conj(template - template_centroid[:, None])).sum(axis=1)
+    size = np.abs(moment)
+    rotation = np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
+    return rotation, centroid - rotation * template_centroid

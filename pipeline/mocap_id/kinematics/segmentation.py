@@ -1,0 +1,176 @@
+"""The number of segments, their order and their markers, from the motion alone (3.2.1, 3.2.4).
+
+The thesis peels segments off from base to tip by circles seen in the frame of the previous one. Circles are a weak
+test: a marker two links out looks circular whenever the joint between hardly moves. Here rigid bodies are found
+first, at several levels of detail; every level gives a hypothesis, a chain from the base to a tip over joints that are
+real; and the hypothesis is kept that predicts the markers best for its number of segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.errors import Refused
+from mocap_id.kinematics.bodies import Base, cluster, find_base
+from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, Scene, SegmentationRules, hypotheses
+from mocap_id.kinematics.joint import PairJoint, fit_joint
+from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_body
+
+_ADOPT = 2.0  # a marker left over is adopted by a segment that holds it within this multiple of its own residual
+_PREFER_MOVING = 1.25  # a still marker goes to segment 1 unless that holds it worse than the base by this factor
+_SURE_RATIO = 3.5  # skipping a segment fits this much worse where it is right (4.0 and more) than where not (3.0)
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Markers sorted into segments.
+
+    Parameters
+    ----------
+    segment : (M,) int array
+        0 = base, 1 … n from base to tip, -1 = none.
+    residual : (M,) array
+        rms distance of each marker from its place on its segment, m; NaN for none.
+    count : int
+        Segments with the base.
+    confidence : float
+        0 … 1, from the weakest joint's ``ratios``; 0.5 where a runner-up fits 3.5 times worse.
+    ratios : tuple of float
+        For each joint but the last, the residual of skipping its segment over its own.
+    base : Base
+        The still markers and the noise floor.
+    hypotheses : tuple of Hypothesis
+        All that were considered, best first.
+    """
+
+    segment: IntArray
+    residual: FloatArray
+    count: int
+    confidence: float
+    ratios: tuple[float, ...]
+    base: Base
+    hypotheses: tuple[Hypothesis, ...] = field(repr=False)
+
+
+def segment_markers(points: ComplexArray, lateral: FloatArray, rules: SegmentationRules) -> Segmentation:
+    """Sort markers into the segments of a serial chain on a fixed base.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen. A few hundred frames that span the motion are enough.
+    lateral : (M,) array
+        Mean out-of-plane coordinate of every marker, m: tells a pair of limbs from the trunk they hang on.
+
+    Raises
+    ------
+    Refused
+        ``no-fixed-base``, ``no-motion`` or ``no-chain``, with the numbers.
+    """
+    base = find_base(points, rules.still_limit)
+    _require_base_and_motion(base, points.shape[1], rules)
+    moving = np.setdiff1d(np.flatnonzero(np.isfinite(base.scatter)), base.markers)
+    scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules)
+    considered = tuple(sorted(hypotheses(scene), key=lambda hypothesis: hypothesis.cost))
+    if not considered:
+        raise _no_chain(scene)
+    return _assign(scene, considered)
+
+
+def _require_base_and_motion(base: Base, markers: int, rules: SegmentationRules) -> None:
+    seen = np.isfinite(base.scatter)
+    least = float(np.min(base.scatter, initial=np.inf))
+    if len(base.markers) < 2:
+        raise Refused(
+            "no-fixed-base",
+            f"{len(base.markers)} of {markers} markers stay where they are (the stillest moves by "
+            f"{1e3 * least:.0f} mm rms); a chain needs a base with at least 2 markers within "
+            f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stay put, or record such a part.",
+            least if np.isfinite(least) else None,
+            rules.still_limit,
+        )
+    if len(base.markers) >= seen.sum() - 1:
+        largest = float(np.max(base.scatter[seen]))
+        raise Refused(
+            "no-motion",
+            f"no joint moves: {len(base.markers)} of {int(seen.sum())} markers stay within "
+            f"{1e3 * rules.still_limit:.0f} mm, so there is no segment to find. Record a movement of the joints.",
+            largest,
+            rules.still_limit,
+        )
+
+
+def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
+    """Give every marker, still ones near a joint included, to the segment of the best hypothesis that holds it best."""
+    points, best = scene.points, considered[0]
+    links = (scene.ground, *best.chain)
+    residuals = np.stack([marker_residuals(body, points) for body in links])
+    for marker, on_segment in _on_first_axis(points, scene.ground, best.chain[0]):
+        residuals[:, marker] = np.inf
+        residuals[1, marker] = on_segment
+    own = np.array([body.residual for body in links])
+    segment = np.argmin(residuals, axis=0)
+    residual = residuals[segment, np.arange(points.shape[1])]
+    member = np.isin(np.arange(points.shape[1]), np.concatenate([body.markers for body in links]))
+    kept = member | (residual <= _ADOPT * own[segment])
+    kept &= np.isfinite(residual)
+    ratios = _ratios(links, best.joints)
+    weakest = min(ratios, default=np.inf)
+    return Segmentation(
+        np.where(kept, segment, -1),
+        np.where(kept, residual, np.nan),
+        len(links),
+        float(weakest / (weakest + _SURE_RATIO)) if np.isfinite(weakest) else 1.0,
+        ratios,
+        scene.base,
+        considered,
+    )
+
+
+def _on_first_axis(points: ComplexArray, ground: Body, first: Body) -> Iterator[tuple[int, float]]:
+    """Still markers that belong to segment 1, with their residual there.
+
+    A marker on the axis of joint 1 (a malleolus) hardly moves, so rigidity puts it on the base; on the segment it pins
+    the joint. The segment is fitted anew with it: judged from outside, a few degrees of soft tissue would reject it.
+    """
+    held = marker_residuals(ground, points)
+    for marker in ground.markers:
+        refitted = fit_body(points, np.append(first.markers, marker))
+        on_segment = float(marker_residuals(refitted, points[:, marker : marker + 1])[0])
+        if on_segment <= _PREFER_MOVING * held[marker]:
+            yield int(marker), on_segment
+
+
+def _ratios(links: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
+    """For every joint but the last: the residual of skipping its segment over the joint's own."""
+    return tuple(
+        fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
+    )
+
+
+def _no_chain(scene: Scene) -> Refused:
+    """Why no body turns about a point fixed to the base."""
+    rules = scene.rules
+    bodies = [body for level in (1, 2, 3) for body in cluster(scene.points, scene.moving, level)]
+    joints = [fit_joint(scene.ground, body) for body in bodies]
+    best = min(joints, key=lambda joint: joint.residual, default=None)
+    if best is None:
+        return Refused(
+            "no-motion",
+            f"{len(scene.moving)} moving markers do not make a rigid body of two or more, so no joint moves.",
+            float(len(scene.moving)),
+            2.0,
+        )
+    return Refused(
+        "no-chain",
+        "no body turns about a joint on the fixed base: the best one misses its joint by "
+        f"{1e3 * best.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
+        f"{np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
+        "Does the chain stand on the markers that stay still?",
+        best.residual,
+        rules.max_residual,
+    )

@@ -1,0 +1,37 @@
+"""What the segments and joints of a movement are called, base first."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+_SIT_TO_STAND = {
+    2: (("foot", "body"), ("ankle",)),
+    3: (("foot", "shank", "thigh"), ("ankle", "knee")),
+    4: (("foot", "shank", "thigh", "torso"), ("ankle", "knee", "hip")),
+    5: (("foot", "shank", "thigh", "pelvis", "trunk"), ("ankle", "knee", "hip", "lumbar")),
+}
+
+LONGEST = {"sit-to-stand": 5, "robot-joint": 2, "free": 8}
+"""Largest number of segments with the base that a protocol's movement has: arms are branches, not links."""
+
+
+def body_names(
+    protocol: Literal["free", "sit-to-stand", "robot-joint"], count: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of ``count`` segments, base first, and of the ``count - 1`` joints between them.
+
+    Examples
+    --------
+    >>> body_names("sit-to-stand", 4)[1]
+    ('ankle', 'knee', 'hip')
+    >>> body_names("free", 3)
+    (('base', 'segment 1', 'segment 2'), ('joint 1', 'joint 2'))
+    """
+    if protocol == "sit-to-stand" and count in _SIT_TO_STAND:
+        return _SIT_TO_STAND[count]
+    if protocol == "robot-joint" and count == 2:
+        return ("base", "link"), ("joint",)
+    return (
+        ("base", *(f"segment {k}" for k in range(1, count))),
+        tuple(f"joint {k}" for k in range(1, count)),
+    )

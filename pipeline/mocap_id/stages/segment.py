@@ -1,0 +1,144 @@
+"""segment: which markers move as one, and how the bodies hang together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError
+from mocap_id.kinematics import Hypothesis, Segmentation, SegmentationRules, segment_markers
+from mocap_id.protocols.body_names import LONGEST, body_names
+from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.trajectories import Trajectories
+from mocap_id.store import Table
+from mocap_id.store.schemas import SEGMENTS
+from mocap_id.verdict import Reason
+
+_UNSURE = 0.5
+
+
+class SegmentSettings(Settings):
+    """What counts as still, as turning and as a joint."""
+
+    count: int | None = Field(None, ge=2, le=9, description="number of segments with the base; found where not given")
+    names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
+    still_limit_m: float = Field(0.015, gt=0, description="largest scatter (rms) of a base marker, m")
+    min_arc_deg: float = Field(6.0, gt=0, lt=180, description="a joint turns by at least this, degrees")
+    max_joint_residual_m: float = Field(0.05, gt=0, description="two bodies' points at a joint stay this close, m")
+    max_body_residual_m: float = Field(0.015, gt=0, description="markers of one body stay this close to it, m")
+    frames: int = Field(500, ge=50, description="frames looked at, evenly over the trial")
+
+
+def segment(context: Context) -> Outputs:
+    """Sort the markers into base and segments."""
+    settings: SegmentSettings = context.settings
+    trial = context.trial
+    trajectories = Trajectories.of(context.table("planar.parquet")).thinned(settings.frames)
+    longest = settings.count or LONGEST[trial.protocol]
+    rules = SegmentationRules(
+        still_limit=settings.still_limit_m,
+        min_arc=float(np.radians(settings.min_arc_deg)),
+        max_residual=settings.max_joint_residual_m,
+        max_body_residual=settings.max_body_residual_m,
+        count=settings.count,
+        longest=longest,
+    )
+    found = segment_markers(trajectories.plane, _lateral(trajectories.points), rules)
+    names, joint_names = body_names(trial.protocol, found.count)
+    if settings.names is not None:
+        names = _given_names(settings.names, found.count, trial.trial)
+    frame = pd.DataFrame(
+        {
+            "marker": pd.Categorical(trajectories.labels, categories=trajectories.labels),
+            "segment": pd.array([int(k) if k >= 0 else None for k in found.segment], dtype="Int64"),
+            "residual": found.residual,
+            "reason": [_reason(found, marker, names) for marker in range(len(trajectories.labels))],
+        }
+    )
+    facts = {
+        "count": found.count,
+        "names": list(names),
+        "joint_names": list(joint_names),
+        "confidence": found.confidence,
+        "joint_ratios": list(found.ratios),
+        "noise_floor_m": found.base.noise,
+        "static_gap": found.base.gap if np.isfinite(found.base.gap) else None,
+        "hypotheses": [_hypothesis(h, trajectories.labels) for h in found.hypotheses],
+    }
+    return (Table(SEGMENTS, frame, facts, _doubts(found, joint_names)),)
+
+
+def _lateral(points: FloatArray) -> FloatArray:
+    """(M,) mean out-of-plane coordinate, m; NaN for a marker never seen."""
+    z = points[..., 2]
+    seen = np.isfinite(z)
+    counts = seen.sum(axis=0)
+    return np.where(counts > 0, np.where(seen, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
+
+
+def _given_names(names: tuple[str, ...], count: int, trial: str) -> tuple[str, ...]:
+    if len(names) != count:
+        raise ConfigError(
+            f"{trial}: segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "
+            "give one for each, base first, or set segment.count too"
+        )
+    return names
+
+
+def _reason(found: Segmentation, marker: int, names: tuple[str, ...]) -> str:
+    """Why a marker is where it is, in words."""
+    k = int(found.segment[marker])
+    scatter = found.base.scatter[marker]
+    if k < 0:
+        if not np.isfinite(scatter):
+            return "seen in too few frames"
+        return "on no segment of the chain: a branch, or not rigid with any"
+    if k == 0:
+        return f"still: moves by {1e3 * scatter:.1f} mm rms"
+    if marker in found.base.markers:
+        return f"nearly still, on the axis of joint 1: fits {names[1]} as well as the base"
+    return f"rigid with {names[k]} to {1e3 * found.residual[marker]:.1f} mm rms"
+
+
+def _hypothesis(hypothesis: Hypothesis, labels: tuple[str, ...]) -> dict[str, Any]:
+    """A considered reading of the trial, for the summary and the report."""
+    return {
+        "segments": len(hypothesis.chain) + 1,
+        "cost": hypothesis.cost,
+        "joint_residual_m": [joint.residual for joint in hypothesis.joints],
+        "arc_deg": [float(np.degrees(joint.arc)) for joint in hypothesis.joints],
+        "markers": [[labels[m] for m in body.markers] for body in hypothesis.chain],
+        "left_out": [[labels[m] for m in body.markers] for body in hypothesis.left_out],
+    }
+
+
+def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:
+    if found.confidence >= _UNSURE:
+        return ()
+    weakest = int(np.argmin(found.ratios))
+    return (
+        Reason(
+            "segments-unsure",
+            f"the segments are doubtful: skipping the segment beyond the {joint_names[weakest]} fits only "
+            f"{found.ratios[weakest]:.1f} times worse (3.5 or more is sure). Look at the skeleton, and give "
+            "`segment: {count: …}` if it is wrong.",
+            found.confidence,
+            _UNSURE,
+        ),
+    )
+
+
+STAGE = Stage(
+    name="segment",
+    version=1,
+    inputs=("planar.parquet",),
+    outputs=("segments.parquet",),
+    uses=("trial", "protocol"),
+    settings=SegmentSettings,
+    function=segment,
+    help="Sort the markers into a fixed base and the segments of a chain.",
+)

@@ -1,0 +1,62 @@
+"""The long planar table as arrays: every kinematic stage starts here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.store import Table
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Marker trajectories in the plane frame.
+
+    Parameters
+    ----------
+    frames : (F,) int array
+        The file's own frame numbers.
+    time : (F,) array
+        s, the recording's clock.
+    labels : tuple of str
+        The M markers.
+    points : (F, M, 3) array
+        x along the motion, y up, z out of the plane, m; NaN where unseen.
+    rate : float
+        Frames per second.
+    """
+
+    frames: IntArray
+    time: FloatArray
+    labels: tuple[str, ...]
+    points: FloatArray
+    rate: float
+
+    @classmethod
+    def of(cls, planar: Table) -> Trajectories:
+        """Arrays of a ``planar.parquet``, whose rows are sorted by frame, every frame holding every marker."""
+        frame = planar.frame
+        count = len(frame["marker"].cat.categories)
+        labels = tuple(str(label) for label in frame["marker"].iloc[:count])
+        points = frame[["x", "y", "z"]].to_numpy(dtype=np.float64).reshape(-1, count, 3)
+        return cls(
+            frame["frame"].to_numpy(dtype=np.int64)[::count],
+            frame["time"].to_numpy(dtype=np.float64)[::count],
+            labels,
+            points,
+            float(planar.facts["rate_hz"]),
+        )
+
+    @property
+    def plane(self) -> ComplexArray:
+        """(F, M) complex ``x + i y``, m."""
+        return np.asarray(self.points[..., 0] + 1j * self.points[..., 1])
+
+    def thinned(self, count: int) -> Trajectories:
+        """At most ``count`` frames, evenly over the trial."""
+        if len(self.frames) <= count:
+            return self
+        kept = np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(np.int64))
+        return Trajectories(self.frames[kept], self.time[kept], self.labels, self.points[kept], self.rate)

@@ -1,0 +1,95 @@
+"""Count, order and assignment of segments from the motion alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mocap_id.errors import Refused
+from mocap_id.kinematics import SegmentationRules, segment_markers
+from mocap_id.kinematics.bodies import find_base
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", range(5))
+def test_clean_chains_are_found_whole(chain, joints: int, seed: int) -> None:
+    truth = chain(100 * joints + seed, joints=joints)
+    found = segment_markers(truth.points, truth.lateral, SegmentationRules())
+    assert found.count == joints + 1
+    assert (found.segment == truth.segment).all()
+
+
+def test_noise_and_gaps_change_nothing(chain) -> None:
+    right = 0
+    for seed in range(20):
+        truth = chain(seed, noise=1e-3, missing=0.05)
+        found = segment_markers(truth.points, truth.lateral, SegmentationRules())
+        right += bool(found.count == 4 and (found.segment == truth.segment).all())
+    assert right == 20
+
+
+def test_the_noise_floor_is_that_of_the_base(chain) -> None:
+    truth = chain(7, noise=8e-4)
+    found = segment_markers(truth.points, truth.lateral, SegmentationRules())
+    assert found.base.noise == pytest.approx(8e-4, rel=0.1)
+
+
+def test_a_pair_of_limbs_is_left_out(chain) -> None:
+    truth = chain(11)
+    angle = np.cumsum(truth.relative, axis=1)
+    shoulder = truth.points[:, truth.segment == 3].mean(axis=1)
+    t = np.linspace(0, 2 * np.pi, len(shoulder))
+    limbs, lateral = [], []
+    for side, rhythm in ((0.25, 5.1), (-0.25, 6.7)):
+        turn = np.exp(1j * (angle[:, 2] + 0.8 * np.sin(rhythm * t)))
+        limbs += [shoulder + turn * place for place in (0.1j, 0.2j + 0.05, 0.3j)]
+        lateral += [side] * 3
+    points = np.concatenate([truth.points, np.stack(limbs, axis=1)], axis=1)
+    found = segment_markers(points, np.concatenate([truth.lateral, lateral]), SegmentationRules())
+    assert found.count == 4
+    assert (found.segment[: len(truth.segment)] == truth.segment).all()
+    assert (found.segment[len(truth.segment) :] == -1).all()
+
+
+def test_a_malleolus_on_the_axis_joins_the_shank(chain) -> None:
+    truth = chain(13, noise=3e-4)
+    angle = np.cumsum(truth.relative, axis=1)
+    malleolus = truth.centres[0] + np.exp(1j * angle[:, 0]) * (0.001 + 0.001j)
+    rng = np.random.default_rng(0)
+    malleolus = malleolus + 3e-4 * (rng.standard_normal(len(malleolus)) + 1j * rng.standard_normal(len(malleolus)))
+    points = np.concatenate([truth.points, malleolus[:, None]], axis=1)
+    found = segment_markers(points, np.append(truth.lateral, 0.0), SegmentationRules())
+    assert points.shape[1] - 1 in find_base(points, 0.015).markers
+    assert found.segment[-1] == 1
+
+
+def test_the_count_can_be_given(chain) -> None:
+    truth = chain(17)
+    found = segment_markers(truth.points, truth.lateral, SegmentationRules(count=3))
+    assert found.count == 3
+
+
+@pytest.mark.parametrize(
+    ("points", "code"),
+    [
+        (np.zeros((100, 6)) + 1e-4 * np.random.default_rng(0).standard_normal((100, 6)) + 0j, "no-motion"),
+        (np.linspace(0, 3, 100)[:, None] + np.arange(6) * 0.1j, "no-fixed-base"),
+        (np.full((100, 6), np.nan) + 0j, "no-fixed-base"),
+        (np.zeros((100, 1)) + 0j, "no-fixed-base"),
+    ],
+    ids=["standing", "walking", "unseen", "one marker"],
+)
+def test_what_is_no_chain_on_a_base_is_refused(points: np.ndarray, code: str) -> None:
+    with pytest.raises(Refused) as refused:
+        segment_markers(points, np.zeros(points.shape[1]), SegmentationRules())
+    assert refused.value.code == code
+
+
+def test_a_body_that_flies_past_still_markers_is_refused() -> None:
+    t = np.linspace(0, 1, 200)
+    turn = np.exp(0.7j * np.sin(5 * t))
+    body = (3 * t + 0.4j)[:, None] + turn[:, None] * np.array([0, 0.2, 0.1j, 0.2j])
+    points = np.concatenate([np.zeros((200, 4)) + np.arange(4), body], axis=1)
+    with pytest.raises(Refused) as refused:
+        segment_markers(points, np.zeros(8), SegmentationRules())
+    assert refused.value.code == "no-chain"
