@@ -23,31 +23,36 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int) -> Non
     assert np.abs(off[:, :-1]).max(initial=0) < 1e-7
 
 
-def test_the_jacobians_are_those_of_finite_differences(chain) -> None:
+def test_the_normal_equations_are_those_of_finite_differences(chain) -> None:
     truth = chain(3, frames=5)
     moving = np.flatnonzero(truth.segment > 0)
     start = room._start(truth.points, truth.segment, 3)
-    problem = room._Problem(truth.points[:, moving], np.ones((5, len(moving))), truth.segment[moving], 3)
+    rng = np.random.default_rng(0)
+    weights = rng.uniform(size=(5, len(moving)))
+    problem = room._Problem(truth.points[:, moving] + 0.01, weights, truth.segment[moving], 3)
     state = room._State(start.centres, start.local[moving], start.angles)
-    common, swing = room._jacobians(problem, state)
-    step = 1e-6
 
-    def predicted(moved: room._State) -> np.ndarray:
-        z = room._predicted(problem, moved)
+    def predicted(common: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        z = room._predicted(problem, room._moved(state, (common, turns)))
         return np.stack([z.real, z.imag], axis=2).reshape(5, -1)
 
-    for unknown in range(problem.unknowns):
-        delta = np.zeros(problem.unknowns)
-        delta[unknown] = step
-        ahead = room._moved(state, (delta, np.zeros((5, 3))))
-        behind = room._moved(state, (-delta, np.zeros((5, 3))))
-        assert np.allclose((predicted(ahead) - predicted(behind)) / (2 * step), common[:, :, unknown], atol=1e-8)
-    for joint in range(3):
-        turn = np.zeros((5, 3))
-        turn[:, joint] = step
-        none = np.zeros(problem.unknowns)
-        ahead, behind = room._moved(state, (none, turn)), room._moved(state, (none, -turn))
-        assert np.allclose((predicted(ahead) - predicted(behind)) / (2 * step), swing[:, :, joint], atol=1e-8)
+    def slope(make) -> np.ndarray:
+        return (predicted(*make(1e-6)) - predicted(*make(-1e-6))) / 2e-6
+
+    none, still = np.zeros(problem.unknowns), np.zeros((5, 3))
+    common = np.stack(
+        [slope(lambda h, k=k: (none + h * np.eye(len(none))[k], still)) for k in range(len(none))], axis=2
+    )
+    swing = np.stack([slope(lambda h, k=k: (none, still + h * np.eye(3)[k])) for k in range(3)], axis=2)
+    weight = np.repeat(weights, 2, axis=1)
+    z = problem.points - room._predicted(problem, state)
+    off = np.stack([z.real, z.imag], axis=2).reshape(5, -1)
+    normal = room._normal_equations(problem, state)
+    assert np.allclose(normal.common, np.einsum("tkp,tk,tkq->pq", common, weight, common), atol=1e-8)
+    assert np.allclose(normal.cross, np.einsum("tkn,tk,tkq->tnq", swing, weight, common), atol=1e-8)
+    assert np.allclose(normal.angles, np.einsum("tkn,tk,tkm->tnm", swing, weight, swing), atol=1e-8)
+    assert np.allclose(normal.pull, np.einsum("tkp,tk,tk->tp", common, weight, off), atol=1e-8)
+    assert np.allclose(normal.turn, np.einsum("tkn,tk,tk->tn", swing, weight, off), atol=1e-8)
 
 
 def test_bursts_do_not_move_the_joints(chain) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
+from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.joint import arc, fit_joint
 from mocap_id.kinematics.rigid import Body, fit_body, still_body
 
@@ -28,48 +29,6 @@ _ITERATIONS = 60
 _CONVERGED = 1e-7  # relative fall of the cost
 _HUBER = 3.0  # scales beyond which a residual is a burst
 _BLOCKS = 20  # stretches of time taken as independent for the covariance
-
-
-@dataclass(frozen=True)
-class ChainFit:
-    """The chain as recovered from the markers; segment frames as METHOD says only after :func:`fix_gauge`.
-
-    Parameters
-    ----------
-    centres : (n,) complex array
-        Joint j's centre in the frame of segment j-1, m.
-    local : (M,) complex array
-        Marker coordinates in their segment's frame, m; base markers in the plane frame.
-    segment : (M,) int array
-        Segment of each marker, 0 = base.
-    angles : (F, n) array
-        Absolute segment angles in the frames used, rad; NaN where a frame was not used.
-    covariance : (n, 2, 2) array
-        Of each centre, m^2: sandwich over stretches of time, so that residuals may be correlated within them.
-    length_sd : (n - 1,) array
-        Standard deviations of the lengths of segments 1 … n-1, m.
-    residual : (M,) array
-        rms residual of each marker, m.
-    arcs : (n,) array
-        Relative angle each joint travelled, 2.5 to 97.5 % quantile, rad.
-    iterations : int
-        Gauss-Newton steps taken.
-    """
-
-    centres: ComplexArray
-    local: ComplexArray
-    segment: IntArray
-    angles: FloatArray
-    covariance: FloatArray
-    length_sd: FloatArray
-    residual: FloatArray
-    arcs: FloatArray
-    iterations: int = 0
-
-    @property
-    def lengths(self) -> FloatArray:
-        """(n - 1,) distances between the joints of segments 1 … n-1, m."""
-        return np.asarray(np.abs(self.centres[1:]))
 
 
 @dataclass(frozen=True)
@@ -122,33 +81,6 @@ def fit_chain(points: ComplexArray, segment: IntArray) -> ChainFit:
     )
     state, problem, iterations = _solve(problem, replace(start, local=start.local[moving], angles=start.angles[used]))
     return replace(_collect(points, segment, used, problem, state), iterations=iterations)
-
-
-def fix_gauge(fit: ChainFit) -> ChainFit:
-    """Turn every segment frame so that +Y points to the next joint, on the last segment to its markers' centroid."""
-    joints = len(fit.centres)
-    tip = fit.local[fit.segment == joints].mean()
-    towards = np.append(fit.centres[1:], tip)
-    turn = np.exp(1j * (np.pi / 2 - np.angle(towards)))
-    centres = fit.centres.copy()
-    centres[1:] *= turn[:-1]
-    per_segment = np.concatenate([[1], turn])
-    covariance = fit.covariance.copy()
-    for joint in range(1, joints):
-        rotation = _matrix(turn[joint - 1])
-        covariance[joint] = rotation @ fit.covariance[joint] @ rotation.T
-    return replace(
-        fit,
-        centres=centres,
-        local=fit.local * per_segment[fit.segment],
-        angles=_continuous(fit.angles - np.angle(turn)),
-        covariance=covariance,
-    )
-
-
-def joint_angles(absolute: FloatArray) -> FloatArray:
-    """(F, n) angles of each segment relative to its parent from the absolute ones, rad."""
-    return np.diff(absolute, axis=1, prepend=0.0)
 
 
 def _start(points: ComplexArray, segment: IntArray, joints: int) -> _State:
@@ -211,35 +143,67 @@ def _reweighted(problem: _Problem, state: _State) -> _Problem:
     return replace(problem, weights=weights)
 
 
-def _jacobians(problem: _Problem, state: _State) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the predicted coordinates.
+@dataclass(frozen=True)
+class _Normal:
+    """Weighted normal equations of all frames, bordered block-diagonal.
 
-    Returns
-    -------
-    common : (T, 2K, P) array
-        By the centres and local coordinates, x and y interleaved, P = 2 (n + K).
-    angles : (T, 2K, n) array
-        By the absolute angles.
+    Parameters
+    ----------
+    common : (P, P) array
+        Between the common unknowns (real and imaginary parts interleaved, P = 2 (n + K)), summed over frames.
+    cross : (T, n, P) array
+        Between a frame's angles and the common unknowns.
+    angles : (T, n, n) array
+        Between a frame's angles.
+    pull, turn : (T, P) and (T, n) arrays
+        Right-hand sides.
     """
-    frames, markers = problem.points.shape
-    joints = problem.joints
+
+    common: FloatArray
+    cross: FloatArray
+    angles: FloatArray
+    pull: FloatArray
+    turn: FloatArray
+
+
+def _normal_equations(problem: _Problem, state: _State) -> _Normal:
+    """Assemble without a dense Jacobian: a marker touches its own coordinates and the joints below it, no more."""
+    joints, markers = problem.joints, len(problem.segment)
     _, turn = _origins(state)
-    factor = np.zeros((frames, markers, joints + markers), dtype=np.complex128)
-    swing = np.zeros((frames, markers, joints), dtype=np.complex128)
-    for k in range(1, joints + 1):
-        members = np.flatnonzero(problem.segment == k)
-        factor[:, members, 0] = 1
-        for j in range(1, k):
-            factor[:, members, j] = turn[:, j - 1, None]
-            swing[:, members, j - 1] = 1j * (turn[:, j - 1] * state.centres[j])[:, None]
-        factor[:, members, joints + members] = turn[:, k - 1, None]
-        swing[:, members, k - 1] = 1j * turn[:, k - 1, None] * state.local[members]
-    common = np.empty((frames, markers, 2, joints + markers, 2))
-    common[:, :, 0, :, 0] = common[:, :, 1, :, 1] = factor.real
-    common[:, :, 1, :, 0] = factor.imag
-    common[:, :, 0, :, 1] = -factor.imag
-    angles = np.stack([swing.real, swing.imag], axis=2)
-    return common.reshape(frames, 2 * markers, -1), angles.reshape(frames, 2 * markers, joints)
+    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)  # (T, n): d z / d c_j
+    below = np.arange(joints) < problem.segment[:, None]  # (K, n): joint j carries the marker
+    own = turn[:, problem.segment - 1]  # (T, K): d z / d q
+    swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)  # (T, K, n): d z / d a_j
+    swing[:, np.arange(markers), problem.segment - 1] = 1j * own * state.local
+    off = problem.points - _predicted(problem, state)
+    weights = problem.weights
+    pulled = np.conj(swing) * weights[..., None]  # (T, K, n)
+    carried = weights @ (below[:, :, None] & below[:, None, :]).reshape(markers, -1).astype(np.float64)
+    centres = np.einsum("ti,tj,tij->ij", np.conj(lever), lever, carried.reshape(-1, joints, joints))
+    border = np.einsum("ti,tk,ki->ik", np.conj(lever), weights * own, below.astype(np.float64))
+    hermitian = np.block([[centres, border], [np.conj(border).T, np.diag(weights.sum(axis=0))]])
+    cross = np.concatenate(
+        [np.einsum("tki,kj->tij", pulled, below) * lever[:, None, :], np.swapaxes(pulled * own[..., None], 1, 2)],
+        axis=2,
+    )
+    pull = np.concatenate([np.conj(lever) * ((weights * off) @ below), np.conj(own) * weights * off], axis=1)
+    return _Normal(
+        _interleaved(hermitian),
+        np.stack([cross.real, -cross.imag], axis=3).reshape(len(turn), joints, -1),
+        (np.swapaxes(pulled, 1, 2) @ swing).real,
+        np.stack([pull.real, pull.imag], axis=2).reshape(len(turn), -1),
+        np.einsum("tkn,tk->tn", pulled, off).real,
+    )
+
+
+def _interleaved(hermitian: ComplexArray) -> FloatArray:
+    """(2P, 2P) real form of a (P, P) Hermitian matrix, real and imaginary parts of the unknowns interleaved."""
+    size = len(hermitian)
+    real = np.empty((size, 2, size, 2))
+    real[:, 0, :, 0] = real[:, 1, :, 1] = hermitian.real
+    real[:, 1, :, 0] = hermitian.imag
+    real[:, 0, :, 1] = -hermitian.imag
+    return real.reshape(2 * size, 2 * size)
 
 
 def _step(problem: _Problem, state: _State) -> tuple[tuple[FloatArray, FloatArray], FloatArray, FloatArray]:
@@ -254,19 +218,11 @@ def _step(problem: _Problem, state: _State) -> tuple[tuple[FloatArray, FloatArra
     scores : (T, P) array
         Every frame's reduced gradient.
     """
-    common, swing = _jacobians(problem, state)
-    root = np.repeat(np.sqrt(problem.weights), 2, axis=1)[..., None]  # (T, 2K, 1)
-    off = problem.points - _predicted(problem, state)
-    residual = np.stack([off.real, off.imag], axis=2).reshape(len(off), -1) * root[..., 0]
-    common *= root
-    swing *= root
-    inner = np.swapaxes(swing, 1, 2) @ swing  # (T, n, n)
-    cross = np.swapaxes(swing, 1, 2) @ common  # (T, n, P)
-    pull = np.einsum("tkn,tk->tn", swing, residual)
-    solved = np.linalg.solve(inner, np.concatenate([cross, pull[..., None]], axis=2))
-    flat = common.reshape(-1, problem.unknowns)
-    hessian = flat.T @ flat - np.einsum("tnp,tnq->pq", cross, solved[..., :-1], optimize=True)
-    scores = np.einsum("tkp,tk->tp", common, residual) - np.einsum("tnp,tn->tp", cross, solved[..., -1])
+    normal = _normal_equations(problem, state)
+    solved = np.linalg.solve(normal.angles, np.concatenate([normal.cross, normal.turn[..., None]], axis=2))
+    flat = normal.cross.reshape(-1, problem.unknowns)
+    hessian = normal.common - flat.T @ solved[..., :-1].reshape(flat.shape)
+    scores = normal.pull - np.einsum("tnp,tn->tp", normal.cross, solved[..., -1])
     delta = _pseudo_inverse(hessian, problem.joints) @ scores.sum(axis=0)
     turns = solved[..., -1] - solved[..., :-1] @ delta
     return (delta, turns), hessian, scores
@@ -298,7 +254,7 @@ def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: _
     residual[moving] = _rms(np.where(seen, problem.points - _predicted(problem, state), np.nan))
     angles = np.full((len(points), problem.joints), np.nan)
     angles[used] = state.angles
-    angles = _continuous(angles)
+    angles = continuous(angles)
     full = _sandwich(problem, state)
     covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
@@ -308,7 +264,7 @@ def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: _
         segment,
         angles,
         covariance,
-        _length_sd(state.centres, covariance),
+        length_sd(state.centres, covariance),
         residual,
         arcs,
     )
@@ -324,25 +280,6 @@ def _sandwich(problem: _Problem, state: _State) -> FloatArray:
     return np.asarray(correction * inverse @ (sums.T @ sums) @ inverse)
 
 
-def _length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:
-    """(n - 1,) standard deviation of |c_j| for joints 2 … n."""
-    along = np.stack([centres.real, centres.imag], axis=1)[1:] / np.abs(centres[1:])[:, None]
-    return np.asarray(np.sqrt(np.einsum("ji,jik,jk->j", along, covariance[1:], along)))
-
-
-def _continuous(angles: FloatArray) -> FloatArray:
-    """Angles (F, n) without jumps over the frames that are known, starting in (-pi, pi]."""
-    known = np.isfinite(angles).all(axis=1)
-    out = np.full(angles.shape, np.nan)
-    out[known] = np.unwrap(angles[known], axis=0)
-    return np.asarray(out - 2 * np.pi * np.round(out[known][0] / (2 * np.pi)))
-
-
 def _rms(off: ComplexArray) -> FloatArray:
     """(K,) rms modulus of the columns, NaN left out."""
     return np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0)))
-
-
-def _matrix(turn: complex) -> FloatArray:
-    """(2, 2) rotation matrix of a unit complex number."""
-    return np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
