@@ -48,7 +48,7 @@ def find_base(points: ComplexArray, limit: float) -> Base:
         A marker with more scatter than this (m) cannot be still.
     """
     scatter = _scatter(points)
-    order = np.argsort(scatter)
+    order = np.argsort(scatter)[: np.isfinite(scatter).sum()]
     floor = np.maximum(scatter[order], 1e-5)  # below this, ratios are those of rounding
     still = int(np.sum(scatter[order] <= limit))
     if still == 0:

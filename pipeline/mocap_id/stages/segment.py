@@ -9,7 +9,7 @@ import pandas as pd
 from pydantic import Field
 
 from mocap_id.arrays import FloatArray
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Hypothesis, Segmentation, SegmentationRules, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
@@ -30,6 +30,8 @@ class SegmentSettings(Settings):
     min_arc_deg: float = Field(6.0, gt=0, lt=180, description="a joint turns by at least this, degrees")
     max_joint_residual_m: float = Field(0.05, gt=0, description="two bodies' points at a joint stay this close, m")
     max_body_residual_m: float = Field(0.015, gt=0, description="markers of one body stay this close to it, m")
+    planarity_caution: float = Field(0.03, ge=0, le=1, description="out-of-plane share of the chain's motion to report")
+    planarity_limit: float = Field(0.15, ge=0, le=1, description="out-of-plane share of the chain's motion to refuse")
     frames: int = Field(500, ge=50, description="frames looked at, evenly over the trial")
 
 
@@ -48,6 +50,8 @@ def segment(context: Context) -> Outputs:
         longest=longest,
     )
     found = segment_markers(trajectories.plane, _lateral(trajectories.points), rules)
+    planarity = _planarity(trajectories.points[:, found.segment > 0])
+    not_planar = _not_planar(planarity, settings)
     names, joint_names = body_names(trial.protocol, found.count)
     if settings.names is not None:
         names = _given_names(settings.names, found.count, trial.trial)
@@ -64,12 +68,45 @@ def segment(context: Context) -> Outputs:
         "names": list(names),
         "joint_names": list(joint_names),
         "confidence": found.confidence,
+        "planarity": planarity,
         "joint_ratios": list(found.ratios),
         "noise_floor_m": found.base.noise,
         "static_gap": found.base.gap if np.isfinite(found.base.gap) else None,
         "hypotheses": [_hypothesis(h, trajectories.labels) for h in found.hypotheses],
     }
-    return (Table(SEGMENTS, frame, facts, _doubts(found, joint_names)),)
+    return (Table(SEGMENTS, frame, facts, not_planar + _doubts(found, joint_names)),)
+
+
+def _planarity(points: FloatArray) -> float:
+    """Share of the motion of trajectories (F, K, 3) that leaves the plane."""
+    seen = np.isfinite(points)
+    counts = np.maximum(seen.sum(axis=0), 1)
+    mean = np.where(seen, points, 0).sum(axis=0) / counts
+    motion = np.where(seen, (points - mean) ** 2, 0).sum(axis=(0, 1))
+    return float(motion[2] / motion.sum())
+
+
+def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ...]:
+    """Refuse a chain that moves out of its plane (A1), or say how much it does."""
+    found = f"{100 * planarity:.1f} % of the chain's motion leaves the plane"
+    if planarity > settings.planarity_limit:
+        raise Refused(
+            "not-planar",
+            f"{found}: a planar chain cannot carry it (limit {100 * settings.planarity_limit:.0f} %).",
+            planarity,
+            settings.planarity_limit,
+        )
+    if planarity <= settings.planarity_caution:
+        return ()
+    return (
+        Reason(
+            "not-planar",
+            f"{found} ({100 * settings.planarity_caution:.0f} % is usual at most): angles and lengths are those of its "
+            "projection.",
+            planarity,
+            settings.planarity_caution,
+        ),
+    )
 
 
 def _lateral(points: FloatArray) -> FloatArray:
