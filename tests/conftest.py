@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import pytest
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; threads that wait for each other cost more
+
+import pytest  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -109,7 +109,7 @@ def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
     points, best = scene.points, considered[0]
     links = (scene.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
-    for marker, on_segment in _on_first_axis(points, scene.ground, best.chain[0]):
+    for marker, on_segment in _on_first_axis(points, scene.ground, best.chain[0]).items():
         residuals[:, marker] = np.inf
         residuals[1, marker] = on_segment
     own = np.array([body.residual for body in links])
@@ -131,18 +131,26 @@ def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
     )
 
 
-def _on_first_axis(points: ComplexArray, ground: Body, first: Body) -> Iterator[tuple[int, float]]:
-    """Still markers that belong to segment 1, with their residual there.
+def _on_first_axis(points: ComplexArray, ground: Body, first: Body) -> dict[int, float]:
+    """Still markers that belong to segment 1, with their residual there, the surest first.
 
     A marker on the axis of joint 1 (a malleolus) hardly moves, so rigidity puts it on the base; on the segment it pins
-    the joint. The segment is fitted anew with it: judged from outside, a few degrees of soft tissue would reject it.
+    the joint. The segment is fitted anew with each one: judged from outside, a few degrees of soft tissue would reject
+    it; and with those taken before, so that a heel cannot follow where a malleolus has pinned the axis.
     """
     held = marker_residuals(ground, points)
-    for marker in ground.markers:
-        refitted = fit_body(points, np.append(first.markers, marker))
-        on_segment = float(marker_residuals(refitted, points[:, marker : marker + 1])[0])
-        if on_segment <= _PREFER_MOVING * held[marker]:
-            yield int(marker), on_segment
+    taken: dict[int, float] = {}
+    left = [int(marker) for marker in ground.markers]
+    while len(left) > 2:
+        members = np.concatenate([first.markers, np.array(list(taken), dtype=np.int64)])
+        refitted = {marker: fit_body(points, np.append(members, marker)) for marker in left}
+        residual = {m: float(marker_residuals(body, points[:, m : m + 1])[0]) for m, body in refitted.items()}
+        best = min(left, key=lambda marker: residual[marker] / held[marker] if held[marker] > 0 else np.inf)
+        if residual[best] > _PREFER_MOVING * held[best]:
+            break
+        taken[best] = residual[best]
+        left.remove(best)
+    return taken
 
 
 def _ratios(links: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:

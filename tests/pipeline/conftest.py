@@ -1,0 +1,76 @@
+"""Whole trials, each run once for all the tests that look at it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.interpolate import CubicSpline
+
+from mocap_id.config import load
+from mocap_id.runner import Outcome, run
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A trial that has run, and the truth beside its recording where there is one."""
+
+    outcome: Outcome
+    source: Path
+
+    @property
+    def folder(self) -> Path:
+        return self.outcome.folder
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return dict(self.outcome.summary())
+
+    def table(self, name: str) -> pd.DataFrame:
+        return pd.read_parquet(self.folder / f"{name}.parquet")
+
+    def centres(self) -> np.ndarray:
+        with h5py.File(self.folder / "chain.h5") as file:
+            return np.asarray(file["joints/centre"])
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        return dict(json.loads((self.source / "truth.json").read_text()))
+
+    def true(self, key: str, time: np.ndarray) -> np.ndarray:
+        """A true signal at the given times."""
+        with np.load(self.source / "truth.npz") as arrays:
+            return np.asarray(CubicSpline(arrays["t"], arrays[key])(time))
+
+    def off_seat(self, time: np.ndarray) -> np.ndarray:
+        """Where no chair carries any weight."""
+        inside = [(time >= rep["seat_off"]) & (time <= rep["seat_on"]) for rep in self.truth["reps"]]
+        return np.any(inside, axis=0)
+
+
+@pytest.fixture(scope="session")
+def trial(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Finished]:
+    """Runs a trial of the shared recordings: ``trial("simulated/sts-normal", protocol="sit-to-stand")``."""
+    done: dict[str, Finished] = {}
+
+    def finished(source: str, **keys: Any) -> Finished:
+        name = source.replace("/", "-") + "".join(f"-{key}" for key in sorted(keys) if key != "protocol")
+        if name not in done:
+            folder = tmp_path_factory.mktemp("trial")
+            path = recordings / source
+            recording: Any = str(path / "trial.c3d") if path.is_dir() else str(path)
+            if path.suffix == ".trc":
+                recording = {"markers": str(path), "forces": str(path.with_name(f"{path.stem}_grf.mot"))}
+            yaml = folder / "trial.yaml"
+            yaml.write_text(json.dumps({"trial": name.replace(".", "-"), "recording": recording, **keys}))
+            done[name] = Finished(run(load(yaml)), path)
+        return done[name]
+
+    return finished
