@@ -1,0 +1,94 @@
+"""Forward map of a planar chain of revolute joints (eq. 3.18) and its Jacobian.
+
+Everything is in the plane frame, which is also the frame of the base (segment 0). Joint j, counted from 1, moves
+segment j and has its centre at ``centres[j - 1]`` in the frame of segment j - 1; angles are right-handed about z and
+relative to the segment before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.geometry import se3
+from mocap_id.geometry.chain import Chain
+from mocap_id.geometry.joints import Revolute
+
+
+def rotate(angle: FloatArray, vector: FloatArray) -> FloatArray:
+    """Turn plane vectors (..., 2) by angles (...), rad (eq. 2.4)."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = vector[..., 0], vector[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+
+
+def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orientation and origin of every segment frame.
+
+    Parameters
+    ----------
+    q : (..., n) array
+        Joint angles, rad.
+    centres : (n, 2) array
+        Centre of each joint in the frame of the segment before it, m.
+
+    Returns
+    -------
+    angle : (..., n + 1) array
+        Angle of each segment from the plane frame, rad; index 0 is the base, always 0.
+    origin : (..., n + 1, 2) array
+        Origin of each segment frame, m: joint j for segment j, 0 for the base.
+    """
+    base = np.zeros((*q.shape[:-1], 1))
+    angle = np.concatenate([base, np.cumsum(q, axis=-1)], axis=-1)
+    steps = rotate(angle[..., :-1], centres)  # (..., n, 2) from origin to origin
+    origin = np.concatenate([np.zeros((*q.shape[:-1], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
+    return angle, origin
+
+
+def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Positions of markers fixed to the segments (eq. 3.18).
+
+    Parameters
+    ----------
+    q : (..., n) array
+        Joint angles, rad.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    segment : (M,) int array
+        Segment of each marker, 0 = base.
+    local : (M, 2) array
+        Coordinates in the frame of that segment, m.
+
+    Returns
+    -------
+    (..., M, 2) array
+        Positions in the plane frame, m.
+    """
+    angle, origin = segment_poses(q, centres)
+    return origin[..., segment, :] + rotate(angle[..., segment], local)
+
+
+def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Derivative of :func:`marker_positions` by the joint angles, m/rad.
+
+    Parameters are those of :func:`marker_positions`.
+
+    Returns
+    -------
+    (..., M, 2, n) array
+        Column j - 1 is z × (marker - joint j) for the markers of segment j and beyond, else zero: the planar part of
+        the spatial Jacobian's columns (eq. 2.47).
+    """
+    angle, origin = segment_poses(q, centres)
+    position = origin[..., segment, :] + rotate(angle[..., segment], local)
+    arm = position[..., :, None, :] - origin[..., None, 1:, :]  # (..., M, n, 2)
+    moved = segment[:, None] >= np.arange(1, centres.shape[0] + 1)  # (M, n)
+    columns = np.stack([-arm[..., 1], arm[..., 0]], axis=-2)  # (..., M, 2, n)
+    return np.where(moved[:, None, :], columns, 0.0)
+
+
+def spatial_chain(centres: FloatArray) -> Chain:
+    """The same chain in SE(3): revolute joints about z, with the placements of ``centres`` (n, 2), m."""
+    placements = se3.pose(np.eye(3), np.column_stack([centres, np.zeros(len(centres))]))
+    return Chain(tuple(Revolute((0.0, 0.0, 1.0)) for _ in centres), placements)

@@ -1,0 +1,45 @@
+"""docs/equations.md names every equation once and only functions that exist."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "equations.md"
+EQUATIONS = {2: 57, 3: 18, 4: 26}
+ROW = re.compile(r"^\| (\d\.\d+[^|]*)\|", re.MULTILINE)
+NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics)\.[\w.]+)`")
+
+
+def numbers(cell: str):
+    for part in cell.split(","):
+        first, _, last = part.strip().partition("–")
+        chapter, start = (int(x) for x in first.split("."))
+        end = int(last.split(".")[1]) if last else start
+        yield from ((chapter, number) for number in range(start, end + 1))
+
+
+def find(name: str):
+    """The object behind ``package.module.attribute…``, the module being the longest part that can be imported."""
+    parts = name.split(".")
+    module = importlib.import_module("mocap_id." + ".".join(parts[:2]))
+    found = module
+    for part in parts[2:]:
+        found = getattr(found, part)
+    return found
+
+
+def test_every_equation_has_one_row():
+    listed = Counter(number for cell in ROW.findall(PAGE.read_text(encoding="utf-8")) for number in numbers(cell))
+    expected = {(chapter, i) for chapter, count in EQUATIONS.items() for i in range(1, count + 1)}
+    assert set(listed) == expected
+    assert max(listed.values()) == 1
+
+
+@pytest.mark.parametrize("name", sorted(set(NAME.findall(PAGE.read_text(encoding="utf-8")))))
+def test_every_function_named_exists(name):
+    assert find(name) is not None
