@@ -1,0 +1,210 @@
+"""The header and the parameter section of a C3D file, read with every bound checked.
+
+The libraries decode the *data*; what the data look like is established here, because both libraries believe headers
+that contradict the file (a truncated file, a wrong point count) without an error.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+
+BLOCK = 512
+MAGIC = 0x50
+_MOST_DIMENSIONS = 7
+PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
+
+Value: TypeAlias = "np.ndarray[Any, Any] | tuple[str, ...]"
+"""A parameter: numbers with the first index running fastest, or strings."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """The fixed first block, as unsigned words; the two floats are already in IEEE."""
+
+    points: int
+    analog_words: int
+    first: int
+    last: int
+    scale: float
+    data_block: int
+    analog_per_frame: int
+    rate: float
+
+
+@dataclass(frozen=True)
+class C3DFile:
+    """A C3D file's bytes with its header and parameters.
+
+    ``parameters`` maps ``"GROUP:NAME"`` (upper case) to the value; ``repeated`` names parameters that occur twice, of
+    which the first holds.
+    """
+
+    path: Path
+    data: bytes
+    processor: int
+    header: Header
+    parameters: Mapping[str, Value]
+    repeated: tuple[str, ...]
+
+    def numbers(self, name: str) -> FloatArray | None:
+        """A numeric parameter as floats, in its own shape; None where it is missing, empty or text."""
+        value = self.parameters.get(name)
+        if not isinstance(value, np.ndarray) or value.size == 0:
+            return None
+        return value.astype(np.float64)
+
+    def words(self, name: str) -> list[int] | None:
+        """A numeric parameter as unsigned integers: 16-bit ones are read without their sign."""
+        value = self.parameters.get(name)
+        if not isinstance(value, np.ndarray) or value.size == 0 or not np.isfinite(value).all():
+            return None
+        flat = value.ravel(order="F")
+        if flat.dtype.itemsize <= 2:
+            return [int(word) % (1 << 8 * flat.dtype.itemsize) for word in flat]
+        return [int(word) for word in flat]
+
+    def strings(self, name: str) -> tuple[str, ...]:
+        """A text parameter as a tuple; empty where it is missing or numeric."""
+        value = self.parameters.get(name)
+        return value if isinstance(value, tuple) else ()
+
+    def text(self, name: str) -> str:
+        """The first string of a text parameter, stripped; empty where it is missing."""
+        return next(iter(self.strings(name)), "").strip().strip("\x00").strip()
+
+
+def open_c3d(path: Path, data: bytes) -> C3DFile:
+    """Parse the header and the parameters.
+
+    Raises
+    ------
+    RecordingError
+        The bytes are no C3D file, or its parameter section is damaged.
+    """
+    if len(data) < BLOCK or data[1] != MAGIC:
+        raise RecordingError(
+            f"{path}: not a C3D file: {len(data)} bytes, second byte {data[1:2].hex() or 'missing'} instead of 50; "
+            "export the trial again as C3D, or give a TRC file"
+        )
+    start = (max(data[0], 2) - 1) * BLOCK
+    processor = data[start + 3] if start + 3 < len(data) else 0
+    if processor not in PROCESSORS:
+        raise RecordingError(
+            f"{path}: the parameter section is damaged: processor type {processor}, expected 84 (Intel), 85 (DEC) or "
+            "86 (MIPS); the file is corrupt or truncated, export it again"
+        )
+    header = _header(data, processor)
+    stop = (header.data_block - 1) * BLOCK if header.data_block else start + data[start + 2] * BLOCK
+    parameters, repeated = _parameters(path, data[:stop], start + 4, processor)
+    return C3DFile(path, data, processor, header, parameters, repeated)
+
+
+def floats(raw: bytes, processor: int) -> FloatArray:
+    """32-bit floats of the processor as float64."""
+    with np.errstate(invalid="ignore"):  # a damaged file may hold signalling NaN
+        if processor == 85:  # DEC: two 16-bit words swapped, exponent larger by two
+            words = np.frombuffer(raw, "<u2").reshape(-1, 2)
+            bits = (words[:, 0].astype(np.uint32) << 16) | words[:, 1]
+            return np.asarray(bits.view(np.float32).astype(np.float64) / 4)
+        return np.frombuffer(raw, ">f4" if processor == 86 else "<f4").astype(np.float64)
+
+
+def endian(processor: int) -> str:
+    """Byte order of a processor's integers, as struct and numpy write it."""
+    return ">" if processor == 86 else "<"
+
+
+def _header(data: bytes, processor: int) -> Header:
+    points, analog_words, first, last = struct.unpack(endian(processor) + "HHHH", data[2:10])
+    block, per_frame = struct.unpack(endian(processor) + "HH", data[16:20])
+    scale, rate = float(floats(data[12:16], processor)[0]), float(floats(data[20:24], processor)[0])
+    return Header(points, analog_words, first, last, scale, block, per_frame, rate)
+
+
+def _parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
+    """Walk the linked list of groups and parameters; groups may be named after their parameters.
+
+    The data's first block bounds the list: the declared number of parameter blocks is too small in some files, and
+    the closing zero is missing in others.
+    """
+    groups: dict[int, str] = {}
+    found: list[tuple[int, str, Value]] = []
+    while at + 2 <= len(data):
+        length, group = struct.unpack("bb", data[at : at + 2])
+        if length == 0 or group == 0:
+            break
+        name_end = at + 2 + abs(length)
+        step = _unsigned(path, data, name_end, processor)
+        name = data[at + 2 : name_end].decode("latin-1").strip().upper()
+        if group < 0:
+            groups.setdefault(-group, name)
+        else:
+            found.append((group, name, _value(path, name, data, name_end + 2, processor)))
+        if step == 0:
+            break
+        at = name_end + step
+    values: dict[str, Value] = {}
+    repeated: list[str] = []
+    for group, name, value in found:
+        key = f"{groups.get(group, group)}:{name}"
+        if key in values:
+            repeated.append(key)
+        else:
+            values[key] = value
+    if not values:
+        raise RecordingError(f"{path}: the C3D file has no parameters; it is corrupt or truncated, export it again")
+    return values, tuple(repeated)
+
+
+def _unsigned(path: Path, data: bytes, at: int, processor: int) -> int:
+    if at + 2 > len(data):
+        raise RecordingError(
+            f"{path}: the parameter section runs past the end of the file; it is corrupt or truncated, export it again"
+        )
+    return int(struct.unpack(endian(processor) + "H", data[at : at + 2])[0])
+
+
+def _value(path: Path, name: str, data: bytes, at: int, processor: int) -> Value:
+    """Decode one parameter's value: type, dimensions, elements."""
+    head = data[at : at + 2]
+    kind, rank = struct.unpack("bB", head) if len(head) == 2 else (0, 0)
+    shape = tuple(data[at + 2 : at + 2 + rank])
+    size = abs(kind) * math.prod(shape)
+    raw = data[at + 2 + rank : at + 2 + rank + size]
+    if kind not in (-1, 1, 2, 4) or len(shape) < rank or rank > _MOST_DIMENSIONS or len(raw) < size:
+        raise RecordingError(
+            f"{path}: the C3D parameter {name!r} is damaged (element size {kind}, dimensions {list(shape)}); "
+            "the file is corrupt, export it again"
+        )
+    if kind == -1:
+        return _texts(raw, shape)
+    if kind == 4:
+        array: np.ndarray[Any, Any] = floats(raw, processor)
+    else:
+        array = np.frombuffer(raw, np.int8 if kind == 1 else endian(processor) + "i2")
+    return array.reshape(shape, order="F")
+
+
+def _texts(raw: bytes, shape: tuple[int, ...]) -> tuple[str, ...]:
+    width = shape[0] if shape else 1
+    count = math.prod(shape[1:])
+    if width == 0:
+        return ("",) * count
+    return tuple(_decode(raw[i * width : (i + 1) * width]) for i in range(count))
+
+
+def _decode(raw: bytes) -> str:
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")

@@ -1,0 +1,236 @@
+"""FORCE_PLATFORM and ANALOG parameters → the signals of every plate, in the file's own axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.recording.c3d_decode import calibration
+from mocap_id.recording.c3d_file import C3DFile
+from mocap_id.recording.c3d_layout import Layout
+from mocap_id.recording.plate_types import CHANNELS, PlateSignals
+from mocap_id.recording.saturation import saturated
+from mocap_id.recording.units import force_scale, moment_scale
+
+
+@dataclass(frozen=True)
+class StoredPlate:
+    """A plate as the file has it.
+
+    Parameters
+    ----------
+    index : int
+        From 1.
+    kind : int
+        FORCE_PLATFORM:TYPE.
+    signals : PlateSignals or None
+        None where the plate cannot be used.
+    ok : (K,) bool array
+        Every channel is finite and away from the converter's limits.
+    problem : str
+        Why it cannot be used, or empty.
+    oddities : tuple of str
+    """
+
+    index: int
+    kind: int
+    signals: PlateSignals | None
+    ok: BoolArray
+    problem: str
+    oddities: tuple[str, ...]
+
+
+class _UnusableError(Exception):
+    """This plate cannot be decoded; the message says why."""
+
+
+def stored_plates(file: C3DFile, layout: Layout, analog: FloatArray, metres: float) -> list[StoredPlate]:
+    """Collect every plate's signals.
+
+    Parameters
+    ----------
+    analog : (K, channels) array
+        Scaled by the ANALOG parameters.
+    metres : float
+        Metres per POINT unit, which CORNERS and ORIGIN share.
+    """
+    kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
+    used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
+    return [_PlateReader(file, layout, analog, metres, kinds, index).read() for index in range(1, used + 1)]
+
+
+@dataclass(frozen=True)
+class _PlateReader:
+    """One plate's parameters, and what is odd about them."""
+
+    file: C3DFile
+    layout: Layout
+    analog: FloatArray
+    metres: float
+    kinds: tuple[int, ...]
+    index: int
+    oddities: list[str] = field(default_factory=list)
+
+    @property
+    def kind(self) -> int:
+        return self.kinds[self.index - 1] if self.index <= len(self.kinds) else 0
+
+    def read(self) -> StoredPlate:
+        try:
+            columns = self._columns()
+            corners = self._parameter("CORNERS", (3, 4)).T * self.metres
+            origin = self._origin()
+            clipped = self._clipped(columns)
+            channels = self._in_si(self._without_baseline(self.analog[:, columns]), columns)
+        except _UnusableError as why:
+            nothing = np.zeros(len(self.analog), bool)
+            return StoredPlate(self.index, self.kind, None, nothing, str(why), tuple(self.oddities))
+        ok = np.asarray(~clipped & np.isfinite(channels).all(axis=1))
+        if not ok.all():
+            self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
+        signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
+        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities))
+
+    def _note(self, oddity: str) -> None:
+        self.oddities.append(f"plate {self.index}: {oddity}")
+
+    def _columns(self) -> list[int]:
+        """Analog columns of the channels, from 0."""
+        if self.kind not in CHANNELS:
+            raise _UnusableError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
+        if not self.layout.channels:
+            raise _UnusableError("the file holds no analog channels")
+        channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
+        if channel_map is None:
+            raise _UnusableError("FORCE_PLATFORM:CHANNEL is missing")
+        channel_map = channel_map.reshape(channel_map.shape[0], -1, order="F")
+        needed = max(CHANNELS.get(kind, 0) for kind in self.kinds)
+        rows, plates = channel_map.shape
+        if rows < needed:  # then the columns of all plates are shifted
+            raise _UnusableError(f"FORCE_PLATFORM:CHANNEL has {rows} rows, a plate of this file needs {needed}")
+        if plates < self.index:
+            raise _UnusableError(f"FORCE_PLATFORM:CHANNEL describes only {plates} plates")
+        channels = [int(channel) for channel in channel_map[: CHANNELS[self.kind], self.index - 1]]
+        for channel in channels:
+            if not 1 <= channel <= self.layout.channels:
+                raise _UnusableError(
+                    f"FORCE_PLATFORM:CHANNEL points to channel {channel}, the file has {self.layout.channels}"
+                )
+        if len(set(channels)) < len(channels):
+            raise _UnusableError(f"FORCE_PLATFORM:CHANNEL points to one channel twice: {channels}")
+        return [channel - 1 for channel in channels]
+
+    def _parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:
+        """This plate's part of a FORCE_PLATFORM parameter whose last dimension counts the plates."""
+        value = self.file.numbers(f"FORCE_PLATFORM:{name}")
+        size = int(np.prod(shape))
+        if value is None or value.size < size * self.index:
+            raise _UnusableError(f"FORCE_PLATFORM:{name} is missing or too short")
+        part = value.ravel(order="F")[size * (self.index - 1) : size * self.index]
+        if not np.isfinite(part).all():
+            raise _UnusableError(f"FORCE_PLATFORM:{name} is not finite")
+        return part.reshape(shape, order="F")
+
+    def _origin(self) -> FloatArray:
+        """ORIGIN in m with z negative: old files hold the reverse vector."""
+        if self.kind == 1:
+            return np.zeros(3)
+        origin = self._parameter("ORIGIN", (3,)) * self.metres
+        if origin[2] > 0:
+            self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected negative), sign repaired")
+            origin = origin * [1, 1, -1] if self.kind == 3 else -origin
+        if self.kind == 3:
+            origin = np.abs(origin) * [1, 1, -1]
+            if not np.all(np.abs(origin[:2]) > 0):
+                raise _UnusableError("ORIGIN gives no sensor distances, which a type 3 plate needs")
+        return np.asarray(origin)
+
+    def _clipped(self, columns: list[int]) -> BoolArray:
+        """(K,) samples at which the converter was at its limits."""
+        use = calibration(self.file, self.layout)
+        offset, scale = use.offset[columns], use.scale[columns]
+        if not np.isfinite(scale).all():
+            raise _UnusableError("ANALOG:SCALE does not cover its channels")
+        if not np.isfinite(self.analog[:, columns]).any():
+            raise _UnusableError("none of its samples is a number")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            counts = self.analog[:, columns] / scale + offset
+        bits = self.file.words("ANALOG:BITS")
+        return saturated(counts, offset, bits[0] if bits else None)
+
+    def _without_baseline(self, channels: FloatArray) -> FloatArray:
+        """Subtract the mean over the frames that ZERO names, if the plate was unloaded then."""
+        zero = self.file.words("FORCE_PLATFORM:ZERO") or [0, 0]
+        first, last = max(zero[0], 1), zero[-1]
+        if self.kind == 1 or len(zero) < 2 or last <= first or last > self.layout.frames:
+            return channels
+        per_frame = self.layout.per_frame
+        baseline = channels[(first - 1) * per_frame : last * per_frame].mean(axis=0)
+        parts = slice(4, 8) if self.kind == 3 else slice(2, 3)
+        vertical, level = channels[:, parts].sum(axis=1), float(baseline[parts].sum())
+        if _is_offset(level, vertical):
+            return np.asarray(channels - baseline)
+        share = 100 * abs(level) / np.nanmax(np.abs(vertical))
+        self._note(
+            f"the baseline frames {first} to {last} (ZERO) are loaded ({share:.0f} % of the peak): not subtracted"
+        )
+        return channels
+
+    def _in_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
+        """Calibrated channels in N, m and N·m."""
+        if self.kind == 4:
+            return self._calibrated(channels, calibration(self.file, self.layout).scale[columns])
+        units = self.file.strings("ANALOG:UNITS")
+        declared = [units[column] if column < len(units) else "" for column in columns]
+        forces = declared if self.kind == 3 else declared[:3]
+        newtons = self._scale("force", forces, [force_scale(unit) for unit in forces])
+        if self.kind == 3:
+            return np.asarray(channels * newtons)
+        moments = declared[5:6] if self.kind == 1 else declared[3:6]
+        newton_metres = self._scale("moment", moments, [moment_scale(unit) for unit in moments])
+        rest = [self.metres, self.metres, newton_metres] if self.kind == 1 else [newton_metres] * 3
+        return np.asarray(channels * np.array([newtons] * 3 + rest))
+
+    def _scale(self, what: str, declared: list[str], scales: list[float | None]) -> float:
+        """The one unit of some channels; where they declare none, N, and N·mm in files in millimetres."""
+        known = {scale for scale in scales if scale is not None}
+        if len(known) == 1:
+            return known.pop()
+        if what == "force":
+            unit, default = "N", 1.0
+        else:
+            unit, default = ("N·mm", 1e-3) if self.metres == 1e-3 else ("N·m", 1.0)
+        names = ", ".join(sorted({name.strip() or "none" for name in declared}))
+        self._note(f"the {what} channels declare the unit {names}: {unit} was assumed")
+        return default
+
+    def _calibrated(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
+        """Type 4: the 6 × 6 matrix turns the channels into N and N·mm; in SI.
+
+        Some files scale the channels by the matrix's diagonal already (and hold the matrix in N and N·m); applied
+        once more, forces come out several times too large.
+        """
+        matrix = self._parameter("CAL_MATRIX", (6, 6))
+        if np.linalg.matrix_rank(matrix) < 6:
+            raise _UnusableError("CAL_MATRIX is singular")
+        to_si = np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
+        diagonal = np.diag(matrix)
+        ratio = np.abs(scale) / np.maximum(np.abs(diagonal), 1e-12)
+        alike = all(np.ptp(part) < 0.01 * part.mean() for part in (ratio[:3], ratio[3:]))
+        if alike and np.ptp(np.abs(scale[:3])) > 0.1 * np.abs(scale[:3]).mean():
+            self._note("ANALOG:SCALE already holds the diagonal of CAL_MATRIX: applied once")
+            moments = ratio[3] / ratio[0]
+            channels = channels / (np.sign(scale) * diagonal * np.repeat([1.0, moments], 3))
+            to_si = np.repeat([1.0, 1e-3 * moments], 3)
+        return np.asarray((channels @ matrix.T) * to_si)
+
+
+def _is_offset(level: float, vertical: FloatArray) -> bool:
+    """Whether a baseline level is an offset: small, or of the other sign than the loads, which have only one."""
+    if abs(level) <= 0.1 * float(np.nanmax(np.abs(vertical))):
+        return True
+    excursion = vertical - level
+    largest = float(excursion[np.nanargmax(np.abs(excursion))])
+    return level * largest < 0 and abs(largest) > 1.5 * abs(level)

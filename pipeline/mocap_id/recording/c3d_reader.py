@@ -1,0 +1,130 @@
+"""One C3D file → a Recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.recording.axes import axis_vector, nearest_axis, parse_axis, to_z_up
+from mocap_id.recording.c3d_decode import decode
+from mocap_id.recording.c3d_file import C3DFile, open_c3d
+from mocap_id.recording.c3d_layout import Layout, encoding, establish
+from mocap_id.recording.c3d_plates import StoredPlate, stored_plates
+from mocap_id.recording.lab_plates import place
+from mocap_id.recording.labels import name_markers
+from mocap_id.recording.markers import clean, metres_per_unit
+from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.plate_types import plate_axes
+
+_OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")
+"""POINT parameters that list trajectories which are no markers; POINT:TYPE_GROUPS may name more."""
+
+
+_BELOW_M = 0.2
+"""Markers that far under a plate show that its corners run the wrong way round, not that people hang from it."""
+
+
+def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None) -> Recording:
+    """Read a C3D file; see :func:`mocap_id.recording.read`."""
+    file = open_c3d(path, data)
+    layout = establish(file)
+    oddities = list(layout.oddities)
+    unit, metres = metres_per_unit(path, file.text("POINT:UNITS"), units, oddities)
+    decoded = decode(file, layout)
+    oddities += decoded.oddities
+    naming = name_markers(_labels(file, layout), _outputs(file))
+    oddities += naming.oddities
+    positions = clean(path, decoded.points[:, list(naming.keep)] * metres, unit, oddities)
+    stored = stored_plates(file, layout, decoded.analog, metres)
+    up = _vertical(file, stored, positions, vertical, oddities)
+    frames = layout.first + np.arange(layout.frames)
+    time = (frames - min(layout.first, 1)) / layout.rate
+    plates = _plates(stored, to_z_up(up), float(time[0]), layout, oddities)
+    return Recording(
+        files=(path,),
+        format=encoding(file, layout),
+        labels=naming.labels,
+        positions=positions @ to_z_up(up).T,
+        frames=frames.astype(np.int64),
+        time=time,
+        rate=layout.rate,
+        units=unit,
+        vertical=up,
+        analog_rate=layout.per_frame * layout.rate if layout.channels else None,
+        plates=plates,
+        oddities=tuple(oddities),
+    )
+
+
+def _labels(file: C3DFile, layout: Layout) -> list[str]:
+    """POINT:LABELS, continued in LABELS2 …; one a point."""
+    labels = list(file.strings("POINT:LABELS"))
+    number = 2
+    while more := file.strings(f"POINT:LABELS{number}"):
+        labels += more
+        number += 1
+    return [*labels[: layout.points], *[""] * (layout.points - len(labels))]
+
+
+def _outputs(file: C3DFile) -> list[str]:
+    """Labels that the file's own groups declare as computed."""
+    types = file.strings("POINT:TYPE_GROUPS")
+    groups = [*_OUTPUT_GROUPS, *(name.strip().upper() for name in types[::2])]
+    found = [
+        label.strip()
+        for group in dict.fromkeys(groups)
+        if group != "LABELS"
+        for label in (*file.strings(f"POINT:{group}"), *file.strings(f"POINT:{group}2"))
+    ]
+    return [label for label in found if label]
+
+
+def _vertical(
+    file: C3DFile, stored: Sequence[StoredPlate], positions: FloatArray, override: str | None, oddities: list[str]
+) -> str:
+    """The file's upward axis: configured, or from the plates' surfaces, or POINT:Y_SCREEN, or Z as an assumption."""
+    declared = parse_axis(file.text("POINT:Y_SCREEN"))
+    found = _plates_normal(stored, positions)
+    if override is not None:
+        for axis, source in ((found, "the force plates lie"), (declared, "POINT:Y_SCREEN points")):
+            if axis is not None and axis != override:
+                oddities.append(f"vertical is {override} by the configuration, but {source} across {axis}")
+        return override
+    if found is not None:
+        if declared is not None and declared != found:
+            oddities.append(f"POINT:Y_SCREEN says that {declared} is up, the force plates say {found}: that was taken")
+        return found
+    if declared is not None:
+        return declared
+    oddities.append("the file does not say which axis is up: Z was assumed (set `vertical:` if it is not)")
+    return "Z"
+
+
+def _plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str | None:
+    """The axis out of the working surface of all usable plates; the other way where the markers are there."""
+    axes = set()
+    for plate in stored:
+        if plate.signals is None:
+            continue
+        down = plate_axes(plate.signals.corners)[:, 2]
+        axis = nearest_axis(-down) if np.isfinite(down).all() else None
+        if axis is None:
+            return None
+        height = (positions - plate.signals.corners.mean(axis=0)) @ axis_vector(axis)
+        below = bool(np.isfinite(height).any()) and np.nanmedian(height) < -_BELOW_M
+        axes.add(axis if not below else axis.removeprefix("-") if axis.startswith("-") else f"-{axis}")
+    return axes.pop() if len(axes) == 1 else None
+
+
+def _plates(
+    stored: Sequence[StoredPlate], turn: FloatArray, start: float, layout: Layout, oddities: list[str]
+) -> tuple[Plate, ...]:
+    plates = []
+    for each in stored:
+        plate, found = place(each, turn, start, layout.per_frame * layout.rate)
+        plates.append(plate)
+        oddities += found
+    return tuple(plates)

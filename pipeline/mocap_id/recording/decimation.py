@@ -1,0 +1,90 @@
+"""Analog samples → marker times, without shifting them in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.recording.model import Plate
+
+_ROUNDING = 1e-6
+"""Relative slack of times that a file holds in single precision."""
+
+
+@dataclass(frozen=True)
+class PlateSamples:
+    """A plate's wrench at given times, as in :class:`mocap_id.recording.Plate`.
+
+    Parameters
+    ----------
+    force, moment : (F, 3) array
+        N and N·m about the lab origin; NaN where ``ok`` is False.
+    ok : (F,) bool array
+        Every analog sample behind the value is good.
+    """
+
+    force: FloatArray
+    moment: FloatArray
+    ok: BoolArray
+
+
+def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
+    """Average a plate's samples over one marker interval around every marker time.
+
+    The mean of the piecewise linear signal over [t - T/2, t + T/2] is symmetric about t for every ratio of the rates,
+    odd, even or fractional, so nothing lags; averaging whole blocks of an even or leading ratio would shift the
+    wrench by half a block. At the ends of the signal the interval shrinks symmetrically. Plates that are not sampled
+    faster than the markers are interpolated.
+
+    Parameters
+    ----------
+    plate : Plate
+    times : (F,) array
+        Marker times, s, the plate's clock.
+    rate : float
+        Marker frames per second.
+    """
+    samples = np.where(plate.ok[:, None], np.concatenate([plate.force, plate.moment], axis=1), 0.0)
+    last = len(samples) - 1
+    at = (times - plate.start) * plate.rate  # in samples
+    inside = (at >= -_ROUNDING * max(last, 1)) & (at <= last * (1 + _ROUNDING) + _ROUNDING)
+    if last < 1:
+        empty = np.full((len(times), 3), np.nan)
+        return PlateSamples(empty, empty.copy(), np.zeros(len(times), bool))
+    centre = np.clip(at, 0, last)
+    ratio = plate.rate / rate
+    half = np.minimum(ratio / 2 if ratio > 1.001 else 0.0, np.minimum(centre, last - centre))
+    mean = np.where((half > 1e-9)[:, None], _interval_mean(samples, centre, half), _interpolated(samples, centre))
+    ok = inside & ~_any_bad(~plate.ok, centre - half, centre + half)
+    mean[~ok] = np.nan
+    return PlateSamples(mean[:, :3], mean[:, 3:], ok)
+
+
+def _interpolated(samples: FloatArray, at: FloatArray) -> FloatArray:
+    low = np.minimum(at.astype(np.int64), len(samples) - 2)
+    part = (at - low)[:, None]
+    return np.asarray(samples[low] * (1 - part) + samples[low + 1] * part)
+
+
+def _interval_mean(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
+    """Mean of the piecewise linear signal over centre ± half, in samples."""
+    integral = np.zeros_like(samples)
+    np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
+
+    def primitive(at: FloatArray) -> FloatArray:
+        low = np.minimum(at.astype(np.int64), len(samples) - 2)
+        part = (at - low)[:, None]
+        return np.asarray(integral[low] + samples[low] * part + (samples[low + 1] - samples[low]) * part**2 / 2)
+
+    width = np.maximum(2 * half, 1e-12)[:, None]
+    return np.asarray((primitive(centre + half) - primitive(centre - half)) / width)
+
+
+def _any_bad(bad: BoolArray, start: FloatArray, stop: FloatArray) -> BoolArray:
+    """Whether one of the samples that the interval touches is bad."""
+    count = np.concatenate([[0], np.cumsum(bad)])
+    low = np.floor(start + _ROUNDING).astype(np.int64)
+    high = np.minimum(np.ceil(stop - _ROUNDING).astype(np.int64), len(bad) - 1)
+    return np.asarray(count[high + 1] > count[np.maximum(low, 0)])

@@ -1,0 +1,106 @@
+"""Plates in the lab: pose from the corners, sense from the load, moment about the lab origin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.recording.c3d_plates import StoredPlate
+from mocap_id.recording.model import Plate
+from mocap_id.recording.plate_types import plate_axes, surface_wrench
+
+LOADED_N = 20.0
+"""Below this vertical force neither the sense nor the centre of pressure of a plate means anything."""
+
+_ON_PLATE_M = 0.05
+_MOSTLY = 0.8
+
+
+def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> tuple[Plate, list[str]]:
+    """Turn a stored plate into the wrench of the ground on the body.
+
+    Parameters
+    ----------
+    stored : StoredPlate
+        In the file's axes.
+    turn : (3, 3) array
+        From the file's axes to the lab's (Z up).
+    start : float
+        Time of the first analog sample, s.
+    rate : float
+        Analog samples a second.
+
+    Returns
+    -------
+    plate : Plate
+    oddities : list of str
+    """
+    oddities = list(stored.oddities)
+    problem = stored.problem
+    if stored.signals is not None:
+        corners = stored.signals.corners @ turn.T
+        axes = plate_axes(corners)
+        problem = _pose_problem(axes)
+        if not problem:
+            force, moment, reversed_ = _reaction(*surface_wrench(stored.signals), axes, corners.mean(axis=0))
+            if reversed_:
+                oddities.append(f"plate {stored.index} holds the force of the body on the plate: reversed")
+            plate = Plate(stored.index, f"type {stored.kind}", corners, force, moment, stored.ok, rate, start)
+            return plate, oddities + _off_plate(plate)
+    nothing = np.full((len(stored.ok), 3), np.nan)
+    none = np.zeros(len(stored.ok), bool)
+    plate = Plate(stored.index, f"type {stored.kind}", None, nothing, nothing.copy(), none, rate, start, problem)
+    return plate, [*oddities, f"plate {stored.index} is not used: {problem}"]
+
+
+def _pose_problem(axes: FloatArray) -> str:
+    if not np.isfinite(axes).all():
+        return "CORNERS span no rectangle"
+    if axes[2, 2] > -0.5:
+        return (
+            f"CORNERS turn its z axis {'up' if axes[2, 2] > 0.5 else 'sideways'}; "
+            "they should run +x+y, -x+y, -x-y, +x-y with z down"
+        )
+    return ""
+
+
+def _reaction(
+    force: FloatArray, moment: FloatArray, axes: FloatArray, centre: FloatArray
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Wrench on the body in lab axes about the lab origin, and whether the channels held the opposite one."""
+    force, moment = force @ axes.T, moment @ axes.T
+    vertical = force[np.isfinite(force[:, 2]), 2]
+    loaded = vertical[np.abs(vertical) > max(LOADED_N, np.abs(vertical).max(initial=0.0) / 2)]
+    reversed_ = bool(loaded.size and loaded.mean() < 0)
+    if reversed_:
+        force, moment = -force, -moment
+    return force, moment + np.cross(centre, force), reversed_
+
+
+def centre_of_pressure(plate: Plate) -> FloatArray:
+    """Where the force meets the plane of the working surface, (K, 2) lab m; NaN under a load of 20 N."""
+    centre = np.zeros(3) if plate.centre is None else plate.centre
+    about = plate.moment - np.cross(centre, plate.force)
+    vertical = np.where(plate.force[:, 2] > LOADED_N, plate.force[:, 2], np.nan)
+    return centre[:2] + np.column_stack([-about[:, 1], about[:, 0]]) / vertical[:, None]
+
+
+def _off_plate(plate: Plate) -> list[str]:
+    """A load that does not act on its plate gives a wrong unit, origin or corner away."""
+    assert plate.corners is not None
+    good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * np.nanmax(plate.force[:, 2], initial=0.0)))
+    if not good.any():
+        return []
+    point = centre_of_pressure(plate)[good]
+    x, y = plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3]
+    away = point - plate.corners.mean(axis=0)[:2]
+    inside = np.ones(len(point), bool)
+    for side in (x, y):
+        half = np.linalg.norm(side) / 2
+        inside &= np.abs(away @ side[:2]) / (2 * half) < half + _ON_PLATE_M
+    if inside.mean() >= _MOSTLY:
+        return []
+    return [
+        f"plate {plate.index}: the centre of pressure lies off the plate in {100 * (1 - inside.mean()):.0f} % of its "
+        "loaded samples; its corners, ORIGIN or moment units are doubtful"
+    ]

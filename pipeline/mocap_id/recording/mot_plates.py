@@ -1,0 +1,118 @@
+"""Ground forces in a MOT table: force, point of application and free moment of every plate."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.recording.lab_plates import LOADED_N
+from mocap_id.recording.model import Plate
+from mocap_id.recording.tables import MotionTable
+
+_COLUMN = re.compile(r"^(?P<name>.*?)_?(?P<what>[vpm]?)(?P<axis>[xyz])$")
+_WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|-", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class ForceColumns:
+    """Columns of one plate: name, and indexes of force, point and moment (None where the table has none)."""
+
+    name: str
+    force: tuple[int, int, int]
+    point: tuple[int, int, int] | None
+    moment: tuple[int, int, int] | None
+
+
+def find_forces(path: Path, table: MotionTable) -> list[ForceColumns]:
+    """Group the columns of a table by plate.
+
+    Understood are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
+    ``ground_force_r_vx``, and ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x`` for the moment.
+
+    Raises
+    ------
+    RecordingError
+        No column names a force, or a force lacks a component.
+    """
+    found: dict[str, dict[str, dict[str, int]]] = {}
+    for index, column in enumerate(table.columns):
+        match = _COLUMN.match(column.lower())
+        if match is None:
+            continue
+        name = match["name"]
+        what = {"v": "force", "p": "point", "m": "moment"}.get(match["what"])
+        if what is None:
+            what = "moment" if re.search("torque|moment|grm", name) else None
+        if what is not None:
+            found.setdefault(_WORDS.sub("", name), {}).setdefault(what, {})[match["axis"]] = index
+    groups = {name: parts for name, parts in found.items() if "force" in parts}
+    if not groups:
+        raise RecordingError(
+            f"{path}: no column names a ground force ({', '.join(table.columns[:3])} …); expected names like "
+            "ground_force_1_vx, ground_force_1_px, ground_torque_1_x"
+        )
+    return [_columns(path, name, parts) for name, parts in groups.items()]
+
+
+def _columns(path: Path, name: str, parts: dict[str, dict[str, int]]) -> ForceColumns:
+    triples: dict[str, tuple[int, int, int] | None] = {}
+    for what in ("force", "point", "moment"):
+        axes = parts.get(what, {})
+        if axes and set(axes) != set("xyz"):
+            raise RecordingError(f"{path}: the {what} {name or '(unnamed)'} has only the components {sorted(axes)}")
+        triples[what] = (axes["x"], axes["y"], axes["z"]) if axes else None
+    force = triples["force"]
+    assert force is not None
+    return ForceColumns(name, force, triples["point"], triples["moment"])
+
+
+def mot_plates(
+    path: Path, table: MotionTable, columns: list[ForceColumns], turn: FloatArray, oddities: list[str]
+) -> tuple[Plate, ...]:
+    """Plates of a MOT table in the lab: m, N, N·m as the format has it.
+
+    Parameters
+    ----------
+    turn : (3, 3) array
+        From the table's axes to the lab's (Z up).
+    """
+    steps = np.diff(table.time)
+    if steps.max() > 1.5 * np.median(steps):
+        raise RecordingError(f"{path}: the time column is uneven ({np.median(steps):.4g} and {steps.max():.4g} s)")
+    rate = (len(table.time) - 1) / float(table.time[-1] - table.time[0])
+    plates = []
+    for index, each in enumerate(columns, start=1):
+        plate, found = _plate(table, each, index, turn, rate)
+        plates.append(plate)
+        oddities += found
+    return tuple(plates)
+
+
+def _plate(
+    table: MotionTable, columns: ForceColumns, index: int, turn: FloatArray, rate: float
+) -> tuple[Plate, list[str]]:
+    oddities = []
+    force = table.values[:, columns.force] @ turn.T
+    if columns.point is None:
+        moment, problem = np.full_like(force, np.nan), "the table has no point of application"
+    else:
+        free = 0.0 if columns.moment is None else table.values[:, columns.moment] @ turn.T
+        moment, problem = np.cross(table.values[:, columns.point] @ turn.T, force) + free, ""
+        if columns.moment is None:
+            oddities.append(f"plate {index} ({columns.name}): no moment columns, a free moment of 0 was assumed")
+    loaded = force[np.abs(force[:, 2]) > LOADED_N, 2]
+    if loaded.size and loaded.mean() < 0:
+        force, moment = -force, -moment
+        oddities.append(f"plate {index} holds the force of the body on the plate: reversed")
+    if not np.any(force):
+        oddities.append(f"plate {index} ({columns.name}) is zero throughout")
+    if problem:
+        oddities.append(f"plate {index} is not used: {problem}")
+        force = np.full_like(force, np.nan)
+    ok = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
+    return Plate(index, "mot", None, force, moment, ok, rate, float(table.time[0]), problem), oddities

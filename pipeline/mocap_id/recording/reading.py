@@ -1,0 +1,55 @@
+"""The one way in: a recording on disk → a Recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mocap_id.errors import ConfigError
+from mocap_id.recording.axes import parse_axis
+from mocap_id.recording.c3d_reader import read_c3d
+from mocap_id.recording.model import Recording
+from mocap_id.recording.tables import read_bytes
+from mocap_id.recording.trc_reader import read_trc
+
+
+def read(
+    markers: Path, forces: Path | None = None, *, units: str | None = None, vertical: str | None = None
+) -> Recording:
+    """Read one trial; the files are opened for reading only.
+
+    Parameters
+    ----------
+    markers : Path
+        C3D file, or TRC file with the markers.
+    forces : Path, optional
+        MOT file with the ground's forces, beside a TRC file.
+    units : str, optional
+        Length unit of the markers, where the file does not declare it or declares it wrong.
+    vertical : str, optional
+        The file's axis that points up (``"X"``, ``"Y"``, ``"Z"``, with a minus where it points down); found from the
+        force plates or the file where not given.
+
+    Returns
+    -------
+    Recording
+        SI, lab axes with Z up, missing as NaN; what was repaired, left out or assumed stands in ``oddities``.
+
+    Raises
+    ------
+    RecordingError
+        A file is missing, unreadable, truncated, of unknown units, without markers, or contradicts itself.
+    ConfigError
+        ``vertical`` is no axis, or ``forces`` stands beside a C3D file.
+    """
+    axis = None if vertical is None else parse_axis(vertical)
+    if vertical is not None and axis is None:
+        raise ConfigError(f"vertical: {vertical!r} is no axis; expected X, Y or Z, with a minus where it points down")
+    markers = Path(markers)
+    if markers.suffix.lower() == ".trc":
+        return read_trc(markers, None if forces is None else Path(forces), units, axis)
+    data = read_bytes(markers)
+    if data[:12].lower() == b"pathfiletype":
+        return read_trc(markers, None if forces is None else Path(forces), units, axis)
+    if forces is not None:
+        raise ConfigError(f"{forces}: a C3D file holds its own force plates; `forces` belongs to a TRC file")
+    return read_c3d(markers, data, units, axis)

@@ -1,0 +1,177 @@
+"""TRC marker files, alone or with the ground's forces in a MOT file."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.errors import RecordingError
+from mocap_id.recording.axes import nearest_axis, to_z_up
+from mocap_id.recording.labels import name_markers
+from mocap_id.recording.markers import clean, metres_per_unit
+from mocap_id.recording.model import Recording
+from mocap_id.recording.mot_plates import ForceColumns, find_forces, mot_plates
+from mocap_id.recording.tables import MotionTable, parse_table, read_text
+
+
+@dataclass(frozen=True)
+class _Trc:
+    """A TRC file as it is: file units and axes."""
+
+    labels: list[str]
+    frames: IntArray
+    time: FloatArray
+    positions: FloatArray
+    rate: float
+    units: str
+
+
+def read_trc(path: Path, forces: Path | None, units: str | None, vertical: str | None) -> Recording:
+    """Read a TRC file, with its MOT file where there is one; see :func:`mocap_id.recording.read`."""
+    oddities: list[str] = []
+    trc = _parse(path, read_text(path), oddities)
+    unit, metres = metres_per_unit(path, trc.units, units, oddities)
+    naming = name_markers(trc.labels)
+    oddities += naming.oddities
+    positions = clean(path, trc.positions[:, list(naming.keep)] * metres, unit, oddities)
+    table = None if forces is None else parse_table(forces, read_text(forces))
+    columns = [] if table is None or forces is None else find_forces(forces, table)
+    up = _vertical(table, columns, vertical, oddities)
+    turn = to_z_up(up)
+    plates = () if table is None or forces is None else mot_plates(forces, table, columns, turn, oddities)
+    if table is not None and forces is not None:
+        _compare_spans(path, forces, trc.time, table.time, oddities)
+    return Recording(
+        files=(path,) if forces is None else (path, forces),
+        format="TRC" if forces is None else "TRC + MOT",
+        labels=naming.labels,
+        positions=positions @ turn.T,
+        frames=trc.frames,
+        time=trc.time,
+        rate=trc.rate,
+        units=unit,
+        vertical=up,
+        analog_rate=plates[0].rate if plates else None,
+        plates=plates,
+        oddities=tuple(oddities),
+    )
+
+
+def _parse(path: Path, text: str, oddities: list[str]) -> _Trc:
+    lines = text.splitlines()
+    if len(lines) < 5 or not lines[0].lower().startswith("pathfiletype"):
+        raise RecordingError(
+            f"{path}: not a TRC file: the first line is {lines[0][:40]!r}, expected 'PathFileType …'"
+            if lines
+            else f"{path}: the file is empty"
+        )
+    header = _header(path, lines[1], lines[2])
+    labels = _labels(path, lines[3], header, oddities)
+    rows = _rows(path, [line.rstrip() for line in lines[4:]], len(labels))
+    declared = header.get("numframes", "")
+    if declared.isdigit() and int(declared) != len(rows):
+        raise RecordingError(
+            f"{path}: {'truncated: ' if len(rows) < int(declared) else ''}the header promises {declared} frames, "
+            f"the file holds {len(rows)}; copy or export it again"
+        )
+    time = rows[:, 1]
+    if len(time) < 2 or not np.all(np.diff(time) > 0):
+        raise RecordingError(f"{path}: the Time column does not increase from frame to frame; export it again")
+    rate = _rate(path, header.get("datarate", ""), time, oddities)
+    positions = rows[:, 2:].reshape(len(rows), -1, 3)
+    return _Trc(labels, rows[:, 0].astype(np.int64), time, positions, rate, header.get("units", ""))
+
+
+def _header(path: Path, names: str, values: str) -> dict[str, str]:
+    keys = [name.strip().lower() for name in names.split()]
+    cells = values.split()
+    if len(cells) < len(keys):  # a blank cell would shift the others
+        cells = [value.strip() for value in values.split("\t")]
+    if "nummarkers" not in keys or "datarate" not in keys:
+        raise RecordingError(f"{path}: the second line of a TRC file should name DataRate, NumMarkers, Units …")
+    return dict(zip(keys, cells, strict=False))
+
+
+def _labels(path: Path, line: str, header: dict[str, str], oddities: list[str]) -> list[str]:
+    cells = line.rstrip().split("\t")
+    labels = [cell.strip() for cell in cells[2::3]] if len(cells) > 2 else line.split()[2:]
+    declared = header.get("nummarkers", "")
+    if declared.isdigit() and int(declared) != len(labels):
+        oddities.append(f"the header declares {declared} markers, {len(labels)} are named: those were taken")
+    if not labels:
+        raise RecordingError(f"{path}: the file holds no markers")
+    return labels
+
+
+def _rows(path: Path, lines: list[str], markers: int) -> FloatArray:
+    """Frame number, time and coordinates, (F, 2 + 3M); blank cells are NaN."""
+    body = list(itertools.dropwhile(lambda line: not line.lstrip()[:1].isdigit(), lines))
+    body = [line for line in body if line]
+    if not body:
+        raise RecordingError(f"{path}: no frames follow the header")
+    width = 2 + 3 * markers
+    widest = max(len(line.split("\t")) for line in body)
+    if "\t" in body[0] and widest > width:
+        raise RecordingError(f"{path}: a row has {widest} cells, {markers} markers need {width}; export it again")
+    separator = "\t" if "\t" in body[0] else r"\s+"
+    try:
+        frame = pd.read_csv(io.StringIO("\n".join(body)), sep=separator, header=None, names=list(range(width)))
+        rows = frame.to_numpy(np.float64)
+    except (ValueError, pd.errors.ParserError) as error:
+        raise RecordingError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:160]}") from None
+    if not np.isfinite(rows[:, :2]).all():
+        row = int(np.flatnonzero(~np.isfinite(rows[:, :2]).all(axis=1))[0])
+        raise RecordingError(f"{path}: row {row + 1} of the frames has no frame number or time; export it again")
+    return rows
+
+
+def _rate(path: Path, declared: str, time: FloatArray, oddities: list[str]) -> float:
+    """Frames per second by the Time column, which must be even."""
+    steps = np.diff(time)
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    if steps.max() > 1.5 * np.median(steps):
+        raise RecordingError(
+            f"{path}: frames are left out: the Time column steps by {np.median(steps):.4g} s and once by "
+            f"{steps.max():.4g} s; export every frame, with missing markers blank"
+        )
+    try:
+        stated = float(declared)
+    except ValueError:
+        return rate
+    if stated > 0 and abs(stated - rate) <= 2e-3 * stated:
+        return stated
+    oddities.append(f"DataRate is {declared} Hz, the Time column runs at {rate:.6g} Hz: that was taken")
+    return rate
+
+
+def _vertical(table: MotionTable | None, columns: list[ForceColumns], override: str | None, oddities: list[str]) -> str:
+    """The file's upward axis: configured, or along the mean ground force, or Y as the format's custom."""
+    found = None
+    if table is not None and columns:
+        total = sum((np.nan_to_num(table.values[:, list(each.force)]) for each in columns), np.zeros((1, 3)))
+        axis = nearest_axis(np.mean(total, axis=0), 0.9)
+        found = None if axis is None else axis.lstrip("-")
+    if override is not None:
+        if found is not None and found != override.lstrip("-"):
+            oddities.append(f"vertical is {override} by the configuration, but the ground's force acts along {found}")
+        return override
+    if found is not None:
+        return found
+    oddities.append("nothing in the files shows which axis is up: Y was assumed, as OpenSim has it (set `vertical:`)")
+    return "Y"
+
+
+def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, oddities: list[str]) -> None:
+    """Two files of one trial share their clock; report where they do not share their span."""
+    spans = f"{markers.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
+    if b[-1] < a[0] or b[0] > a[-1]:
+        raise RecordingError(f"{spans}: they do not overlap, so they are not of one trial or not on one clock")
+    step = max((a[-1] - a[0]) / (len(a) - 1), (b[-1] - b[0]) / (len(b) - 1))
+    if abs(a[0] - b[0]) > 1.5 * step or abs(a[-1] - b[-1]) > 1.5 * step:
+        oddities.append(f"{spans}: forces are missing outside the common part")

@@ -1,0 +1,55 @@
+"""Labels: prefixes, repetitions, and trajectories that are no markers."""
+
+from __future__ import annotations
+
+import pytest
+
+from mocap_id.recording.labels import name_markers
+
+OUTPUTS = (
+    *("LKneeAngles", "RGroundReactionForce", "LHipMoment", "RAnklePower", "LNormalisedGRF"),
+    *("CentreOfMass", "CentreOfMassFloor", "L_HJC", "R_HJC_reg", "LAJC", "RKJC", "L.HJC", "LeftHipJointCenter"),
+)
+
+
+def test_subject_prefixes_are_stripped_unless_two_subjects_share_a_name() -> None:
+    assert name_markers(["Anna:LKNE", "Anna:RKNE"]).labels == ("LKNE", "RKNE")
+    shared = name_markers(["Anna:LKNE", "Ben:LKNE"])
+    assert shared.labels == ("Anna:LKNE", "Ben:LKNE")
+    assert "kept" in shared.oddities[0]
+
+
+def test_repeated_labels_are_numbered() -> None:
+    naming = name_markers(["A", "B", "A", "A#2", "A"])
+    assert naming.labels == ("A", "B", "A#3", "A#2", "A#4")
+    assert len(set(naming.labels)) == 5
+    assert "A" in naming.oddities[0]
+
+
+def test_nameless_trajectories_are_named() -> None:
+    naming = name_markers(["A", "", "  "])
+    assert naming.labels == ("A", "unlabelled-1", "unlabelled-2")
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_outputs_of_models_are_left_out(output: str) -> None:
+    naming = name_markers(["C7", output])
+    assert naming.labels == ("C7",)
+    assert naming.keep == (0,)
+    assert output in naming.oddities[0]
+
+
+@pytest.mark.parametrize(
+    "marker", ["C7", "T10", "LASI", "RTHI", "HEAD", "PELO", "LTOP", "*17", "r_sh2", "SACR", "V_Sacral"]
+)
+def test_markers_are_kept(marker: str) -> None:
+    assert name_markers([marker, "STRN"]).labels == (marker, "STRN")
+
+
+def test_segment_frames_are_told_by_their_four_points() -> None:
+    assert name_markers(["PELO", "PELA", "PELL", "PELP", "PELV"]).labels == ("PELV",)
+    assert name_markers(["PELO", "PELA", "PELP"]).labels == ("PELO", "PELA", "PELP")
+
+
+def test_declared_outputs_are_left_out_with_and_without_prefix() -> None:
+    assert name_markers(["S:Thing", "S:C7"], outputs=["S:Thing"]).labels == ("C7",)

@@ -1,0 +1,207 @@
+"""TRC and MOT pairs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_cases import body
+
+from mocap_id import recording
+from mocap_id.errors import RecordingError
+
+FRAMES = 40
+POSITIONS = body(FRAMES, 3)
+"""Lab, Z up, m."""
+
+TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+FORCE = np.array([10.0, -5.0, 600.0]) + np.random.default_rng(2).normal(size=(FRAMES, 3))
+POINT = np.array([0.2, 0.1, 0.0]) + np.random.default_rng(3).normal(size=(FRAMES, 3)) * [0.01, 0.01, 0]
+FREE = np.array([0.0, 0.0, 3.0]) + np.zeros((FRAMES, 3))
+MOMENT = np.cross(POINT, FORCE) + FREE
+PATTERNS = {
+    "ground_force_1_v{}": ("ground_force_1_p{}", "ground_force_1_m{}"),
+    "ground_force_v{}": ("ground_force_p{}", "ground_torque_{}"),
+    "1_ground_force_v{}": ("1_ground_force_p{}", "1_ground_torque_{}"),
+    "ground_force_r_v{}": ("ground_force_r_p{}", "ground_torque_r_{}"),
+    "ground_force1_v{}": ("ground_force1_p{}", "ground_torque1_{}"),
+    "FP1_force_v{}": ("FP1_force_p{}", "FP1_moment_{}"),
+}
+
+
+def trc(positions: np.ndarray, *, units: str = "m", rate: float = 100.0, frames: int | None = None) -> str:
+    count, markers = positions.shape[:2]
+    names = [f"M{i}" for i in range(markers)]
+    rows = [
+        f"{i + 1}\t{i / rate:.6g}\t" + "\t".join("" if np.isnan(v) else f"{v:.7g}" for v in row)
+        for i, row in enumerate(positions.reshape(count, -1))
+    ]
+    return "\n".join(
+        [
+            "PathFileType\t4\t(X/Y/Z)\ttrial.trc",
+            "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+            f"{rate:g}\t{rate:g}\t{frames or count}\t{markers}\t{units}\t{rate:g}\t1\t{count}",
+            "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+            "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, markers + 1)),
+            "",
+            *rows,
+            "",
+        ]
+    )
+
+
+def mot(columns: dict[str, np.ndarray], *, rate: float = 100.0, rows: int | None = None, start: float = 0.0) -> str:
+    count = len(next(iter(columns.values())))
+    values = np.column_stack([start + np.arange(count) / rate, *columns.values()])
+    head = [
+        "forces",
+        "version=1",
+        f"nRows={rows or count}",
+        f"nColumns={values.shape[1]}",
+        "inDegrees=yes",
+        "endheader",
+    ]
+    body_ = ["\t".join(f"{v:.9g}" for v in row) for row in values]
+    return "\n".join([*head, "time\t" + "\t".join(columns), *body_, ""])
+
+
+def force_columns(pattern: str = "ground_force_1_v{}", turn: np.ndarray = TO_Y_UP) -> dict[str, np.ndarray]:
+    point, moment = PATTERNS[pattern]
+    columns: dict[str, np.ndarray] = {}
+    for name, vectors in ((pattern, FORCE), (point, POINT), (moment, FREE)):
+        turned = vectors @ turn.T
+        columns |= {name.format(axis): turned[:, i] for i, axis in enumerate("xyz")}
+    return columns
+
+
+def write(folder: Path, markers: str, forces: str | None = None) -> recording.Recording:
+    (folder / "trial.trc").write_text(markers)
+    if forces is None:
+        return recording.read(folder / "trial.trc")
+    (folder / "trial_grf.mot").write_text(forces)
+    return recording.read(folder / "trial.trc", folder / "trial_grf.mot")
+
+
+@pytest.mark.parametrize("units", ["m", "mm"])
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_a_pair_with_y_up(tmp_path: Path, units: str, pattern: str) -> None:
+    scale = 1 if units == "m" else 1e3
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T * scale, units=units), mot(force_columns(pattern)))
+    assert found.vertical == "Y"
+    assert found.format == "TRC + MOT"
+    assert found.labels == ("M0", "M1", "M2")
+    np.testing.assert_allclose(found.positions, POSITIONS, atol=1e-6)
+    (plate,) = found.plates
+    assert plate.kind == "mot"
+    np.testing.assert_allclose(plate.force, FORCE, atol=1e-5)
+    np.testing.assert_allclose(plate.moment, MOMENT, atol=1e-4)
+    assert found.oddities == ()
+
+
+def test_a_pair_with_z_up_is_told_by_the_force(tmp_path: Path) -> None:
+    found = write(tmp_path, trc(POSITIONS), mot(force_columns(turn=np.eye(3))))
+    assert found.vertical == "Z"
+    np.testing.assert_allclose(found.positions, POSITIONS, atol=1e-6)
+
+
+def test_markers_alone_have_y_up_as_an_assumption(tmp_path: Path) -> None:
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T))
+    assert found.vertical == "Y"
+    assert any("Y was assumed" in oddity for oddity in found.oddities)
+    assert found.plates == ()
+
+
+def test_the_reverse_sense_is_repaired(tmp_path: Path) -> None:
+    columns = {name: -v if "_v" in name or "_m" in name else v for name, v in force_columns().items()}
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(columns))
+    np.testing.assert_allclose(found.plates[0].force, FORCE, atol=1e-5)
+    assert any("reversed" in oddity for oddity in found.oddities)
+
+
+def test_zero_plates_are_reported(tmp_path: Path) -> None:
+    columns = force_columns()
+    columns |= {name.replace("_1_", "_2_"): np.zeros(FRAMES) for name in columns}
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(columns))
+    assert len(found.plates) == 2
+    assert any("zero throughout" in oddity for oddity in found.oddities)
+
+
+def test_blank_cells_are_missing_markers(tmp_path: Path) -> None:
+    positions = POSITIONS.copy()
+    positions[5:10, 1] = np.nan
+    positions[7, 2] = np.nan
+    found = write(tmp_path, trc(positions @ TO_Y_UP.T))
+    np.testing.assert_array_equal(~found.visible, np.isnan(positions[..., 0]))
+
+
+def test_different_spans_are_reported(tmp_path: Path) -> None:
+    columns = {name: values[:30] for name, values in force_columns().items()}
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(columns))
+    assert any("runs from" in oddity for oddity in found.oddities)
+    samples = recording.decimate(found.plates[0], found.time, found.rate)
+    assert samples.ok.tolist() == [True] * 30 + [False] * 10
+    with pytest.raises(RecordingError, match="do not overlap"):
+        write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(force_columns(), start=10.0))
+
+
+def test_tables_are_read_as_tables(tmp_path: Path) -> None:
+    path = tmp_path / "angles.mot"
+    path.write_text(mot({"knee_angle_r": np.arange(5.0), "hip": -np.arange(5.0)}))
+    table = recording.read_table(path)
+    assert table.columns == ("knee_angle_r", "hip")
+    assert table.in_degrees
+    np.testing.assert_array_equal(table["hip"], -np.arange(5.0))
+    np.testing.assert_allclose(table.time, np.arange(5) / 100)
+
+
+@pytest.mark.parametrize(
+    ("markers", "reason"),
+    [
+        (trc(POSITIONS, frames=99), "truncated"),
+        (trc(POSITIONS).replace("Units", "Sinut"), "no length unit"),
+        (trc(POSITIONS, units="parsec"), "not unambiguous"),
+        (trc(POSITIONS).replace("\n7\t0.06\t", "\n7\t0.02\t"), "does not increase"),
+        (trc(POSITIONS).replace("\n7\t0.06\t", "\n7\t0.06\tx"), "not a table of numbers"),
+        ("\n".join(trc(POSITIONS).splitlines()[:5]), "no frames follow"),
+    ],
+)
+def test_broken_trc_files_are_refused(tmp_path: Path, markers: str, reason: str) -> None:
+    with pytest.raises(RecordingError, match=reason):
+        write(tmp_path, markers)
+
+
+def test_left_out_frames_are_refused(tmp_path: Path) -> None:
+    lines = trc(POSITIONS, frames=FRAMES - 3).splitlines()
+    with pytest.raises(RecordingError, match="frames are left out"):
+        write(tmp_path, "\n".join(lines[:12] + lines[15:]))
+
+
+@pytest.mark.parametrize(
+    ("forces", "reason"),
+    [
+        (mot(force_columns(), rows=99), "promises 99 rows"),
+        (mot({"knee_angle": FORCE[:, 0]}), "no column names a ground force"),
+        (mot({"ground_force_vx": FORCE[:, 0]}), "only the components"),
+        ("a\tb\n1\t2\n", "endheader"),
+        (mot(force_columns()).replace("time\t", "zeit\t"), "expected 'time'"),
+    ],
+)
+def test_broken_mot_files_are_refused(tmp_path: Path, forces: str, reason: str) -> None:
+    with pytest.raises(RecordingError, match=reason):
+        write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), forces)
+
+
+def test_a_force_without_a_point_gives_an_unusable_plate(tmp_path: Path) -> None:
+    columns = {name: values for name, values in force_columns().items() if "_p" not in name}
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(columns))
+    assert "no point of application" in found.plates[0].problem
+
+
+def test_a_declared_rate_that_the_time_column_contradicts(tmp_path: Path) -> None:
+    text = trc(POSITIONS @ TO_Y_UP.T)
+    lines = text.splitlines()
+    lines[2] = lines[2].replace("100\t100", "60\t60", 1)
+    found = write(tmp_path, "\n".join(lines))
+    assert found.rate == pytest.approx(100)
+    assert any("DataRate is 60" in oddity for oddity in found.oddities)

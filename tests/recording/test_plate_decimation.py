@@ -1,0 +1,68 @@
+"""Analog to marker times: nothing lags, whatever the ratio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mocap_id.recording import Plate, decimate
+
+
+def plate(values: np.ndarray, rate: float, start: float = 0.0, ok: np.ndarray | None = None) -> Plate:
+    three = np.repeat(values[:, None], 3, axis=1)
+    good = np.ones(len(values), bool) if ok is None else ok
+    return Plate(1, "type 2", None, three, 2 * three, good, rate, start)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 10.0, 12.5, 20.0, 1000 / 60])
+@pytest.mark.parametrize("start", [0.0, 3.41])
+def test_a_ramp_is_reproduced_without_a_lag(ratio: float, start: float) -> None:
+    rate = 100.0
+    count = int(200 * ratio)
+    times = start + np.arange(150) / rate
+    analog = start + np.arange(count) / (ratio * rate)
+    found = decimate(plate(7 * analog, ratio * rate, start), times, rate)
+    assert found.ok.all()
+    np.testing.assert_allclose(found.force[:, 0], 7 * times, atol=1e-6)
+    np.testing.assert_allclose(found.moment[:, 2], 14 * times, atol=1e-6)
+
+
+@pytest.mark.parametrize("ratio", [2, 3, 4, 5, 8])
+def test_a_sine_keeps_its_phase(ratio: int) -> None:
+    rate, hertz = 100.0, 3.0
+    times = np.arange(300) / rate
+    analog = np.arange(301 * ratio) / (rate * ratio)
+    found = decimate(plate(np.sin(2 * np.pi * hertz * analog), rate * ratio), times, rate).force[20:280, 0]
+    inner = times[20:280]
+    sine, cosine = np.sin(2 * np.pi * hertz * inner), np.cos(2 * np.pi * hertz * inner)
+    in_phase, quadrature = np.linalg.lstsq(np.column_stack([sine, cosine]), found, rcond=None)[0]
+    assert abs(np.arctan2(quadrature, in_phase) / (2 * np.pi * hertz)) < 1e-6  # s of lag
+    assert in_phase == pytest.approx(np.sinc(hertz / rate), abs=2e-3)
+
+
+@pytest.mark.parametrize("ratio", [2, 5, 10])
+def test_noise_is_averaged(ratio: int) -> None:
+    noise = np.random.default_rng(0).normal(size=5000 * ratio)
+    found = decimate(plate(noise, 100.0 * ratio), np.arange(10, 4900) / 100, 100.0)
+    assert found.force[:, 0].std() == pytest.approx(1 / np.sqrt(ratio), rel=0.15)
+
+
+def test_equal_rates_pass_through() -> None:
+    values = np.random.default_rng(0).normal(size=50)
+    np.testing.assert_allclose(decimate(plate(values, 100.0), np.arange(50) / 100, 100.0).force[:, 0], values)
+
+
+def test_bad_samples_spoil_only_the_frames_that_they_touch() -> None:
+    ok = np.ones(500, bool)
+    ok[250] = False
+    values = np.where(ok, 1.0, np.nan)
+    found = decimate(plate(values, 500.0, ok=ok), np.arange(100) / 100, 100.0)
+    assert np.flatnonzero(~found.ok).tolist() == [50]
+    assert np.isnan(found.force[50]).all()
+    np.testing.assert_allclose(found.force[np.arange(100) != 50], 1.0)
+
+
+def test_times_outside_the_plate_are_not_ok() -> None:
+    found = decimate(plate(np.ones(100), 100.0, start=1.0), np.array([0.5, 1.0, 1.99, 2.0, 3.0]), 100.0)
+    assert found.ok.tolist() == [False, True, True, False, False]
+    assert np.isnan(found.force[[0, 3, 4]]).all()
