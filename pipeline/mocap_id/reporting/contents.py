@@ -1,0 +1,70 @@
+"""What a report holds: its files and figures, in the order in which they are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FigureEntry:
+    """A figure of the report; ``name`` is its file's stem and its anchor on the page."""
+
+    name: str
+    title: str
+    caption: str
+
+    @property
+    def file(self) -> str:
+        return f"figures/{self.name}.svg"
+
+
+FIGURES: tuple[FigureEntry, ...] = (
+    FigureEntry(
+        "skeleton",
+        "Skeleton over the markers",
+        "The recovered chain, where there is one, in the plane of motion at two moments. Filled dots are markers as "
+        "measured, open circles the same markers as the chain predicts them, large rings the joint centres. Grey "
+        "belongs to the base; each other colour to one segment, here and in every figure below; crosses are markers "
+        "without a segment.",
+    ),
+    FigureEntry(
+        "states",
+        "Joint states",
+        "Angle, velocity and acceleration of every joint with 95 % bands. Shaded where a joint has no marker to rest "
+        "on: the curve is bridged there, and its band says how little is known. The strips tell which joint.",
+    ),
+    FigureEntry(
+        "repetitions",
+        "Repetitions",
+        "Joint angles of each repetition (thin) on a common time, with their mean (thick) and one standard deviation. "
+        "Dotted: mean time of seat-off, where the movement has one.",
+    ),
+    FigureEntry(
+        "residuals",
+        "Residual of each marker",
+        "Distance between measured and predicted markers: root mean square (bar) and 95 % quantile (tick), in "
+        "millimetres. A bar that stands out is a marker that slips, is swapped, or sits on the wrong segment.",
+    ),
+    FigureEntry(
+        "wrench",
+        "Contact wrench and centre of pressure",
+        "Wrench of the ground on the body about the origin of the plane frame: measured, by the identified model with "
+        "its 95 % band, and by the allometric reference where one applies. Shaded: samples that the model was "
+        "identified on. Elsewhere a chair may carry part of what the models expect the ground to carry.",
+    ),
+    FigureEntry(
+        "parameters",
+        "Base parameters",
+        "Identified base parameters with 95 % intervals; crosses are the allometric reference where one applies. What "
+        "the wrench tells about the body is in these numbers and in no others.",
+    ),
+    FigureEntry(
+        "point_masses",
+        "Point masses",
+        "One physically consistent set of point masses that gives the base parameters, in each segment's own frame "
+        "(origin at its proximal joint, +y towards the next joint). Dots without colour carry nothing.",
+    ),
+)
+
+SUMMARY_FILE, PAGE_FILE = "summary.json", "report.html"
+FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE, *(entry.file for entry in FIGURES))

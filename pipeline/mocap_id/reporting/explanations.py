@@ -1,0 +1,251 @@
+"""What every code of a verdict means and what to do about it, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mocap_id.verdict import Level
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A code in plain words.
+
+    Parameters
+    ----------
+    levels : tuple of str
+        The levels that it may come with, the gravest first.
+    title : str
+        What happened, as a headline.
+    meaning : str
+        What follows from it for the numbers.
+    action : str
+        What to do.
+    """
+
+    levels: tuple[Level, ...]
+    title: str
+    meaning: str
+    action: str
+
+
+EXPLANATIONS: Mapping[str, Explanation] = {
+    "no-fixed-base": Explanation(
+        ("refused",),
+        "No fixed base",
+        "The method measures everything from a segment that stays on the ground. In this recording nothing does: "
+        "people walk, jump, or step during the part that was used.",
+        "Give a `window:` in which the feet stay put, or record such a part with markers on the feet or the plate.",
+    ),
+    "no-motion": Explanation(
+        ("refused",),
+        "No joint moves",
+        "A joint is found by its motion. Nothing here turns enough to place one, so there are no segments, states or "
+        "inertial parameters; the mass and the centre of pressure that the plates show still hold.",
+        "Record a movement that bends every joint of interest by 15° or more; a static pose is no substitute.",
+    ),
+    "no-chain": Explanation(
+        ("refused",),
+        "No chain on the base",
+        "Bodies move, but none of them turns about a point that is fixed to the base within the limits, so no serial "
+        "chain can be built.",
+        "Check that the base carries markers, that the window holds one movement only, and that the motion is planar.",
+    ),
+    "not-planar": Explanation(
+        ("refused", "caution"),
+        "The motion leaves its plane",
+        "The chain is planar: motion across the plane is not modelled. A little of it (caution) makes angles and "
+        "lengths those of the projection, with lengths somewhat short; much of it (refused) leaves nothing to fit.",
+        "Leave out the part that turns, steps or leans sideways (`window:`), or record the movement facing one way.",
+    ),
+    "segments-unsure": Explanation(
+        ("caution",),
+        "The segments are doubtful",
+        "Another reading of the same markers fits nearly as well. If the segments are wrong, every number after them "
+        "is.",
+        "Compare the skeleton with the person. If it is right, give `segment: {count: …}` to settle it; if it is "
+        "wrong, give the count that is right, or add markers to the segment that was missed.",
+    ),
+    "small-arc": Explanation(
+        ("caution",),
+        "A joint hardly turned",
+        "Skin that slips over the bone looks like a joint that lies elsewhere, the more so the less the joint turns. "
+        "The centre may be off by more than its standard deviation says, and with it the lengths on either side.",
+        "Use or record a movement with more of this joint in it; a deep squat serves ankle, knee and hip.",
+    ),
+    "gap": Explanation(
+        ("caution",),
+        "A joint was out of sight for long",
+        "While no marker tells the angle of a joint its uncertainty grows; beyond the limit no value is given, and "
+        "nothing is identified from that stretch or near it. Shorter gaps are bridged and shaded in the figure.",
+        "Fill or re-label the missing markers, or leave the stretch out with `window:`.",
+    ),
+    "no-plate": Explanation(
+        ("caution",),
+        "No force plate under the feet",
+        "Skeleton and joint states do not need one and hold. Masses, moments of inertia and torques need the ground's "
+        "wrench, so they are null.",
+        "Record with a force plate; where there is one, say which carries the feet: `plates: {feet: [1]}`.",
+    ),
+    "no-wrench": Explanation(
+        ("caution",),
+        "Nothing to identify from",
+        "No sample has a usable wrench of the ground, so there are no inertial parameters, no model wrench and no "
+        "torques. The kinematics hold.",
+        "See the reason that stands with it, usually `no-plate`.",
+    ),
+    "no-common-samples": Explanation(
+        ("caution",),
+        "Forces and angles are not known together",
+        "The wrench is known when the joint angles are not, and the other way round, so that nothing can be "
+        "identified.",
+        "Choose a `window:` in which the markers are seen and the person stands on the plates.",
+    ),
+    "too-few-samples": Explanation(
+        ("caution",),
+        "Too little to identify on",
+        "Samples with the chair in contact, near gaps and near the ends are left out, since the filter would carry "
+        "their errors over. What remains is too short.",
+        "Record longer, with fewer gaps, or with longer standing phases.",
+    ),
+    "standing-still": Explanation(
+        ("caution",),
+        "Only the mass is known",
+        "The joints move while the chair carries part of the weight, and rest where the ground alone carries it. A "
+        "body at rest shows its mass and where its weight acts, nothing more.",
+        "Record a movement without the chair, such as squats, or more repetitions of the sit-to-stand.",
+    ),
+    "not-excited": Explanation(
+        ("caution",),
+        "A joint rests",
+        "Segments on either side of a joint that rests move as one, and so do their parameters: the wrench cannot "
+        "tell them apart. No parameters are given, because any would be a guess.",
+        "Record a movement of every joint, or lower the number of segments with `segment: {count: …}`.",
+    ),
+    "clock-offset-unknown": Explanation(
+        ("caution",),
+        "The clocks of cameras and plates may differ",
+        "One millisecond between the clocks costs up to a third of a base parameter. Here the offset could not be "
+        "found, so it was taken as zero, and the parameters are only as good as that assumption.",
+        "Check that markers and forces belong to the same trial; record a faster movement, in which the clocks show; "
+        "or widen `identify-dim: {clock_offset_limit_s: …}`.",
+    ),
+    "parameters-bounded": Explanation(
+        ("caution",),
+        "Only an impossible body would fit better",
+        "Masses cannot be negative. Parameters held to that fit clearly worse than free ones, which means that "
+        "something before them is wrong: a joint, a marker's segment, the plate's calibration, or mass that lies far "
+        "outside the markers.",
+        "Look at the skeleton and the residuals first, then at the plates' use and calibration.",
+    ),
+    "parameters-weak": Explanation(
+        ("caution",),
+        "Some base parameters are weakly known",
+        "Their standard deviation is large against their size: the movement hardly shows them. The others, and the "
+        "wrench that all of them predict for this movement, hold.",
+        "Use them with their intervals, or record a faster and larger movement of the segments concerned.",
+    ),
+    "mass-contradiction": Explanation(
+        ("caution",),
+        "Two masses disagree",
+        "The mass that was identified and the subject's as given differ by more than scales do. One of them is wrong, "
+        "and every force with it if it is the plates'.",
+        "Check the plates' calibration and zero, what else stands on them, whether one carries the chair, and the mass "
+        "in the trial file.",
+    ),
+    "contact-rule": Explanation(
+        ("caution",),
+        "The chair's contact is a rough guess",
+        "Too few samples are surely off the chair to find its contact from its force, so a cruder rule was used. Some "
+        "contact may have slipped into the identification and bias it.",
+        "Record longer standing phases, or choose the rule with `identify-dim: {contact: …}`.",
+    ),
+    "no-repetitions": Explanation(
+        ("caution",),
+        "Nobody rises",
+        "The trial is declared a sit-to-stand, yet the body does not go up and down as one does. There are no "
+        "repetitions, and every sample counts as free of a chair.",
+        "Set `protocol: free` if the movement is another; otherwise check the segments and the vertical axis.",
+    ),
+    "recording-oddity": Explanation(
+        ("ok",),
+        "Something odd in the file",
+        "The file contradicts itself or its format in a way that could be read around, as the message says.",
+        "Compare with what you know of the recording; `mocap-id inspect FILE` shows all that the file holds.",
+    ),
+    "window-proposed": Explanation(
+        ("ok",),
+        "Only a part of the recording was used",
+        "People walk on and off. The longest part in which markers stay put was taken, because a chain needs a base.",
+        "Give `window: [from, to]`, in seconds of the recording's clock, to choose another part.",
+    ),
+    "facing-unsure": Explanation(
+        ("ok",),
+        "Which way the person faces is unsure",
+        "A plane has two sides. If the wrong one was taken, x, every angle, Fx, the moment and the centre of pressure "
+        "have the other sign; sizes do not change.",
+        "Compare the skeleton with the person; if it is mirrored, give `planarise: {facing: +x}`.",
+    ),
+    "no-chair": Explanation(
+        ("ok",),
+        "No chair",
+        "The feet carry the whole weight all the time, as in squats: the repetitions have no seat-off and seat-on.",
+        "Nothing, unless there was a chair: then its plate was taken for one of the feet's (`plates:`).",
+    ),
+    "reference-assumed": Explanation(
+        ("ok",),
+        "The reference body rests on assumptions",
+        "Height or mass were not given, so the allometric body that the results are compared with uses values from the "
+        "recording itself. The identified parameters do not depend on it.",
+        "Give `subject: {height: …, mass: …, sex: …}`.",
+    ),
+    "no-reference": Explanation(
+        ("ok",),
+        "No reference body",
+        "There is no allometric body to compare with; the identified parameters do not depend on one.",
+        "Give `subject:`; the tables describe people of four or five segments only.",
+    ),
+    "solver-fallback": Explanation(
+        ("ok",),
+        "The second solver's answer was taken",
+        "Two solvers look for the same point masses. The first one's answer failed the check of optimality, the second "
+        "one's passed it: the result is as good as ever.",
+        "Nothing.",
+    ),
+    "joint-uncertain": Explanation(
+        ("caution",),
+        "A joint centre is uncertain",
+        "The markers on either side do not determine the centre well: they are few, close together, noisy or rarely "
+        "seen. Lengths and angles that rest on it carry the same uncertainty.",
+        "Spread more markers over the two segments, or use a longer part of the recording.",
+    ),
+}
+
+LEVELS: Mapping[Level, tuple[str, str]] = {
+    "ok": ("Good", "Every check passed: the numbers below can be used, each with the interval that stands beside it."),
+    "caution": (
+        "Usable with care",
+        "The trial went through, but what is listed here limits what can be concluded from it.",
+    ),
+    "refused": (
+        "Refused",
+        "This recording is not what the method can treat. That is a finding, not a failure of the program: below is "
+        "why, what to change, and what the recording shows all the same.",
+    ),
+}
+"""Headline and first sentence for each level of a verdict."""
+
+
+def as_markdown() -> str:
+    """The codes as a chapter of the documentation."""
+    order: tuple[Level, ...] = ("refused", "caution", "ok")
+    names = {"refused": "refused", "caution": "caution", "ok": "note"}
+    entries = sorted(EXPLANATIONS.items(), key=lambda item: (order.index(item[1].levels[0]), item[0]))
+    parts = (
+        f"### `{code}`: {entry.title}\n\n"
+        f"*{' or '.join(names[level] for level in entry.levels)}*\n\n"
+        f"{entry.meaning}\n\n**What to do.** {entry.action}\n"
+        for code, entry in entries
+    )
+    return "\n".join(parts)

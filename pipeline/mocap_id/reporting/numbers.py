@@ -1,0 +1,90 @@
+"""Numbers as the report takes and shows them: finite or unknown, with sensible digits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+UNKNOWN = "–"
+"""What stands for a quantity that is not known."""
+
+NORMAL_95 = 1.96
+"""Half-width of a 95 % interval in standard deviations."""
+
+
+def known(value: object) -> float | None:
+    """A fact as a finite number; None where it is missing, NaN, infinite or no number."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def all_known(values: object) -> list[float] | None:
+    """A vector as finite numbers; None where it is missing or any of it is unknown."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        return None
+    numbers = [known(value) for value in values]
+    found = [number for number in numbers if number is not None]
+    return found if numbers and len(found) == len(numbers) else None
+
+
+def show(value: object, digits: int = 3, unit: str = "") -> str:
+    """A number with ``digits`` significant ones and its unit; a dash where it is unknown.
+
+    >>> show(0.0123456, unit="m")
+    '0.0123 m'
+    >>> show(float("nan"))
+    '–'
+    """
+    number = known(value)
+    if number is None:
+        return UNKNOWN
+    decimals = digits - 1 - _magnitude(number)
+    text = f"{number:.{digits - 1}e}" if decimals > 6 or decimals < -4 else f"{number:.{max(decimals, 0)}f}"
+    return f"{text.replace('-', '−')} {unit}".rstrip()
+
+
+def show_fixed(value: object, decimals: int, unit: str = "") -> str:
+    """A number with so many decimals and its unit; a dash where it is unknown."""
+    number = known(value)
+    if number is None:
+        return UNKNOWN
+    rounded = round(number, decimals) + 0.0  # no minus before a zero
+    text = f"{rounded:.{decimals}f}".replace("-", "−")
+    return f"{text} {unit}".rstrip()
+
+
+def show_with_sd(value: object, sd: object, unit: str = "") -> str:
+    """``value ± sd``, both to the second significant digit of the standard deviation.
+
+    >>> show_with_sd(0.41234, 0.00312, "m")
+    '0.4123 ± 0.0031 m'
+    """
+    if not known(sd):
+        return show(value, 4, unit)
+    number = show_beside(value, sd)
+    return number if number == UNKNOWN else f"{number} ± {show_beside(sd, sd, unit)}"
+
+
+def show_beside(value: object, sd: object, unit: str = "") -> str:
+    """A number with as many decimals as a standard deviation has that is shown with two digits."""
+    spread = known(sd)
+    if not spread:
+        return show(value, 4, unit)
+    return show_fixed(value, min(max(1 - _magnitude(spread), 0), 6), unit)
+
+
+def show_interval(value: object, sd: object) -> str:
+    """The 95 % interval of a normal quantity."""
+    number, spread = known(value), known(sd)
+    if number is None or not spread:
+        return UNKNOWN
+    low, high = (show_beside(number + side * NORMAL_95 * spread, spread) for side in (-1, 1))
+    return f"{low} … {high}"
+
+
+def _magnitude(number: float) -> int:
+    """The power of ten of the leading digit; 0 for zero."""
+    return 0 if number == 0 else math.floor(math.log10(abs(number)))

@@ -1,0 +1,99 @@
+"""``report.html``: one file that opens anywhere, with no script and nothing to fetch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from mocap_id.reporting import style
+from mocap_id.reporting.explanations import EXPLANATIONS, LEVELS
+from mocap_id.reporting.figures import Drawing
+from mocap_id.reporting.material import Material
+from mocap_id.reporting.sections import glance, sections
+from mocap_id.reporting.shape import ReasonEntry, Summary
+
+Prose: TypeAlias = tuple[tuple[str, bool], ...]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A reason of the verdict as it is shown, with what its code means where the code is one that is explained.
+
+    Prose comes in pieces, each with whether it is code: what a message holds between backticks.
+    """
+
+    level: str
+    code: str
+    title: str
+    message: Prose
+    meaning: Prose
+    action: Prose
+
+
+def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> bytes:
+    """The page as UTF-8.
+
+    Parameters
+    ----------
+    material, summary
+        The trial and its summary.
+    figures : sequence of Drawing
+        Every figure of :data:`mocap_id.reporting.contents.FIGURES`.
+    """
+    headline, lead = LEVELS[summary.verdict.level]
+    html = (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            trial=style.printable(material.trial),
+            product=material.product,
+            level=summary.verdict.level,
+            headline=headline,
+            lead=lead,
+            reasons=[_advice(reason) for reason in summary.verdict.reasons],
+            notes=[_advice(reason) for reason in summary.verdict.notes],
+            glance=glance(material, summary),
+            sections=sections(material, summary),
+            figures={drawing.entry.name: drawing for drawing in figures},
+            inline=style.inline,
+        )
+    )
+    return html.encode("utf-8")
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("mocap_id.reporting", "templates"),
+        autoescape=True,  # labels, names and messages come from files that anybody may have made
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _advice(reason: ReasonEntry) -> Advice:
+    explained = EXPLANATIONS.get(reason.code)
+    return Advice(
+        level=reason.level,
+        code=reason.code,
+        title=explained.title if explained else reason.code.replace("-", " ").capitalize(),
+        message=_prose(_sentence(style.printable(reason.message))),
+        meaning=_prose(explained.meaning) if explained else (),
+        action=_prose(explained.action) if explained else (),
+    )
+
+
+def _prose(text: str) -> Prose:
+    """Pieces of text and of code; an unpaired backtick is text."""
+    pieces = text.split("`")
+    if len(pieces) % 2 == 0:
+        return ((text, False),)
+    return tuple((piece, k % 2 == 1) for k, piece in enumerate(pieces) if piece)
+
+
+def _sentence(text: str) -> str:
+    """With a capital and a full stop, as messages on a terminal go without."""
+    return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith((".", "?", "!", "…")) else ".")

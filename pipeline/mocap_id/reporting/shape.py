@@ -1,0 +1,164 @@
+"""The shape of ``summary.json``, version 1: an interface, so add freely and rename only with a new version.
+
+A quantity that could not be determined is null, and the object that holds the null says ``why`` (itself null where
+everything is known). No number is NaN or infinite. ``Summary.model_json_schema()`` is the JSON Schema of the file.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from mocap_id.verdict import Level
+
+
+class Entry(BaseModel):
+    """One object of the file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class ReasonEntry(Entry):
+    """One reason of the verdict, as :class:`mocap_id.verdict.Reason`."""
+
+    code: str
+    message: str
+    value: float | None
+    limit: float | None
+    level: Level
+
+
+class VerdictEntry(Entry):
+    """``reasons`` caution or refuse, ``notes`` inform."""
+
+    level: Level
+    reasons: list[ReasonEntry]
+    notes: list[ReasonEntry]
+
+
+class PlaneEntry(Entry):
+    """The plane of motion, and its frame's origin in the lab.
+
+    ``planarity`` is the minor over the major variance of the horizontal motion of all markers; ``out_of_plane_share``
+    is the share of the chain's whole motion that leaves the plane, which is what the verdict judges.
+    """
+
+    yaw_deg: float | None
+    planarity: float | None
+    out_of_plane_share: float | None
+    origin_m: list[float] | None
+    why: str | None
+
+
+class SegmentsEntry(Entry):
+    """``count`` and ``names`` include the base; markers without a segment are not in ``assignment``."""
+
+    count: int | None
+    names: list[str] | None
+    assignment: dict[str, int] | None
+    confidence: float | None
+    why: str | None
+
+
+class JointEntry(Entry):
+    """A joint: ``parent`` is the segment that its centre is fixed to, 0 = base."""
+
+    name: str
+    parent: int
+    centre_m: list[float] | None
+    sd_m: list[float] | None
+    arc_deg: float | None
+    why: str | None
+
+
+class LengthEntry(Entry):
+    """Distance between the two joints of a segment."""
+
+    value: float | None
+    sd: float | None
+    why: str | None
+
+
+class MarkersEntry(Entry):
+    """How well the chain predicts the markers, and how many samples are missing."""
+
+    reprojection_rms_mm: float | None
+    missing_fraction: float | None
+    why: str | None
+
+
+class NoiseEntry(Entry):
+    """The noise that the filter settled on: of a marker's coordinate, and of the snap (rms over the joints; each)."""
+
+    marker_sd_m: float | None
+    sigma_v: float | None
+    sigma_v_per_joint: list[float] | None
+    why: str | None
+
+
+class BaseEntry(Entry):
+    """A base parameter."""
+
+    name: str
+    value: float | None
+    sd: float | None
+    unit: str
+    why: str | None
+
+
+class ChannelEntry(Entry):
+    """The model's error in one component of the wrench, over the samples of the fit."""
+
+    bias: float | None
+    sd: float | None
+    r2: float | None
+    why: str | None
+
+
+class DynamicsEntry(Entry):
+    """The identification; ``mass_kg`` and ``cop_mean_m`` are what the plates show by themselves."""
+
+    base: list[BaseEntry] | None
+    condition_number: float | None
+    condition_number_scaled: float | None
+    clock_offset_s: float | None
+    clock_offset_sd_s: float | None
+    wrench: dict[str, ChannelEntry] | None
+    cop_rms_m: float | None
+    samples: int | None
+    mass_kg: float | None
+    cop_mean_m: float | None
+    why: str | None
+
+
+class RepetitionEntry(Entry):
+    """The events of one repetition, in the recording's own clock."""
+
+    start_s: float | None
+    seat_off_s: float | None
+    stand_s: float | None
+    seat_on_s: float | None
+    end_s: float | None
+    complete: bool
+    why: str | None
+
+
+class Summary(Entry):
+    """The whole file."""
+
+    kind: Literal["mocap-id/summary"] = Field("mocap-id/summary", alias="schema")
+    version: Literal[1] = 1
+    trial: str
+    product: str
+    verdict: VerdictEntry
+    plane: PlaneEntry
+    segments: SegmentsEntry
+    joints: list[JointEntry] | None
+    lengths_m: dict[str, LengthEntry] | None
+    markers: MarkersEntry
+    noise: NoiseEntry
+    dynamics: DynamicsEntry
+    repetitions: list[RepetitionEntry] | None
+    time_s: dict[str, float] | None
+    why: str | None

@@ -1,0 +1,167 @@
+"""How every figure looks: colours, sizes, and the way to a deterministic SVG.
+
+The colours are Okabe and Ito's, which people with any colour vision tell apart. Figures are drawn without pyplot and
+under :func:`house`, so that nothing global outlives a drawing. The page replaces :data:`INK`, :data:`GRID` and
+:data:`BLUE` by its own colours (:func:`inline`), so that a figure is readable on light and on dark.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mocap_id.arrays import FloatArray
+
+INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#8a8d94"
+BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
+MEASURED, MODEL, REFERENCE = INK, BLUE, ORANGE
+HEAT = "cividis"
+SHADES = 24
+"""Steps of the heat colours: few enough to read off the bar, and to draw it as vectors."""
+WIDTH = 7.2
+"""Width of a figure, inches: two columns of a journal page."""
+
+_CHAIN_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+_DASHES = ("-", "--", "-.", ":")
+
+_RC: dict[Any, object] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK,
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 8.5,
+    "axes.titlecolor": INK,
+    "axes.xmargin": 0.01,
+    "figure.facecolor": "none",
+    "font.family": ["DejaVu Sans"],
+    "font.size": 8,
+    "grid.color": GRID,
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "patch.linewidth": 0.6,
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",  # text stays text: searchable, editable, small
+    "text.color": INK,
+    "text.parse_math": False,  # labels come from files: a dollar sign is a dollar sign
+    "xtick.color": INK,
+    "xtick.labelsize": 7.5,
+    "ytick.color": INK,
+    "ytick.labelsize": 7.5,
+}
+
+
+@contextmanager
+def house() -> Iterator[None]:
+    """The house's matplotlib settings, for the length of one drawing."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_RC)
+        yield
+
+
+def figure(height: float) -> Figure:
+    """An empty figure of the house's width and this height, inches; call it under :func:`house`."""
+    return Figure(figsize=(WIDTH, height), layout="constrained")
+
+
+def colour(k: int) -> str:
+    """Colour of joint or segment ``k``; 0 is the base."""
+    return FAINT if k == 0 else _CHAIN_COLOURS[(k - 1) % len(_CHAIN_COLOURS)]
+
+
+def dashes(k: int) -> str:
+    """Line style of joint ``k``: solid until the colours are used up."""
+    return _DASHES[(k - 1) // len(_CHAIN_COLOURS) % len(_DASHES)]
+
+
+def printable(text: object, limit: int = 0) -> str:
+    """A label without control characters, cut to ``limit`` characters (0 = whole)."""
+    clean = "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in str(text))
+    return f"{clean[: limit - 1]}…" if 0 < limit < len(clean) else clean
+
+
+def notice(text: str) -> Figure:
+    """A figure that says why there is nothing to draw."""
+    drawing = figure(0.8)
+    axes = drawing.subplots()
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, printable(text), transform=axes.transAxes, ha="center", va="center", wrap=True)
+    return drawing
+
+
+def fit_y(axes: Axes, curves: Sequence[FloatArray], tail: float = 0.0) -> None:
+    """Frame the curves, each without this share of its samples at either end; unknown samples do not count."""
+    known = [curve[np.isfinite(curve)] for curve in curves]
+    ends = np.array([np.quantile(curve, (tail, 1 - tail)) for curve in known if len(curve)]).reshape(-1, 2)
+    if not len(ends):
+        return
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    margin = 0.1 * (high - low)
+    if margin > 0:
+        axes.set_ylim(low - margin, high + margin)
+
+
+def legend_above(drawing: Figure, panels: Iterable[Axes]) -> None:
+    """One legend over the figure for what is labelled in any panel; nothing (and no warning) where nothing is."""
+    handles: dict[str, Artist] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.setdefault(str(label), handle)
+    if handles:
+        columns = max(1, min(6, 90 // (max(map(len, handles)) + 6)))  # about 90 characters go across
+        drawing.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
+
+
+def unit(text: str) -> str:
+    """A unit as it is set: ``kg*m^2`` as kg·m²."""
+    return text.replace("*", "·").replace("^2", "²").replace("^3", "³")
+
+
+def svg(drawing: Figure, name: str, title: str) -> bytes:
+    """The figure as SVG: the same bytes for the same drawing, no date in it, ids that no other figure has.
+
+    Parameters
+    ----------
+    drawing : Figure
+        Drawn under :func:`house`, which still holds.
+    name : str
+        The figure's own: the ids within the SVG come from it.
+    title : str
+        What a screen reader says.
+    """
+    buffer = io.BytesIO()
+    silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    with mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
+        # the text stays text, so a script that the bundled font lacks is shown by the reader's own fonts
+        warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
+        drawing.savefig(buffer, format="svg", metadata={**silent, "Title": title})
+    return buffer.getvalue()
+
+
+def inline(content: bytes, name: str) -> str:
+    """An SVG file as an element of an HTML page, in the page's colours and without ids that another figure may have."""
+    element = content.decode("utf-8")
+    element = element[element.index("<svg") :]
+    for ink, own in ((INK, "currentColor"), (GRID, "var(--grid)"), (BLUE, "var(--blue)")):
+        element = element.replace(ink, own)
+    element = re.sub(r'\bid="', f'id="{name}-', element)
+    element = re.sub(r'href="#', f'href="#{name}-', element)
+    return re.sub(r"url\(#", f"url(#{name}-", element)

@@ -1,0 +1,251 @@
+"""``summary.json``: the trial's verdict and numbers for other programs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Hashable, Iterable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray
+from mocap_id.reporting.material import Material
+from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.shape import (
+    BaseEntry,
+    ChannelEntry,
+    DynamicsEntry,
+    JointEntry,
+    LengthEntry,
+    MarkersEntry,
+    NoiseEntry,
+    PlaneEntry,
+    ReasonEntry,
+    RepetitionEntry,
+    SegmentsEntry,
+    Summary,
+    VerdictEntry,
+)
+from mocap_id.verdict import Reason
+
+EVENTS = ("start", "seat_off", "stand", "seat_on", "end")
+"""The events of a repetition, in the order in which they happen."""
+
+
+def summarise(material: Material) -> Summary:
+    """Collect a trial's summary from its artefacts.
+
+    Parameters
+    ----------
+    material : Material
+        The artefacts that exist; in a refused trial some do not, and what they would have given is null with a why.
+    """
+    joints, lengths, repetitions = _joints(material), _lengths(material), _repetitions(material)
+    seconds = _seconds(material)
+    why = (
+        _because(f"joints and lengths_m: {material.why_missing('chain.h5')}", joints, lengths),
+        _because(f"repetitions: {material.why_missing('events.parquet')}", repetitions),
+        _because("time_s: the stages' times were not recorded", seconds),
+    )
+    return Summary(
+        trial=material.trial,
+        product=material.product,
+        verdict=_verdict(material),
+        plane=_plane(material),
+        segments=_segments(material),
+        joints=joints,
+        lengths_m=lengths,
+        markers=_markers(material),
+        noise=_noise(material),
+        dynamics=_dynamics(material),
+        repetitions=repetitions,
+        time_s=seconds,
+        why=_joined(why),
+    )
+
+
+def to_json(summary: Summary) -> bytes:
+    """The file's content: strict JSON (no NaN), ASCII, one final newline."""
+    text = json.dumps(summary.model_dump(mode="json", by_alias=True), allow_nan=False, indent=1)
+    return (text + "\n").encode("ascii")
+
+
+def _because(why: str, *values: object) -> str | None:
+    """``why`` where any of the values is unknown."""
+    return why if any(value is None for value in values) else None
+
+
+def _joined(sentences: Iterable[str | None]) -> str | None:
+    """The sentences as one, none twice; None where there are none."""
+    return "; ".join(dict.fromkeys(sentence for sentence in sentences if sentence)) or None
+
+
+def _entry(reason: Reason) -> ReasonEntry:
+    value, limit = known(reason.value), known(reason.limit)
+    return ReasonEntry(code=reason.code, message=reason.message, value=value, limit=limit, level=reason.level)
+
+
+def _verdict(material: Material) -> VerdictEntry:
+    return VerdictEntry(
+        level=material.level,
+        reasons=[_entry(reason) for reason in material.reasons if reason.level != "ok"],
+        notes=[_entry(reason) for reason in material.reasons if reason.level == "ok"],
+    )
+
+
+def _plane(material: Material) -> PlaneEntry:
+    plane = material.facts("planar.parquet").get("plane") or {}
+    yaw, planarity = known(plane.get("yaw_deg")), known(plane.get("planarity"))
+    origin = all_known(plane.get("origin_m"))
+    share = known(material.facts("segments.parquet").get("planarity"))
+    why = (
+        _because(plane.get("why") or material.why_missing("planar.parquet"), yaw, planarity, origin),
+        _because(f"out_of_plane_share: {material.why_missing('segments.parquet')}", share),
+    )
+    return PlaneEntry(yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=_joined(why))
+
+
+def _segments(material: Material) -> SegmentsEntry:
+    facts, frame = material.facts("segments.parquet"), material.frame("segments.parquet")
+    count, confidence = known(facts.get("count")), known(facts.get("confidence"))
+    names = facts.get("names")
+    assignment = None
+    if frame is not None:
+        assigned = frame.dropna(subset="segment")
+        assignment = {str(label): int(k) for label, k in zip(assigned["marker"], assigned["segment"], strict=True)}
+    why = facts.get("why") or material.why_missing("segments.parquet")
+    return SegmentsEntry(
+        count=None if count is None else int(count),
+        names=None if names is None else [str(name) for name in names],
+        assignment=assignment,
+        confidence=confidence,
+        why=_because(why, count, names, assignment, confidence),
+    )
+
+
+def _joints(material: Material) -> list[JointEntry] | None:
+    skeleton = material.skeleton
+    if skeleton is None:
+        return None
+    return [
+        _joint(name, int(skeleton.parents[j]), skeleton.centres[j], skeleton.centre_sd[j], skeleton.arc[j])
+        for j, name in enumerate(skeleton.joints)
+    ]
+
+
+def _joint(name: str, parent: int, centre: FloatArray, sd: FloatArray, arc: float) -> JointEntry:
+    centre_m, sd_m, arc_deg = all_known(centre), all_known(sd), known(np.degrees(arc))
+    why = _because("the joint fit gave no finite value", centre_m, sd_m, arc_deg)
+    return JointEntry(name=name, parent=parent, centre_m=centre_m, sd_m=sd_m, arc_deg=arc_deg, why=why)
+
+
+def _lengths(material: Material) -> dict[str, LengthEntry] | None:
+    """Lengths of the segments between two joints: 1 … n - 1."""
+    skeleton = material.skeleton
+    if skeleton is None:
+        return None
+    entries = {}
+    for name, length, spread in zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True):
+        value, sd = known(length), known(spread)
+        entries[name] = LengthEntry(value=value, sd=sd, why=_because("the joint fit gave no finite value", value, sd))
+    return entries
+
+
+def _markers(material: Material) -> MarkersEntry:
+    rms = known(material.facts("states.parquet").get("reprojection_rms_m"))
+    missing = known(material.facts("planar.parquet").get("missing_fraction"))
+    why = (
+        _because(material.why_missing("states.parquet"), rms),
+        _because(material.why_missing("planar.parquet"), missing),
+    )
+    return MarkersEntry(
+        reprojection_rms_mm=None if rms is None else 1e3 * rms,
+        missing_fraction=missing,
+        why=_joined(why),
+    )
+
+
+def _noise(material: Material) -> NoiseEntry:
+    facts = material.facts("states.parquet")
+    marker_sd, given = known(facts.get("marker_sd_m")), facts.get("sigma_v")
+    each = all_known(given if isinstance(given, (list, tuple)) else [given])
+    sigma_v = None if each is None else float(np.sqrt(np.mean(np.square(each))))
+    why = _because(facts.get("why") or material.why_missing("states.parquet"), marker_sd, sigma_v)
+    return NoiseEntry(marker_sd_m=marker_sd, sigma_v=sigma_v, sigma_v_per_joint=each, why=why)
+
+
+def _dynamics(material: Material) -> DynamicsEntry:
+    facts = material.facts("dynamics.h5")
+    identified = {
+        key: known(facts.get(key))
+        for key in ("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m")
+    }
+    samples = known(facts.get("samples"))
+    base, wrench = _base(material), _wrench(material)
+    mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.frame("wrench.parquet"))
+    why = [
+        _because(facts.get("why") or material.why_missing("dynamics.h5"), *identified.values(), samples, base, wrench),
+        _because(material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet"), mass, cop),
+    ]
+    return DynamicsEntry(
+        base=base,
+        wrench=wrench,
+        samples=None if samples is None else int(samples),
+        mass_kg=mass,
+        cop_mean_m=cop,
+        why=_joined(why),
+        **identified,
+    )
+
+
+def mean_cop(wrench: pd.DataFrame | None) -> float | None:
+    """Mean centre of pressure along the motion, m, over the samples where the plates are loaded and sound."""
+    if wrench is None:
+        return None
+    cop = wrench["cop_x"].to_numpy(dtype=np.float64)[wrench["plate_ok"].to_numpy(dtype=np.bool_)]
+    cop = cop[np.isfinite(cop)]
+    return float(cop.mean()) if len(cop) else None
+
+
+def _base(material: Material) -> list[BaseEntry] | None:
+    dynamics = material.dynamics
+    if dynamics is None or not dynamics.names:
+        return None
+    entries, facts = [], material.facts("dynamics.h5")
+    for name, estimate, spread, unit in zip(dynamics.names, dynamics.value, dynamics.sd, dynamics.units, strict=True):
+        value, sd = known(estimate), known(spread)
+        why = _because(str(facts.get("why") or "the identification gave no finite value"), value, sd)
+        entries.append(BaseEntry(name=name, value=value, sd=sd, unit=unit, why=why))
+    return None if all(entry.value is None for entry in entries) else entries
+
+
+def _wrench(material: Material) -> dict[str, ChannelEntry] | None:
+    channels = material.facts("dynamics.h5").get("wrench")
+    if not channels:
+        return None
+    entries = {}
+    for name, channel in channels.items():
+        numbers = {key: known((channel or {}).get(key)) for key in ("bias", "sd", "r2")}
+        why = _because("it could not be computed over the samples of the fit", *numbers.values())
+        entries[str(name)] = ChannelEntry(**numbers, why=why)
+    return entries
+
+
+def _repetitions(material: Material) -> list[RepetitionEntry] | None:
+    events = material.frame("events.parquet")
+    if events is None:
+        return None
+    return [_repetition(row) for row in events.to_dict("records")]
+
+
+def _repetition(row: Mapping[Hashable, object]) -> RepetitionEntry:
+    times = {f"{event}_s": known(row[event]) for event in EVENTS}
+    why = _because(str(row["why"] or "") or "the protocol has no such event, or it was not found", *times.values())
+    return RepetitionEntry(**times, complete=bool(row["complete"]), why=why)
+
+
+def _seconds(material: Material) -> dict[str, float] | None:
+    if material.seconds is None:
+        return None
+    times = {stage: known(seconds) for stage, seconds in material.seconds.items()}
+    return {stage: seconds for stage, seconds in times.items() if seconds is not None}

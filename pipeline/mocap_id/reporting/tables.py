@@ -1,0 +1,201 @@
+"""The report's tables as text, row by row; how they look is the page's business."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mocap_id.reporting import style
+from mocap_id.reporting.material import Material
+from mocap_id.reporting.numbers import UNKNOWN, known, show, show_beside, show_fixed, show_interval, show_with_sd
+from mocap_id.reporting.shape import Summary
+
+_SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
+"""Units at the end of the facts' keys."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table: its caption, the column heads and the rows; ``text`` columns are set left, the others right."""
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    text: frozenset[int] = frozenset({0})
+
+
+def _grid(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], text: Iterable[int] = (0,)) -> Grid:
+    clean = tuple(tuple(style.printable(cell) for cell in row) for row in rows)
+    return Grid(caption, tuple(head), clean, frozenset(text))
+
+
+def joints(summary: Summary) -> Grid:
+    """Where the joints are and how far they turn."""
+    names = summary.segments.names or []
+    rows = []
+    for joint in summary.joints or ():
+        parent = names[joint.parent] if 0 <= joint.parent < len(names) else str(joint.parent)
+        x, y = joint.centre_m or (None, None)
+        sx, sy = joint.sd_m or (None, None)
+        rows.append((joint.name, parent, show_with_sd(x, sx), show_with_sd(y, sy), show_fixed(joint.arc_deg, 1)))
+    head = ("joint", "fixed to", "x (m)", "y (m)", "arc (deg)")
+    return _grid("Joint centres in the frame of the segment before, ± one standard deviation", head, rows, (0, 1))
+
+
+def lengths(summary: Summary) -> Grid:
+    """Distances between joints."""
+    rows = [(name, show_with_sd(entry.value, entry.sd)) for name, entry in (summary.lengths_m or {}).items()]
+    return _grid("Segment lengths, joint to joint, ± one standard deviation", ("segment", "length (m)"), rows)
+
+
+def repetitions(summary: Summary) -> Grid:
+    """The events of each repetition."""
+    rows = [
+        (
+            str(k),
+            *(show_fixed(t, 2) for t in (entry.start_s, entry.seat_off_s, entry.stand_s, entry.seat_on_s, entry.end_s)),
+            "yes" if entry.complete else "no",
+            "" if entry.complete else entry.why or "",
+        )
+        for k, entry in enumerate(summary.repetitions or (), start=1)
+    ]
+    head = ("", "start (s)", "seat-off (s)", "standing (s)", "seat-on (s)", "end (s)", "complete", "remark")
+    return _grid("Repetitions, in the recording's own clock", head, rows, (0, 6, 7))
+
+
+def agreement(summary: Summary) -> Grid:
+    """How far the model's wrench is from the measured one."""
+    units = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
+    rows = [
+        (
+            f"{name} ({units[name]})" if name in units else name,
+            show(channel.bias),
+            show(channel.sd),
+            show_fixed(channel.r2, 4),
+        )
+        for name, channel in (summary.dynamics.wrench or {}).items()
+    ]
+    caption = "Model against measurement, over the samples of the fit"
+    return _grid(caption, ("component", "bias", "standard deviation", "r²"), rows)
+
+
+def base_parameters(material: Material, summary: Summary) -> Grid:
+    """The identified parameters with their intervals, beside the reference's."""
+    dynamics = material.dynamics
+    rows = []
+    if dynamics is not None:
+        for entry, reference in zip(summary.dynamics.base or (), dynamics.base_reference, strict=False):
+            rows.append(
+                (
+                    entry.name,
+                    show_with_sd(entry.value, entry.sd),
+                    show_interval(entry.value, entry.sd),
+                    show_beside(reference, entry.sd),
+                    style.unit(entry.unit),
+                )
+            )
+    head = ("parameter", "value ± sd", "95 % interval", "reference", "unit")
+    return _grid("Base parameters", head, rows, (0, 4))
+
+
+def plates(material: Material) -> Grid:
+    """What each force plate was taken for."""
+    rows = [
+        (
+            str(plate.get("index", "")),
+            str(plate.get("kind", "")),
+            str(plate.get("use", "")),
+            show_fixed(plate.get("mean_vertical_N"), 1),
+            str(plate.get("why", "")),
+        )
+        for plate in material.facts("wrench.parquet").get("plates") or ()
+    ]
+    head = ("plate", "kind", "taken for", "mean vertical force (N)", "why")
+    return _grid("Force plates and what they were taken for", head, rows, (0, 1, 2, 4))
+
+
+def markers(material: Material) -> Grid:
+    """Every marker: its segment, why, and how well the chain predicts it."""
+    segments = material.frame("segments.parquet")
+    if segments is None:
+        return _grid("Markers", (), ())
+    names = dict(enumerate(material.segment_names))
+    predicted = material.residuals.reindex(segments["marker"].astype(str))
+    rows = [
+        (
+            str(label),
+            "none" if known(segment) is None else names.get(int(segment), str(segment)),
+            *(_millimetres(distance) for distance in (rigid, rms, q95)),
+            _percent(seen),
+            str(reason),
+        )
+        for label, segment, rigid, reason, rms, q95, seen in zip(
+            *(segments[name].tolist() for name in ("marker", "segment", "residual", "reason")),
+            *(predicted[name].tolist() for name in ("rms", "q95", "seen")),
+            strict=True,
+        )
+    ]
+    head = ("marker", "segment", "rigid (mm)", "chain (mm)", "95 % (mm)", "seen (%)", "why")
+    caption = "Markers: rms distance from the rigid segment, rms and 95 % distance from the chain's prediction"
+    return _grid(caption, head, rows, (0, 1, 6))
+
+
+def hypotheses(material: Material) -> Grid:
+    """The readings of the recording that were weighed up, as the segmentation tells them."""
+    found = material.facts("segments.parquet").get("hypotheses") or ()
+    entries = [entry if isinstance(entry, Mapping) else {"hypothesis": entry} for entry in found]
+    head = tuple(dict.fromkeys(str(key) for entry in entries for key in entry))
+    rows = [[_cell(entry.get(key)) for key in head] for entry in entries]
+    caption = "Hypotheses about the segments that were weighed up"
+    return _grid(caption, [_words(key) for key in head], rows, range(len(head)))
+
+
+def facts(caption: str, values: Mapping[str, Any]) -> Grid:
+    """Names and values, those that are known; nested ones with a dotted name."""
+    return _grid(caption, ("what", "value"), _flat(values, ""), (0, 1))
+
+
+def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{above}{_words(key)}: ")
+        elif value not in (None, "", UNKNOWN):
+            yield above + _words(key), _cell(value)
+
+
+def _words(key: str) -> str:
+    """A fact's key for people: ``window_s`` as window (s)."""
+    if not key.isidentifier():
+        return key
+    stem, _, suffix = key.rpartition("_")
+    return f"{stem.replace('_', ' ')} ({_SUFFIXES[suffix]})" if suffix in _SUFFIXES and stem else key.replace("_", " ")
+
+
+def _cell(value: object) -> str:
+    """Any JSON value as a short text."""
+    match value:
+        case None:
+            return UNKNOWN
+        case bool():
+            return "yes" if value else "no"
+        case int():
+            return str(value)
+        case float():
+            return show(value, 4)
+        case Mapping():
+            return ", ".join(f"{key}: {_cell(item)}" for key, item in value.items())
+        case list() | tuple():
+            nested = any(isinstance(item, (list, tuple)) for item in value)
+            return (" | " if nested else ", ").join(_cell(item) for item in value)
+    return str(value)
+
+
+def _millimetres(metres: object) -> str:
+    number = known(metres)
+    return UNKNOWN if number is None else show_fixed(1e3 * number, 1)
+
+
+def _percent(share: object) -> str:
+    number = known(share)
+    return UNKNOWN if number is None else show_fixed(100 * number, 1)

@@ -1,0 +1,269 @@
+"""Made-up trials as the stages before the report would hand them over: a chain that rises and sits down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.errors import Refused
+from mocap_id.geometry.planar import marker_positions
+from mocap_id.stages.base import Context, Files, Subject, TrialKeys
+from mocap_id.stages.report import STAGE, ReportSettings
+from mocap_id.store import Artefact, Document, Table, Tree
+from mocap_id.store.schemas import (
+    CHAIN,
+    DYNAMICS_TABLE,
+    DYNAMICS_TREE,
+    EVENTS,
+    MARKERS,
+    PLANAR,
+    SEGMENTS,
+    STATES,
+    WRENCH,
+)
+from mocap_id.verdict import Reason
+
+RATE = 100.0
+CYCLE = 6.0  # s, one repetition
+NAMES = ("foot", "shank", "thigh", "torso", "head")
+JOINTS = ("ankle", "knee", "hip", "neck")
+SEATED, STANDING = np.array([-0.25, 1.5, -1.7, 0.3]), np.array([0.02, 0.05, -0.1, 0.0])
+
+
+class Trial:
+    """Artefacts of a made-up trial with ``joints`` joints and ``frames`` frames at 100 Hz."""
+
+    def __init__(self, joints: int = 3, frames: int = 1800, per_segment: int = 4, seed: int = 0) -> None:
+        self.n, self.frames = joints, frames
+        self.random = np.random.default_rng(seed)
+        self.time = np.arange(frames) / RATE
+        self.centres = np.array([[-0.03, 0.08], [0.0, 0.43], [0.0, 0.42], [0.0, 0.5]])[:joints]
+        self.names, self.joints = NAMES[: joints + 1], JOINTS[:joints]
+        self.segment = np.repeat(np.arange(joints + 1), per_segment)
+        self.labels = [f"{self.names[k]}{i}" for i, k in enumerate(self.segment)]
+        self.local = self.random.uniform((-0.06, 0.02), (0.06, 0.38), (len(self.segment), 2))
+        self.local[self.segment == 0] = self.random.uniform((-0.2, 0.0), (0.05, 0.08), (per_segment, 2))
+        rise = 0.5 - 0.5 * np.cos(2 * np.pi * self.time / CYCLE)
+        self.theta = SEATED[:joints] + rise[:, None] * (STANDING - SEATED)[:joints]
+        self.predicted = marker_positions(self.theta, self.centres, self.segment, self.local)
+        self.noise = 0.002 * self.random.standard_normal(self.predicted.shape)
+        self.seen = self.random.random(self.predicted.shape[:2]) > 0.02
+
+    def planar(self, reasons: tuple[Reason, ...] = ()) -> Table:
+        measured = np.where(self.seen[..., None], self.predicted + self.noise, np.nan)
+        frame = self._long({"x": measured[..., 0], "y": measured[..., 1]})
+        frame["z"] = np.where(self.seen, 0.1, np.nan).ravel()
+        frame["visible"] = self.seen.ravel()
+        facts = {
+            "plane": {"yaw_deg": 12.5, "planarity": 0.004, "origin_m": [0.1, 0.2, 0.0]},
+            "window_s": [0.0, self.frames / RATE],
+            "window_proposed": True,
+            "rate_hz": RATE,
+            "missing_fraction": float(1 - self.seen.mean()),
+            "vertical": "Z",
+            "units": "mm",
+            "files": ["trial.c3d"],
+        }
+        return Table(PLANAR, frame, facts, reasons)
+
+    def wrench(self, *, plates: bool = True) -> Table:
+        force = 700 + 60 * np.sin(2 * np.pi * self.time / CYCLE)
+        cop = 0.02 * np.cos(2 * np.pi * self.time / CYCLE)
+        columns = {"Fx": 0.05 * force - 35, "Fy": force, "tauz": cop * force, "cop_x": cop}
+        frame = pd.DataFrame({"time": self.time} | columns)
+        frame["plate_ok"] = plates
+        if not plates:
+            frame[list(columns)] = np.nan
+        found = [{"index": 1, "kind": "type 2", "use": "feet", "mean_vertical_N": 699.8}]
+        facts = {
+            "plates": found if plates else [],
+            "mass_kg": 71.4 if plates else None,
+            "why": None if plates else "the recording has no force plate",
+        }
+        return Table(WRENCH, frame, facts)
+
+    def segments(self, reasons: tuple[Reason, ...] = ()) -> Table:
+        frame = pd.DataFrame(
+            {
+                "marker": pd.Categorical([*self.labels, "STRAY"]),
+                "segment": pd.array([*self.segment.tolist(), None], dtype="Int64"),
+                "residual": [*self.random.uniform(0.0005, 0.004, len(self.labels)), np.nan],
+                "reason": [*["rigid with its neighbours"] * len(self.labels), "belongs to no rigid body"],
+            }
+        )
+        facts = {
+            "count": self.n + 1,
+            "names": list(self.names),
+            "confidence": 0.83,
+            "planarity": 0.012,
+            "noise_floor_m": 0.0004,
+            "static_gap": 21.0,
+            "hypotheses": [{"segments": self.n + 1, "cost": -120.5}, {"segments": self.n, "cost": -80.25}],
+        }
+        return Table(SEGMENTS, frame, facts, reasons)
+
+    def chain(self) -> Tree:
+        markers = len(self.labels)
+        data = {
+            "joints": {
+                "name": np.array(self.joints),
+                "parent": np.arange(self.n),
+                "centre": self.centres,
+                "covariance": np.tile(np.diag([1e-6, 4e-6]), (self.n, 1, 1)),
+                "arc": np.ptp(self.theta, axis=0),
+            },
+            "segments": {
+                "name": np.array(self.names),
+                "length": np.hypot(*self.centres[1:].T),
+                "length_sd": np.full(self.n - 1, 0.002),
+            },
+            "markers": {
+                "name": np.array(self.labels),
+                "segment": self.segment,
+                "local": self.local,
+                "residual": np.full(markers, 0.002),
+            },
+        }
+        return Tree(CHAIN, data, {"iterations": 5, "reprojection_rms_m": 0.0029})
+
+    def states(self, *, bridged: slice = slice(400, 460)) -> Table:
+        velocity = np.gradient(self.theta, 1 / RATE, axis=0)
+        orders = [self.theta, velocity, np.gradient(velocity, 1 / RATE, axis=0)]
+        frame = pd.DataFrame({"time": self.time})
+        for k in range(self.n):
+            gap = np.zeros(self.frames, dtype=bool)
+            gap[bridged] = k == self.n - 1
+            for name, values, sd in zip(("theta", "dtheta", "ddtheta"), orders, (0.002, 0.02, 0.2), strict=True):
+                frame[f"{name}_{k + 1}"] = values[:, k]
+                frame[f"sd_{name}_{k + 1}"] = np.where(gap, 20 * sd, sd)
+            frame[f"dddtheta_{k + 1}"] = 0.0
+            frame[f"observed_{k + 1}"] = ~gap
+        facts = {
+            "marker_sd_m": 0.0021,
+            "sigma_v": 3200.0,
+            "reprojection_rms_m": 0.0028,
+            "method": "rts",
+            "engine": "numba",
+        }
+        return Table(STATES, frame, facts)
+
+    def markers(self) -> Table:
+        frame = self._long({"x": self.predicted[..., 0], "y": self.predicted[..., 1]})
+        frame["residual"] = np.where(self.seen, np.hypot(*np.moveaxis(self.noise, -1, 0)), np.nan).ravel()
+        return Table(MARKERS, frame)
+
+    def events(self, repetitions: int = 3) -> Table:
+        start = CYCLE * np.arange(repetitions, dtype=float)
+        frame = pd.DataFrame(
+            {
+                "start": start,
+                "seat_off": start + 1.2,
+                "stand": start + 3.0,
+                "seat_on": np.where(np.arange(repetitions) == repetitions - 1, np.nan, start + 4.8),
+                "end": start + 5.9,
+                "complete": np.arange(repetitions) < repetitions - 1,
+                "why": ["" if k < repetitions - 1 else "no seat-on was found" for k in range(repetitions)],
+            }
+        )
+        return Table(EVENTS, frame.astype({"complete": bool, "why": object}))
+
+    def dynamics_table(self, *, plates: bool = True) -> Table:
+        frame = self.wrench().frame.drop(columns="plate_ok")
+        for name, spread in (("Fx", 4.0), ("Fy", 8.0), ("tauz", 3.0), ("cop_x", 0.004)):
+            frame[f"{name}_model"] = frame[name] + spread * np.sin(3 * self.time)
+            frame[f"sd_{name}_model"] = spread
+            frame[f"{name}_reference"] = frame[name] + 2 * spread
+        for k in range(1, self.n + 1):
+            frame[f"tau_{k}"], frame[f"sd_tau_{k}"] = 10.0 * k, 1.0
+        frame["in_fit"] = np.sin(2 * np.pi * self.time / CYCLE) > -0.5
+        if not plates:
+            numbers = frame.columns.drop(["time", "in_fit"])
+            frame[numbers], frame["in_fit"] = np.nan, False
+        return Table(DYNAMICS_TABLE, frame)
+
+    def dynamics_tree(self, *, plates: bool = True) -> Tree:
+        full = 4 * (self.n + 1)
+        names = ["m1+m2+m3+m4", "mx2", "my2 + p3y*(m3+m4)", "I2 + |p3|^2*(m3+m4)"][: full if plates else 0]
+        base = len(names)
+        position = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 5), np.linspace(0, 0.4, 9)), axis=-1).reshape(-1, 2)
+        points = len(position) if plates else 0
+        data = {
+            "base": {
+                "name": np.array(names, dtype="U"),
+                "value": np.array([71.2, 0.05, 28.1, 11.9])[:base],
+                "sd": np.array([0.3, 0.02, 0.4, 0.2])[:base],
+                "unit": np.array(["kg", "kg*m", "kg*m", "kg*m^2"][:base], dtype="U"),
+                "regrouping": np.eye(base, full),
+            },
+            "full": {
+                "name": np.array([f"{p}{k}" for k in range(self.n + 1) for p in ("m", "mx", "my", "Izz")]),
+                "value": np.ones(full),
+                "reference": np.where(np.arange(full) < 3, np.arange(full) + 0.5, np.nan),
+            },
+            "grid": {
+                "segment": np.repeat(np.arange(self.n + 1), points),
+                "position": np.tile(position[:points], (self.n + 1, 1)),
+                "mass": np.clip(self.random.normal(0.2, 0.3, points * (self.n + 1)), 0, None),
+            },
+        }
+        nothing = {"condition_number": None, "clock_offset_s": None, "samples": None, "wrench": None}
+        facts = {
+            "condition_number": 43.2,
+            "condition_number_scaled": 8.1,
+            "clock_offset_s": 0.0071,
+            "clock_offset_sd_s": 0.0002,
+            "wrench": {name: {"bias": 0.5, "sd": 3.2, "r2": 0.991} for name in ("Fx", "Fy", "tauz")},
+            "cop_rms_m": 0.006,
+            "samples": 900,
+            "reference_table": "winter",
+            "solver": {"name": "osqp", "kkt": 1e-9},
+            "why": None,
+        }
+        return Tree(DYNAMICS_TREE, data, facts if plates else nothing | {"why": "the recording has no force plate"})
+
+    def artefacts(self, *, plates: bool = True) -> dict[str, Artefact]:
+        """Everything that a trial that went through has, with or without force plates."""
+        made: tuple[Artefact, ...] = (
+            self.planar(), self.wrench(plates=plates), self.segments(), self.chain(), self.states(), self.markers(),
+            self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
+        )  # fmt: skip
+        return {artefact.schema.file: artefact for artefact in made}
+
+    def _long(self, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
+        """A long table, sorted by frame then marker, of (F, M) arrays."""
+        count = len(self.labels)
+        codes = np.tile(np.arange(count), self.frames)
+        frame = pd.DataFrame(
+            {
+                "frame": np.repeat(np.arange(1, self.frames + 1), count),
+                "time": np.repeat(self.time, count),
+                "marker": pd.Categorical.from_codes(codes, categories=pd.Index(self.labels)),
+            }
+        )
+        return frame.assign(**{name: values.ravel() for name, values in columns.items()})
+
+
+def context(artefacts: Mapping[str, Artefact], refused: Refused | None = None) -> Context:
+    """What the runner hands to the report."""
+    keys = TrialKeys(
+        trial="s01-sts",
+        recording=Files(markers=Path("somewhere/trial.c3d")),
+        protocol="sit-to-stand",
+        subject=Subject(height=1.75, sex="female"),
+    )
+    return Context(keys, ReportSettings(), artefacts, refused, {"planarise": 0.21, "segment": 0.4})
+
+
+def contents(documents: tuple[Artefact | Document, ...]) -> dict[str, bytes]:
+    """The written documents by file name."""
+    return {document.file: document.content for document in documents if isinstance(document, Document)}
+
+
+@cache
+def healthy() -> Mapping[str, bytes]:
+    """The report of the default trial, made once."""
+    return contents(STAGE.function(context(Trial().artefacts())))

@@ -1,0 +1,128 @@
+"""The figures: the same bytes every time, nothing global left behind, the right moments and curves in them."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+from reporting_cases import Trial, context, healthy
+
+from mocap_id.reporting import figures, style
+from mocap_id.reporting.contents import FIGURES, FILES, FigureEntry
+from mocap_id.reporting.figures.repetitions import on_common_time
+from mocap_id.reporting.figures.skeleton import two_moments
+from mocap_id.reporting.views import Dynamics, Motion
+from mocap_id.stages.report import STAGE, material
+from mocap_id.store.schemas import SCHEMAS
+
+
+def motion_of(trial: Trial) -> Motion:
+    return Motion.from_frame(trial.states().frame)
+
+
+def test_the_stage_promises_what_it_writes() -> None:
+    assert set(STAGE.inputs) == set(SCHEMAS)
+    assert STAGE.outputs == FILES == tuple(healthy())
+
+
+def test_same_trial_same_bytes_and_nothing_global_left() -> None:
+    settings = dict(mpl.rcParams)
+    for entry in FIGURES:
+        again = figures.render(entry, material(context(Trial().artefacts()))).svg
+        assert again == healthy()[entry.file]
+        assert b"<dc:date>" not in again
+    assert dict(mpl.rcParams) == settings
+
+
+@pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry.name)
+def test_axes_carry_units(entry: FigureEntry) -> None:
+    content = healthy()[entry.file]
+    text = " ".join("".join(element.itertext()) for element in ET.fromstring(content).iter())
+    units = {
+        "skeleton": ["(m)"], "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
+        "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
+        "point_masses": ["(m)", "(kg)"],
+    }  # fmt: skip
+    for unit in units[entry.name]:
+        assert unit in text
+    assert f"{entry.title}: s01-sts" in text
+
+
+def test_seated_and_standing_come_from_the_events() -> None:
+    trial = Trial()
+    seated, standing = two_moments(motion_of(trial), trial.events().frame)
+    assert trial.time[seated.sample] == 0.0 and trial.time[standing.sample] == 3.0
+
+
+def test_without_events_the_extremes_of_the_motion_are_shown() -> None:
+    trial = Trial()
+    moments = two_moments(motion_of(trial), trial.events(0).frame)
+    rise = trial.theta[[moment.sample for moment in moments], 1]
+    assert sorted(rise) == pytest.approx([trial.theta[:, 1].min(), trial.theta[:, 1].max()], abs=1e-6)
+
+
+def test_a_moment_never_rests_on_a_bridged_angle() -> None:
+    trial = Trial()
+    motion = Motion.from_frame(trial.states(bridged=slice(0, 200)).frame)
+    for events in (trial.events().frame, None):
+        assert all(motion.observed[moment.sample].all() for moment in two_moments(motion, events))
+
+
+def test_a_motionless_recording_has_one_posture() -> None:
+    trial = Trial()
+    still = trial.states(bridged=slice(0)).frame
+    still[[f"theta_{k}" for k in (1, 2, 3)]] = 0.3
+    assert len(two_moments(Motion.from_frame(still), None)) == 1
+
+
+def test_repetitions_are_stretched_onto_one_time() -> None:
+    trial = Trial()
+    motion = Motion.from_frame(trial.states(bridged=slice(0)).frame)
+    curves = on_common_time(motion, np.array([[0.0, 6.0], [6.0, 12.0]]))
+    assert curves.shape == (2, 101, 3)
+    assert curves[0] == pytest.approx(curves[1], abs=1e-4)
+    assert curves[0, 50] == pytest.approx(trial.theta[300], abs=1e-6)
+
+
+def test_bridged_samples_leave_a_hole_in_the_repetition() -> None:
+    curves = on_common_time(motion_of(Trial()), np.array([[0.0, 6.0]]))
+    assert np.isnan(curves[0, 72, 2]) and np.isfinite(curves[0, 72, :2]).all()
+
+
+def test_reference_base_parameters_are_regrouped_where_they_are_known() -> None:
+    tree = Trial().dynamics_tree()
+    regrouping = np.zeros((4, 16))
+    regrouping[0, [0, 1, 2]] = 1.0
+    regrouping[1, [2, 3]] = 1.0  # the fourth has no reference
+    data = dict(tree.data) | {"base": dict(tree.data["base"]) | {"regrouping": regrouping}}
+    reference = Dynamics.from_tree(type(tree)(tree.schema, data)).base_reference
+    assert reference[0] == pytest.approx(0.5 + 1.5 + 2.5) and np.isnan(reference[1])
+
+
+def test_residuals_are_those_of_the_table() -> None:
+    trial = Trial()
+    table = material(context(trial.artefacts())).residuals
+    rows = trial.markers().frame
+    own = rows.loc[rows["marker"] == "shank5", "residual"].to_numpy()
+    expected = pd.Series({
+        "segment": 1.0, "rms": np.sqrt(np.nanmean(own**2)), "q95": np.nanquantile(own, 0.95),
+        "seen": np.isfinite(own).mean(),
+    })  # fmt: skip
+    assert table.loc["shank5", expected.index.to_list()].to_numpy(dtype=float) == pytest.approx(expected.to_numpy())
+
+
+def test_control_characters_and_long_labels() -> None:
+    assert style.printable("R\x1bKNE\n") == "R\ufffdKNE\ufffd"
+    assert style.printable("abcdef", 4) == "abc…" and style.printable("abcd", 4) == "abcd"
+
+
+def test_inlined_figures_share_no_id() -> None:
+    one, other = (
+        style.inline(b'<?xml?><svg><g id="a"/><use xlink:href="#a" clip-path="url(#b)"/></svg>', name)
+        for name in ("one", "other")
+    )
+    assert one == '<svg><g id="one-a"/><use xlink:href="#one-a" clip-path="url(#one-b)"/></svg>'
+    assert "other-a" in other and "one-a" not in other

@@ -1,0 +1,212 @@
+"""report.html: well-formed, self-contained, and inert whatever the recording's labels say."""
+
+from __future__ import annotations
+
+import re
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from reporting_cases import Trial, contents, context, healthy
+
+from mocap_id.errors import Refused
+from mocap_id.reporting.report import documents
+from mocap_id.stages.report import STAGE, material
+from mocap_id.store import Artefact, Table
+from mocap_id.verdict import Reason
+
+VOID = {"meta", "link", "br", "hr", "img", "input"}
+HOSTILE = (
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(2)>',
+    "$\\frac{",
+    "]]>&amp;",
+    "R\x00\x1bKNEE",
+    "右膝",
+)
+UNSURE = Reason("segments-unsure", "two hypotheses fit <b>alike</b>; say `segment: {count: 4}`", 0.41, 0.5)
+
+
+class Page(HTMLParser):
+    """What a browser would see: elements, text, ids and references; fails on tags that do not match."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.handlers: list[str] = []
+        self.text = ""
+        self.source = content.decode("utf-8")
+        self.feed(self.source)
+        self.close()
+        assert not self.open, f"never closed: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._element(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._element(tag, attrs)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    def _element(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.append(value)
+            elif name in {"src", "href", "xlink:href", "action", "data", "srcset", "poster"}:
+                self.references.append(value or "")
+            elif name.startswith("on"):
+                self.handlers.append(name)
+            self.references += re.findall(r"url\(([^)]*)\)", value or "")
+
+    @property
+    def sections(self) -> list[str]:
+        return re.findall(r'<section id="(\w+)"', self.source)
+
+
+def report(artefacts: dict[str, Artefact], refused: Refused | None = None) -> dict[str, bytes]:
+    return contents(STAGE.function(context(artefacts, refused)))
+
+
+def checked(files: Mapping[str, bytes]) -> Page:
+    """The page, known to need nothing from outside and to be whole; the figures, known to be XML."""
+    page = Page(files["report.html"])
+    assert not {"script", "link", "iframe", "object", "embed", "img", "form"} & set(page.tags)
+    assert not page.handlers
+    assert len(page.ids) == len(set(page.ids)), "an id stands twice"
+    inside = {f"#{name}" for name in page.ids}
+    assert set(page.references) <= inside, set(page.references) - inside
+    assert "default-src 'none'" in page.source
+    for name, content in files.items():
+        if name.endswith(".svg"):
+            assert ET.fromstring(content).tag == "{http://www.w3.org/2000/svg}svg"
+    return page
+
+
+def relabelled(trial: Trial) -> dict[str, Artefact]:
+    """The trial's artefacts with hostile labels on its first markers."""
+    new = dict(zip(trial.labels, HOSTILE, strict=False))
+    trial.labels = [new.get(label, label) for label in trial.labels]
+    trial.names = ("<svg/onload=alert(3)>", *trial.names[1:])
+    return trial.artefacts()
+
+
+def test_healthy_trial_shows_everything() -> None:
+    page = checked(healthy())
+    assert page.sections == ["skeleton", "states", "repetitions", "wrench", "parameters", "markers", "origin"]
+    assert page.tags.count("figure") == 7
+    for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
+        assert wanted in page.text
+    assert "somewhere" not in page.text, "folders are nobody's business"
+
+
+def test_caution_stands_on_top_with_what_to_do() -> None:
+    trial = Trial()
+    note = Reason("window-proposed", "used 2.0 to 31.5 s", level="ok")
+    page = checked(report(trial.artefacts() | {"segments.parquet": trial.segments((UNSURE, note))}))
+    assert page.text.index("Usable with care") < page.text.index("<b>alike</b>") < page.text.index("Joint states")
+    assert "<code>segment: {count: 4}</code>" in page.source
+    assert page.sections[-1] == "notes"
+    assert page.text.index("Used 2.0 to 31.5 s.") > page.text.index("these do not colour the verdict")
+
+
+def test_refused_trial_is_a_short_page() -> None:
+    trial = Trial()
+    artefacts: dict[str, Artefact] = {"planar.parquet": trial.planar(), "wrench.parquet": trial.wrench()}
+    page = checked(report(artefacts, Refused("no-motion", "no joint moves: all within 15 mm", 0.004, 0.015)))
+    assert page.sections == ["skeleton", "wrench", "origin"]
+    for wanted in ("Refused", "No joint moves: all within 15 mm.", "What to do", "71.4 kg"):
+        assert wanted in page.text
+
+
+def test_refused_before_anything_was_computed() -> None:
+    page = checked(report({}, Refused("not-planar", "the motion is not planar", 0.4, 0.2)))
+    assert page.sections == ["origin"] and "The motion is not planar." in page.text
+
+
+def test_no_plate_says_so_instead_of_empty_figures() -> None:
+    page = checked(report(Trial().artefacts(plates=False)))
+    for wanted in ("No contact wrench", "No base parameters", "No point masses"):
+        assert f"{wanted}: the recording has no force plate." in page.text
+    assert page.tags.count("figure") == 4
+
+
+def test_standing_still_shows_the_mass_and_draws_the_rest_as_unknown() -> None:
+    trial = Trial()
+    tree = trial.dynamics_tree()
+    unknown = np.full(4, np.nan)
+    base = dict(tree.data["base"]) | {"value": np.array([71.4, *unknown[1:]]), "sd": unknown}
+    grid = dict(tree.data["grid"]) | {"mass": np.full_like(tree.data["grid"]["mass"], np.nan)}
+    facts = dict.fromkeys(tree.facts) | {"why": "the body stands still"}
+    standing = replace(tree, data=dict(tree.data) | {"base": base, "grid": grid}, facts=facts)
+    page = checked(report(trial.artefacts() | {"dynamics.h5": standing}))
+    assert "71.40" in page.text and "No point masses: the body stands still." in page.text
+
+
+def test_labels_are_shown_and_never_obeyed() -> None:
+    name = "<script>steal()</script>"
+    files = contents(documents(replace(material(context(relabelled(Trial()))), trial=name)))
+    page = checked(files)
+    assert page.text.count(name) >= 2, "title and heading"
+    for label in HOSTILE[:4]:
+        assert label in page.text
+    assert "右膝" in files["figures/residuals.svg"].decode("utf-8")
+    assert not re.search(r"[\x00-\x08\x0b-\x1f]", page.source)
+
+
+@pytest.mark.parametrize("joints", [1, 4])
+def test_short_and_long_chains(joints: int) -> None:
+    page = checked(report(Trial(joints=joints).artefacts()))
+    assert page.tags.count("figure") == 7
+
+
+def test_no_repetition_is_said() -> None:
+    trial = Trial()
+    page = checked(report(trial.artefacts() | {"events.parquet": trial.events(0)}))
+    assert "No repetitions to compare: none was found." in page.text
+    assert "extreme posture" in page.source
+
+
+def _emptied(table: Table) -> Table:
+    """Every number of the table unknown but the time, the frame and the segment."""
+    frame = table.frame.copy()
+    numbers = [name for name in frame.select_dtypes("float64").columns if name != "time"]
+    frame[numbers] = np.nan
+    return replace(table, frame=frame)
+
+
+def test_every_table_without_a_number_and_without_a_row() -> None:
+    artefacts = Trial(frames=600).artefacts()
+    emptied = {name: _emptied(table) for name, table in artefacts.items() if isinstance(table, Table)}
+    checked(report(artefacts | emptied))
+    rowless = {name: replace(table, frame=table.frame.iloc[:0]) for name, table in emptied.items()}
+    checked(report(artefacts | rowless))
+
+
+def test_hardly_any_frames() -> None:
+    """Two frames are the fewest of which the made-up velocities can be had."""
+    checked(report(Trial(frames=2).artefacts()))
+
+
+@pytest.mark.slow
+def test_a_long_recording_is_small_and_quick() -> None:
+    artefacts = Trial(frames=16_000, per_segment=12).artefacts()
+    report(Trial(frames=100).artefacts())
+    start = time.process_time()
+    files = report(artefacts)
+    assert time.process_time() - start < 3.0
+    assert len(files["report.html"]) < 8e6
+    assert sum(map(len, files.values())) < 8e6

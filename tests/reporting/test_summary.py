@@ -1,0 +1,216 @@
+"""summary.json: the shape is kept whatever is missing, numbers are finite or null, and a null says why."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reporting_cases import Trial, context
+
+from mocap_id.errors import Refused
+from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.shape import Summary
+from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.stages.report import material
+from mocap_id.store import Artefact, Table
+from mocap_id.verdict import Reason
+
+PROMISED = {
+    "schema", "version", "trial", "product", "verdict", "plane", "segments", "joints", "lengths_m", "markers", "noise",
+    "dynamics", "repetitions", "time_s",
+}  # fmt: skip
+UNSURE = Reason("segments-unsure", "two hypotheses fit alike", 0.41, 0.5)
+NOTE = Reason("window-proposed", "used 2.0 to 31.5 s", level="ok")
+
+
+def summary_of(artefacts: dict[str, Artefact], refused: Refused | None = None) -> dict[str, Any]:
+    """The summary as another program reads it: strict JSON of the promised shape."""
+
+    def no_constant(name: str) -> float:
+        raise AssertionError(f"{name} is not JSON")
+
+    text = to_json(summarise(material(context(artefacts, refused)))).decode("ascii")
+    summary: dict[str, Any] = json.loads(text, parse_constant=no_constant)
+    Summary.model_validate(summary)
+    assert set(summary) >= PROMISED
+    return summary
+
+
+def objects(value: Any) -> Iterator[dict[str, Any]]:
+    """Every object of a JSON document."""
+    match value:
+        case dict():
+            yield value
+            for item in value.values():
+                yield from objects(item)
+        case list():
+            for item in value:
+                yield from objects(item)
+
+
+def assert_nulls_explained(summary: dict[str, Any]) -> None:
+    """An object with a null holds a why; one without nulls holds none."""
+    explained = [entry for entry in objects(summary) if "why" in entry]
+    assert explained
+    for entry in explained:
+        unknown = [key for key, value in entry.items() if value is None and key != "why"]
+        assert bool(unknown) == bool(entry["why"]), entry
+
+
+def test_healthy_trial_holds_what_the_artefacts_say() -> None:
+    trial = Trial()
+    summary = summary_of(trial.artefacts())
+    assert summary["schema"] == "mocap-id/summary" and summary["version"] == 1 and summary["trial"] == "s01-sts"
+    assert summary["verdict"] == {"level": "ok", "reasons": [], "notes": []}
+    assert summary["plane"]["yaw_deg"] == 12.5 and summary["plane"]["out_of_plane_share"] == 0.012
+    assert summary["segments"]["count"] == 4
+    assert summary["segments"]["assignment"] == dict(zip(trial.labels, trial.segment.tolist(), strict=True))
+    assert [joint["name"] for joint in summary["joints"]] == ["ankle", "knee", "hip"]
+    assert summary["joints"][0]["sd_m"] == pytest.approx([1e-3, 2e-3])
+    assert summary["joints"][1]["arc_deg"] == pytest.approx(math.degrees(np.ptp(trial.theta[:, 1])))
+    assert {name: length["value"] for name, length in summary["lengths_m"].items()} == {"shank": 0.43, "thigh": 0.42}
+    assert summary["markers"]["reprojection_rms_mm"] == pytest.approx(2.8)
+    assert summary["noise"] == {"marker_sd_m": 0.0021, "sigma_v": 3200.0, "sigma_v_per_joint": [3200.0], "why": None}
+    assert summary["dynamics"]["base"][0] == {
+        "name": "m1+m2+m3+m4", "value": 71.2, "sd": 0.3, "unit": "kg", "why": None,
+    }  # fmt: skip
+    assert summary["dynamics"]["wrench"]["Fy"]["r2"] == 0.991
+    assert summary["dynamics"]["samples"] == 900
+    assert summary["time_s"] == {"planarise": 0.21, "segment": 0.4}
+    assert_nulls_explained(summary)
+
+
+def test_unknown_events_are_null_with_the_reason() -> None:
+    repetitions = summary_of(Trial().artefacts())["repetitions"]
+    assert [entry["seat_on_s"] for entry in repetitions] == [pytest.approx(4.8), pytest.approx(10.8), None]
+    assert repetitions[2]["why"] == "no seat-on was found" and not repetitions[2]["complete"]
+    assert repetitions[0]["why"] is None and repetitions[0]["complete"]
+
+
+def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
+    trial = Trial()
+    noted = trial.artefacts() | {"planar.parquet": trial.planar((NOTE,))}
+    assert summary_of(noted)["verdict"]["level"] == "ok"
+    cautious = summary_of(noted | {"segments.parquet": trial.segments((UNSURE, NOTE))})["verdict"]
+    assert cautious["level"] == "caution"
+    assert [reason["code"] for reason in cautious["reasons"]] == ["segments-unsure"]
+    assert cautious["reasons"][0]["value"] == 0.41 and cautious["reasons"][0]["limit"] == 0.5
+    assert [note["code"] for note in cautious["notes"]] == ["window-proposed"], "each reason once"
+
+
+def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
+    summary = summary_of(Trial().artefacts(plates=False))
+    dynamics = summary["dynamics"]
+    assert {key for key, value in dynamics.items() if value is not None} == {"why"}
+    assert dynamics["why"] == "the recording has no force plate"
+    assert summary["joints"] and summary["repetitions"]
+    assert_nulls_explained(summary)
+
+
+def test_refused_trial_says_what_is_known_so_far() -> None:
+    trial = Trial()
+    artefacts: dict[str, Artefact] = {
+        "planar.parquet": trial.planar((Reason("planarity", "some motion is out of plane", 0.1, 0.05),)),
+        "wrench.parquet": trial.wrench(),
+    }
+    summary = summary_of(artefacts, Refused("no-motion", "no joint moves", 0.004, 0.015))
+    assert summary["verdict"]["level"] == "refused"
+    assert [reason["code"] for reason in summary["verdict"]["reasons"]] == ["no-motion", "planarity"]
+    assert summary["plane"]["planarity"] == 0.004
+    assert summary["dynamics"]["mass_kg"] == 71.4
+    assert summary["dynamics"]["cop_mean_m"] == pytest.approx(np.mean(trial.wrench().frame["cop_x"]))
+    assert summary["joints"] is None and summary["lengths_m"] is None and summary["repetitions"] is None
+    assert "no-motion" in summary["why"] and "no-motion" in summary["segments"]["why"]
+    assert_nulls_explained(summary)
+
+
+def test_refused_before_the_first_artefact() -> None:
+    summary = summary_of({}, Refused("not-planar", "the motion is not planar"))
+    assert summary["plane"]["yaw_deg"] is None
+    assert_nulls_explained(summary)
+
+
+def test_not_finite_numbers_become_null() -> None:
+    trial = Trial()
+    artefacts = trial.artefacts()
+    planar = trial.planar((Reason("odd", "a ratio overflowed", np.inf, np.nan),))
+    facts = dict(planar.facts) | {"plane": {"yaw_deg": float("nan"), "planarity": np.float64(0.1), "origin_m": None}}
+    states = trial.states()
+    artefacts["planar.parquet"] = replace(planar, facts=facts)
+    artefacts["states.parquet"] = replace(states, facts=dict(states.facts) | {"sigma_v": [1e3, 2e3, 3e3]})
+    chain = trial.chain()
+    artefacts["chain.h5"] = replace(
+        chain, data=dict(chain.data) | {"joints": dict(chain.data["joints"]) | {"arc": np.full(3, np.nan)}}
+    )
+    summary = summary_of(artefacts)
+    assert summary["plane"]["yaw_deg"] is None and summary["plane"]["planarity"] == 0.1
+    assert summary["verdict"]["reasons"][0]["value"] is None
+    assert summary["noise"]["sigma_v_per_joint"] == [1e3, 2e3, 3e3]
+    assert summary["noise"]["sigma_v"] == pytest.approx(np.sqrt(14 / 3) * 1e3)
+    assert [joint["arc_deg"] for joint in summary["joints"]] == [None] * 3
+    assert_nulls_explained(summary)
+
+
+@pytest.mark.parametrize("joints", [1, 4])
+def test_short_and_long_chains(joints: int) -> None:
+    summary = summary_of(Trial(joints=joints).artefacts())
+    assert summary["segments"]["count"] == joints + 1 and len(summary["joints"]) == joints
+    assert list(summary["lengths_m"]) == ["shank", "thigh", "torso"][: joints - 1]
+
+
+def test_no_repetition_is_an_empty_list() -> None:
+    trial = Trial()
+    summary = summary_of(trial.artefacts() | {"events.parquet": trial.events(0)})
+    assert summary["repetitions"] == []
+
+
+def test_unloaded_samples_do_not_count_for_the_mean_centre_of_pressure() -> None:
+    trial = Trial()
+    frame = trial.wrench().frame
+    frame["cop_x"] = np.where(np.arange(len(frame)) % 2, 0.01, np.nan)
+    frame.loc[:99, "cop_x"], frame.loc[:99, "plate_ok"] = 5.0, False
+    table = trial.wrench()
+    artefacts = trial.artefacts() | {"wrench.parquet": Table(table.schema, frame, table.facts)}
+    assert summary_of(artefacts)["dynamics"]["cop_mean_m"] == pytest.approx(0.01)
+
+
+@given(st.one_of(st.floats(), st.integers(-(2**53), 2**53), st.text(), st.none(), st.booleans()))
+def test_known_is_a_finite_float_or_none(value: object) -> None:
+    number = known(value)
+    assert number is None or (type(number) is float and math.isfinite(number) and number == value)
+
+
+def test_a_vector_is_known_as_a_whole_or_not_at_all() -> None:
+    assert all_known(np.array([1.0, 2.0])) == [1.0, 2.0]
+    assert all_known([1.0, float("nan")]) is None
+    assert all_known([]) is None and all_known(None) is None and all_known("12") is None
+
+
+def test_mass_alone_is_given_where_only_it_is_known() -> None:
+    trial = Trial()
+    tree = trial.dynamics_tree()
+    why = "no joint turns where only the ground touches the body"
+    unknown = np.full(4, np.nan)
+    base = dict(tree.data["base"]) | {"value": np.array([71.4, *unknown[1:]]), "sd": unknown}
+    facts = dict.fromkeys(tree.facts) | {"why": why}
+    standing = replace(tree, data=dict(tree.data) | {"base": base}, facts=facts)
+    dynamics = summary_of(trial.artefacts() | {"dynamics.h5": standing})["dynamics"]
+    assert [entry["value"] for entry in dynamics["base"]] == [71.4, None, None, None]
+    assert {entry["why"] for entry in dynamics["base"]} == {why}
+    assert dynamics["why"] == why and dynamics["mass_kg"] == 71.4
+
+
+def test_a_null_points_to_the_caution_that_explains_it() -> None:
+    trial = Trial()
+    tree = trial.dynamics_tree()
+    doubt = Reason("clock-offset-unknown", "the movement does not show it")
+    facts = dict(tree.facts) | {"clock_offset_s": None, "clock_offset_sd_s": None}
+    dynamics = summary_of(trial.artefacts() | {"dynamics.h5": replace(tree, facts=facts, reasons=(doubt,))})["dynamics"]
+    assert dynamics["clock_offset_s"] is None and dynamics["why"] == "see clock-offset-unknown in the verdict"
