@@ -1,0 +1,1 @@
+"""Work around single trials: simulated recordings with exact truth."""

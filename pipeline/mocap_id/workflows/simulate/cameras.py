@@ -1,0 +1,73 @@
+"""What the cameras see: marker positions in the laboratory, with noise and occlusions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.geometry import planar
+from mocap_id.workflows.simulate.forces import Exact
+from mocap_id.workflows.simulate.markers import MarkerSet
+from mocap_id.workflows.simulate.scene import Scene
+
+BURST = (5, 200)  # frames
+BURSTS_PER_SECOND = 0.6
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Frames ``first`` … ``first + count - 1`` in which one marker is not seen."""
+
+    label: str
+    first: int
+    count: int
+
+
+def true_positions(scene: Scene, state: Exact, skin: FloatArray) -> FloatArray:
+    """Marker positions without measurement error, in the laboratory.
+
+    Parameters
+    ----------
+    scene : Scene
+    state : Exact
+        At T frames.
+    skin : (T, M, 3) array
+        Displacement of the markers in their links' frames, m.
+
+    Returns
+    -------
+    (T, M, 3) array
+        m.
+    """
+    link = scene.markers.link
+    angle, origin = planar.segment_poses(state.q, scene.body.centres)
+    local = scene.markers.local + skin
+    flat = origin[:, link] + planar.rotate(angle[:, link], local[..., :2])
+    depth = local[..., 2:] + scene.offset
+    return scene.plane.from_plane(np.concatenate([flat, depth], axis=-1))
+
+
+def draw_bursts(rng: np.random.Generator, markers: MarkerSet, frames: int, rate: float) -> tuple[Burst, ...]:
+    """Occlusions: short ones as frequent as long ones, only of markers that something can hide."""
+    candidates = [label for label, hidden in zip(markers.labels, markers.hidden, strict=True) if hidden]
+    bursts = []
+    for _ in range(round(BURSTS_PER_SECOND * frames / rate)):
+        count = min(int(np.exp(rng.uniform(*np.log(BURST)))), frames // 2)
+        bursts.append(Burst(str(rng.choice(candidates)), int(rng.integers(frames - count)), count))
+    return tuple(bursts)
+
+
+def visible(markers: MarkerSet, bursts: tuple[Burst, ...], frames: int) -> BoolArray:
+    """(T, M): False within a burst."""
+    seen = np.ones((frames, len(markers.labels)), dtype=np.bool_)
+    for burst in bursts:
+        seen[burst.first : burst.first + burst.count, markers.labels.index(burst.label)] = False
+    return seen
+
+
+def measured(rng: np.random.Generator, positions: FloatArray, noise: float, seen: BoolArray) -> FloatArray:
+    """Positions (T, M, 3) with white noise of ``noise`` m a coordinate, NaN where not seen."""
+    noisy = positions + rng.normal(0, 1, positions.shape) * noise
+    return np.where(seen[..., None], noisy, np.nan)

@@ -1,0 +1,67 @@
+"""From the options to everything that is measured, in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.workflows.simulate.cameras import Burst, draw_bursts, measured, true_positions, visible
+from mocap_id.workflows.simulate.forces import Exact
+from mocap_id.workflows.simulate.options import Kind, Options
+from mocap_id.workflows.simulate.plate import measure
+from mocap_id.workflows.simulate.scene import Scene, draw_scene, streams
+from mocap_id.workflows.simulate.skin import displacement
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A trial in memory.
+
+    Parameters
+    ----------
+    scene : Scene
+    state : Exact
+        Truth at the T frames.
+    positions : (T, M, 3) array
+        Markers in the laboratory without measurement error, m.
+    seen : (T, M) bool array
+    bursts : tuple of Burst
+    points : (T, M, 3) array
+        Markers as measured, m; NaN where not seen.
+    signals : PlateSignals
+        The plate's channels, ``analog_rate / rate`` samples a frame.
+    """
+
+    scene: Scene
+    state: Exact
+    positions: FloatArray
+    seen: BoolArray
+    bursts: tuple[Burst, ...]
+    points: FloatArray
+    signals: PlateSignals
+
+
+def generate(kind: Kind, options: Options) -> Simulated:
+    """Draw a trial and measure it; the same options give the same numbers."""
+    rng = streams(options.seed)
+    scene = draw_scene(kind, options, rng)
+    frames = round(scene.motion.duration * options.rate)
+    state = scene.at(np.arange(frames) / options.rate)
+    skin = displacement(rng["skin"], scene.markers, state.q, state.time)
+    positions = true_positions(scene, state, skin)
+    bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate) if options.occlusions else ()
+    seen = visible(scene.markers, bursts, frames)
+    samples = frames * round(options.analog_rate / options.rate)
+    loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
+    return Simulated(
+        scene=scene,
+        state=state,
+        positions=positions,
+        seen=seen,
+        bursts=bursts,
+        points=measured(rng["cameras"], positions, options.marker_noise, seen),
+        signals=measure(rng["channels"], scene.plate, *scene.load_on_plate(loaded), options.analog_rate),
+    )

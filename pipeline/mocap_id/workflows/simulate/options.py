@@ -1,0 +1,84 @@
+"""What one may choose about a simulated trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from mocap_id.errors import ConfigError
+from mocap_id.workflows.simulate.plate import Sense
+from mocap_id.workflows.simulate.schedule import MANNERS, Strategy
+
+Kind: TypeAlias = Literal["sit-to-stand", "robot"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Everything that is not drawn from the seed; the same options give the same files.
+
+    Parameters
+    ----------
+    seed : int
+        Of the body, its motion, the plane's direction and every error.
+    repetitions : int
+        Sit-to-stands, or periods of the robot's swing.
+    strategy : {"normal", "dynamic", "stable"}
+        How the person rises; the robot ignores it.
+    rate, analog_rate : float
+        Frames and analog samples a second, Hz; the second an integer multiple of the first.
+    marker_noise : float
+        Standard deviation a coordinate, m.
+    soft_tissue : float
+        Multiplies the skin's motion (0 = markers fixed to the bones).
+    occlusions : bool
+        Whether markers vanish in bursts.
+    plate_sense : {"reaction", "action"}
+        Whose force the channels hold: the plate's on the body, or the body's on the plate.
+    plate_moved : bool
+        Shifted, lifted and turned against the laboratory.
+    plate_origin_flipped : bool
+        The file holds ORIGIN with the wrong sign.
+    plate_noise, plate_bias : float
+        Multiply the usual noise (1 N, 0.3 N·m) and channel bias (3 N, 0.3 N·m).
+    clock_offset : float
+        Analog sample k is taken at marker-clock time k / analog_rate + this, s.
+
+    Raises
+    ------
+    ConfigError
+        A value is out of range.
+    """
+
+    seed: int = 0
+    repetitions: int = 5
+    strategy: Strategy = "normal"
+    rate: float = 100.0
+    analog_rate: float = 1000.0
+    marker_noise: float = 0.0005
+    soft_tissue: float = 1.0
+    occlusions: bool = True
+    plate_sense: Sense = "reaction"
+    plate_moved: bool = False
+    plate_origin_flipped: bool = False
+    plate_noise: float = 1.0
+    plate_bias: float = 0.0
+    clock_offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0
+        checks = (
+            ("seed", self.seed, self.seed >= 0, "a whole number, 0 or more"),
+            ("repetitions", self.repetitions, 1 <= self.repetitions <= 50, "1 … 50"),
+            ("strategy", self.strategy, self.strategy in MANNERS, "one of " + ", ".join(MANNERS)),
+            ("rate", self.rate, 20 <= self.rate <= 2000, "20 … 2000 Hz"),
+            ("analog_rate", self.analog_rate, multiple >= 1 and multiple % 1 == 0, "a multiple of rate"),
+            ("marker_noise", self.marker_noise, 0 <= self.marker_noise <= 0.05, "0 … 0.05 m"),
+            ("soft_tissue", self.soft_tissue, 0 <= self.soft_tissue <= 10, "0 … 10"),
+            ("plate_sense", self.plate_sense, self.plate_sense in ("reaction", "action"), "reaction or action"),
+            ("plate_noise", self.plate_noise, 0 <= self.plate_noise <= 100, "0 … 100"),
+            ("plate_bias", self.plate_bias, 0 <= self.plate_bias <= 100, "0 … 100"),
+            ("clock_offset", self.clock_offset, abs(self.clock_offset) <= 1, "-1 … 1 s"),
+        )
+        for name, value, fine, expected in checks:
+            if not fine:
+                raise ConfigError(f"simulate: {name} is {value!r}; expected {expected}")

@@ -1,0 +1,124 @@
+"""Everything about a simulated trial that is drawn before anything is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import PlaneFrame
+from mocap_id.workflows.simulate.body import Body, person, robot
+from mocap_id.workflows.simulate.forces import Exact, exact
+from mocap_id.workflows.simulate.markers import MarkerSet, place
+from mocap_id.workflows.simulate.motion import Motion, Swing
+from mocap_id.workflows.simulate.options import Kind, Options
+from mocap_id.workflows.simulate.plate import SimulatedPlate, draw_plate
+from mocap_id.workflows.simulate.sit_to_stand import Chair, perform
+
+_STREAMS = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
+
+
+@dataclass(frozen=True)
+class Streams:
+    """One independent random generator for each purpose: another noise leaves the body and its motion alone."""
+
+    by_purpose: Mapping[str, np.random.Generator]
+
+    def __getitem__(self, purpose: str) -> np.random.Generator:
+        return self.by_purpose[purpose]
+
+
+def streams(seed: int) -> Streams:
+    """Fresh generators, the same for the same seed."""
+    children = np.random.SeedSequence(seed).spawn(len(_STREAMS))
+    return Streams({name: np.random.default_rng(child) for name, child in zip(_STREAMS, children, strict=True)})
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A body, its motion and where it all takes place.
+
+    Parameters
+    ----------
+    body, motion, chair, markers, plate
+    plane : PlaneFrame
+        The plane of motion; its origin is the centre of the plate's surface.
+    offset : float
+        Distance of the body's mid-plane from that origin along z, m.
+    protocol : dict
+        JSON values for the truth that belong to the kind of trial.
+    """
+
+    body: Body
+    motion: Motion
+    chair: Chair | None
+    markers: MarkerSet
+    plate: SimulatedPlate
+    plane: PlaneFrame
+    offset: float
+    protocol: Mapping[str, Any]
+
+    def at(self, time: FloatArray) -> Exact:
+        """State and forces at times (T,), s."""
+        return exact(self.body, self.motion, self.chair, time)
+
+    def load_on_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
+        """Force of the plate on the body and its moment about the surface's centre, (T, 3) each, laboratory axes."""
+        fx, fy, tauz = state.wrench.T
+        still = np.zeros_like(fx)
+        force = np.column_stack([fx, fy, still])
+        moment = np.column_stack([-self.offset * fy, self.offset * fx, tauz])
+        return force @ self.plane.axes, moment @ self.plane.axes
+
+
+def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
+    """Draw the body, its motion and the laboratory."""
+    body = person(rng["body"]) if kind == "sit-to-stand" else robot(rng["body"])
+    motion, chair, protocol = _performance(kind, options, body, rng["motion"])
+    plate = draw_plate(
+        rng["plate"],
+        options.plate_sense,
+        moved=options.plate_moved,
+        flipped=options.plate_origin_flipped,
+        noise=options.plate_noise,
+        bias=options.plate_bias,
+    )
+    markers = place(rng["markers"], body)
+    return Scene(
+        body=body,
+        motion=motion,
+        chair=chair,
+        markers=replace(markers, softness=markers.softness * options.soft_tissue),
+        plate=plate,
+        plane=PlaneFrame(float(rng["place"].uniform(-np.pi, np.pi)), plate.centre),
+        offset=float(rng["place"].normal(0, 0.01)),
+        protocol=protocol,
+    )
+
+
+def _performance(
+    kind: Kind, options: Options, body: Body, rng: np.random.Generator
+) -> tuple[Motion, Chair | None, Mapping[str, Any]]:
+    if kind == "robot":
+        swing = Swing(
+            frequency=float(rng.uniform(0.4, 0.5)),
+            amplitude=float(rng.uniform(0.75, 1.0)),
+            centre=float(rng.uniform(-0.4, 0.4)),
+            periods=options.repetitions,
+            lead=1.0,
+        )
+        told = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
+        return swing.motion(), None, told
+    played = perform(rng, body, options.strategy, options.repetitions)
+    repetitions = [vars(each) for each in played.chair.schedule.repetitions]
+    told = {
+        "strategy": options.strategy,
+        "reps": repetitions,
+        "seat_off_s": [each["seat_off"] for each in repetitions],
+        "seat_on_s": [each["seat_on"] for each in repetitions],
+        "motion_shapes": {"seated_deg": list(played.seated_deg)},
+    }
+    return played.motion, played.chair, told

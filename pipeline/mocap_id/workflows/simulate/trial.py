@@ -1,0 +1,84 @@
+"""A simulated trial on disk: recording, truth and a configuration that is ready to run."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.recording.writing import write_c3d
+from mocap_id.store.atomic import explained, replace_together
+from mocap_id.workflows.simulate.configuration import configuration
+from mocap_id.workflows.simulate.encoder import draw_encoder, table
+from mocap_id.workflows.simulate.generate import Simulated, generate
+from mocap_id.workflows.simulate.options import Kind, Options
+from mocap_id.workflows.simulate.scene import streams
+from mocap_id.workflows.simulate.truth import arrays, document
+
+
+def simulate(kind: Kind, folder: Path, options: Options) -> Path:
+    """Make a trial with exact truth and write it.
+
+    Parameters
+    ----------
+    kind : {"sit-to-stand", "robot"}
+    folder : Path
+        Made with its parents; gets ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and, for the robot,
+        ``encoder.csv``. Its name becomes the trial's.
+    options : Options
+
+    Returns
+    -------
+    Path
+        ``trial.yaml``.
+
+    Raises
+    ------
+    ConfigError
+        There is no such kind.
+    StoreError
+        The folder already holds a trial, or cannot be written.
+    """
+    if kind not in get_args(Kind):
+        raise ConfigError(f"simulate: there is no kind {kind!r}; expected one of {', '.join(get_args(Kind))}")
+    if (folder / "trial.c3d").exists():
+        raise StoreError(f"{folder} already holds a trial: remove it or choose another folder")
+    contents = _contents(kind, folder.resolve().name, options, generate(kind, options))
+    with explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    replace_together(folder, contents)
+    return folder / "trial.yaml"
+
+
+def _contents(kind: Kind, name: str, options: Options, made: Simulated) -> dict[str, bytes]:
+    truth = document(kind, options, made)
+    contents = {
+        "trial.c3d": _recording(options, made),
+        "truth.npz": _packed(made),
+        "trial.yaml": configuration(kind, name, options, made.scene).encode(),
+    }
+    if kind == "robot":
+        rng = streams(options.seed)["encoder"]
+        encoder = draw_encoder(rng)
+        truth["encoder"] = encoder.as_dict()
+        contents["encoder.csv"] = table(rng, made.scene, encoder).encode()
+    contents["truth.json"] = (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
+    return contents
+
+
+def _recording(options: Options, made: Simulated) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trial.c3d"
+        write_c3d(path, made.scene.markers.labels, made.points, options.rate, plates=(made.signals,))
+        return path.read_bytes()
+
+
+def _packed(made: Simulated) -> bytes:
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays(made))  # type: ignore[arg-type]
+    return stream.getvalue()
