@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -13,6 +14,8 @@ from mocap_id.kinematics.joint import fit_joint
 from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals
 
 _REASSIGNMENTS = 20
+_AS_WELL = 1.2  # one body fits as well as two if the residual grows by no more than this factor
+_WOBBLE = 6.0  # standard deviations between the 2.5 and 97.5 % quantiles of an angle that is noise alone, with margin
 
 
 @dataclass(frozen=True)
@@ -88,30 +91,27 @@ def reassign(points: ComplexArray, groups: list[IntArray]) -> list[Body]:
 
 
 def merge_rigid_pairs(points: ComplexArray, bodies: list[Body], min_arc: float, tolerance: float) -> list[Body]:
-    """Merge bodies that hardly turn against each other and fit one rigid body nearly as well as two.
+    """Merge bodies that one rigid body fits nearly as well as two.
 
     Parameters
     ----------
     min_arc : float
-        Bodies that turn by less (rad) may be one.
+        Bodies that turn by less (rad) against each other, or by no more than their own wobble, are one more easily.
     tolerance : float
-        They are one if the merged residual stays under this multiple of their own.
+        Such are one if the merged residual stays under this multiple of their own; others if it hardly grows at all.
     """
     bodies = list(bodies)
     while len(bodies) > 1:
         candidates = []
-        for i, first in enumerate(bodies):
-            for j in range(i + 1, len(bodies)):
-                second = bodies[j]
-                if fit_joint(first, second).arc >= min_arc:
-                    continue
-                merged = fit_body(points, np.sort(np.concatenate([first.markers, second.markers])))
-                candidates.append((merged.residual / _pooled(first, second), i, j, merged))
+        for (i, first), (j, second) in combinations(enumerate(bodies), 2):
+            merged = fit_body(points, np.sort(np.concatenate([first.markers, second.markers])))
+            growth = merged.residual / _pooled(first, second)
+            wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
+            if growth <= _AS_WELL or (growth <= tolerance and fit_joint(first, second).arc < max(min_arc, wobble)):
+                candidates.append((growth, i, j, merged))
         if not candidates:
             break
-        ratio, i, j, merged = min(candidates, key=lambda candidate: candidate[0])
-        if ratio > tolerance:
-            break
+        _, i, j, merged = min(candidates, key=lambda candidate: candidate[0])
         bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [merged]
     return bodies
 

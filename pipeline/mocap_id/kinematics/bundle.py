@@ -28,6 +28,7 @@ from mocap_id.kinematics.rigid import Body, fit_body, still_body
 _ITERATIONS = 60
 _CONVERGED = 1e-7  # relative fall of the cost
 _HUBER = 3.0  # scales beyond which a residual is a burst
+_UNSEEN = 4.5  # slip along the angle over the slip that shows in the residuals
 _BLOCKS = 20  # stretches of time taken as independent for the covariance
 
 
@@ -258,6 +259,7 @@ def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: _
     full = _sandwich(problem, state)
     covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    covariance = covariance + _slip(problem, state, arcs)[:, None, None] * np.eye(2)
     return ChainFit(
         state.centres,
         local,
@@ -268,6 +270,27 @@ def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: _
         residual,
         arcs,
     )
+
+
+def _slip(problem: _Problem, state: _State, arcs: FloatArray) -> FloatArray:
+    """(n,) variance that skin slipping with the angle adds to each centre, m^2.
+
+    Skin that moves by s over an arc shifts the centre by about s / arc, unseen. What is seen of it, the part of the
+    residuals that lasts from one frame used to the next, stands for what is not; :data:`_UNSEEN` is how much larger
+    that is, calibrated on simulated bodies. A centre is placed from the joint below it, so that one's share comes in.
+    """
+    seen = problem.weights > 0
+    off = np.where(seen, problem.points - _predicted(problem, state), 0)
+    pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
+    lasting = (np.conj(off[1:]) * off[:-1]).real.sum(axis=0) / pairs
+    chance = np.mean(np.abs(off) ** 2, axis=0) * np.sqrt(2 / pairs)  # two standard deviations, were it all noise
+    slip = np.empty(problem.joints)
+    for k in range(1, problem.joints + 1):
+        members = problem.segment == k
+        slip[k - 1] = max(np.mean(lasting[members] - chance[members]), 0) / 2 / members.sum()
+    below = np.concatenate([[0.0], slip[:-1]])
+    at_joint = (slip + below) / np.maximum(arcs, 1e-6) ** 2
+    return np.asarray(_UNSEEN**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]])))
 
 
 def _sandwich(problem: _Problem, state: _State) -> FloatArray:

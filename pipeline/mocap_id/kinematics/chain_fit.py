@@ -24,7 +24,8 @@ class ChainFit:
     angles : (F, n) array
         Absolute segment angles in the frames used, rad; NaN where a frame was not used.
     covariance : (n, 2, 2) array
-        Of each centre, m^2: sandwich over stretches of time, so that residuals may be correlated within them.
+        Of each centre, m^2: sandwich over stretches of time, so that residuals may be correlated within them, and
+        what skin that slips with the angle may add.
     length_sd : (n - 1,) array
         Standard deviations of the lengths of segments 1 … n-1, m.
     residual : (M,) array

@@ -17,6 +17,7 @@ FLOOR = 3e-4
 """No camera system resolves less (m), so fitting better than this is worth nothing."""
 
 _ASIDE = 0.05  # m; a limb is this far to one side of its parent
+_NEEDED = 1.2  # a segment between two others is real if leaving it out fits this much worse
 _DEEPEST = 9  # segments with the base that the search goes through
 _LEVELS = 12  # levels of detail that are tried
 
@@ -50,7 +51,7 @@ class SegmentationRules:
     max_residual: float = 0.05
     max_body_residual: float = 0.015
     merge_tolerance: float = 3.0
-    split_gain: float = 3.0
+    split_gain: float = 4.0
     count: int | None = None
     longest: int = 6
 
@@ -125,12 +126,20 @@ def _best_chain(scene: Scene, bodies: list[Body]) -> tuple[tuple[Body, ...], tup
     real -= _paired(real, np.array([np.nanmean(scene.lateral[body.markers]) for body in links]))
     best: tuple[float, tuple[Body, ...], tuple[PairJoint, ...]] | None = None
     for path in _paths((0,), real, len(links), rules):
+        if _skips_as_well(path, joints):
+            continue
         chain = tuple(links[i] for i in path[1:])
         found = tuple(joints[pair] for pair in pairwise(path))
         cost = _cost(scene, chain, found)
         if best is None or cost < best[0]:
             best = cost, chain, found
     return None if best is None else (best[1][: rules.longest - 1], best[2][: rules.longest - 1])
+
+
+def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
+    """Whether some segment of the path could be left out at little cost: then it is not between its neighbours."""
+    triples = zip(path, path[1:], path[2:], strict=False)
+    return any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
 
 
 def _paired(real: set[tuple[int, int]], lateral: FloatArray) -> set[tuple[int, int]]:

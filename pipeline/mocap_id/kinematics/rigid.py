@@ -40,6 +40,12 @@ class Body:
     position: ComplexArray
     residual: float
 
+    @property
+    def angle_noise(self) -> float:
+        """Standard deviation of ``rotation``'s angle that the residual would cause if it were noise, rad."""
+        spread = float(np.sqrt(np.sum(np.abs(self.template) ** 2)))
+        return self.residual / np.sqrt(2) / spread if spread > 0 else np.inf
+
     def local(self, points: ComplexArray) -> ComplexArray:
         """Trajectories (F, ...) seen from the body's frame."""
         shape = (-1,) + (1,) * (points.ndim - 1)

@@ -8,7 +8,6 @@ real; and the hypothesis is kept that predicts the markers best for its number o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -54,7 +54,7 @@ def segment(context: Context) -> Outputs:
     not_planar = _not_planar(planarity, settings)
     names, joint_names = body_names(trial.protocol, found.count)
     if settings.names is not None:
-        names = _given_names(settings.names, found.count, trial.trial)
+        names = _given_names(settings.names, found.count)
     frame = pd.DataFrame(
         {
             "marker": pd.Categorical(trajectories.labels, categories=trajectories.labels),
@@ -117,10 +117,10 @@ def _lateral(points: FloatArray) -> FloatArray:
     return np.where(counts > 0, np.where(seen, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
 
 
-def _given_names(names: tuple[str, ...], count: int, trial: str) -> tuple[str, ...]:
+def _given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     if len(names) != count:
         raise ConfigError(
-            f"{trial}: segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "
+            f"segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "
             "give one for each, base first, or set segment.count too"
         )
     return names
@@ -174,7 +174,7 @@ STAGE = Stage(
     version=1,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
-    uses=("trial", "protocol"),
+    uses=("protocol",),
     settings=SegmentSettings,
     function=segment,
     help="Sort the markers into a fixed base and the segments of a chain.",
