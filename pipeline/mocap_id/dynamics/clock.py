@@ -1,0 +1,106 @@
+"""The offset between the cameras' clock and the plate's, found by profiling the fit over it.
+
+``clock_offset_s`` = δ means that the plate's sample stamped t was taken at t + δ on the markers' clock; the wrench at
+marker time t is therefore the plate's at t - δ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.lowpass import known, runs
+
+_COARSE = 5e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
+_FINE = 1e-6  # s
+
+
+@dataclass(frozen=True)
+class SampledWrench:
+    """A wrench in time, between its samples too.
+
+    Parameters
+    ----------
+    stretches : tuple of (start, end, spline)
+        Finite stretches of the signal; cubic between the samples.
+    components : int
+        Number of columns.
+    """
+
+    stretches: tuple[tuple[float, float, Callable[[FloatArray], FloatArray]], ...]
+    components: int
+
+    @classmethod
+    def of(cls, time: FloatArray, values: FloatArray) -> SampledWrench:
+        """Interpolate samples (T, c) taken at ``time`` (T,), s; NaN is missing."""
+        pieces = [run for run in runs(known(values)) if run.stop - run.start > 1]
+        splines = tuple(
+            (float(time[run.start]), float(time[run.stop - 1]), CubicSpline(time[run], values[run])) for run in pieces
+        )
+        return cls(splines, values.shape[1])
+
+    def __call__(self, time: FloatArray) -> FloatArray:
+        """Values (R, c) at times (R,), s; NaN outside the stretches."""
+        out = np.full((len(time), self.components), np.nan)
+        for start, end, spline in self.stretches:
+            inside = (time >= start) & (time <= end)
+            out[inside] = spline(time[inside])
+        return out
+
+    def rate_of_change(self, time: FloatArray) -> FloatArray:
+        """Time derivative (R, c) at times (R,); NaN outside the stretches."""
+        out = np.full((len(time), self.components), np.nan)
+        for start, end, spline in self.stretches:
+            inside = (time >= start) & (time <= end)
+            out[inside] = spline(time[inside], 1)  # type: ignore[call-arg]
+        return out
+
+
+def profile_offset(
+    regressor: FloatArray,
+    wrench: Callable[[FloatArray], FloatArray],
+    time: FloatArray,
+    weights: FloatArray,
+    limit: float,
+) -> float:
+    """Offset at which the best-fitting parameters leave the least residual.
+
+    For every offset the parameters are solved for anew, at the price of one projection: the regressor does not depend
+    on the offset. A coarse search over the whole range guards against a local minimum, a bounded one refines it.
+
+    Parameters
+    ----------
+    regressor : (R, c, b) array
+        Filtered and gated; nuisance columns included.
+    wrench : callable
+        From plate times (R,) to the wrench (R, c), filtered alike; defined within ``limit`` of every sample.
+    time : (R,) array
+        Marker times of the samples, s.
+    weights : (c,) array
+        Weight of each component's residual.
+    limit : float
+        Offsets up to ± this are tried, s.
+
+    Returns
+    -------
+    float
+        δ in s. At ± ``limit`` the search found no minimum inside.
+    """
+    basis, _ = np.linalg.qr((regressor * weights[:, None]).reshape(-1, regressor.shape[-1]))
+
+    def cost(offset: float) -> float:
+        target = (wrench(time - offset) * weights).reshape(-1)
+        rest = target - basis @ (basis.T @ target)
+        return float(rest @ rest)
+
+    grid = np.arange(-limit, limit + _COARSE / 2, _COARSE)
+    best = int(np.argmin([cost(float(offset)) for offset in grid]))
+    if best in (0, len(grid) - 1):
+        return float(grid[best])
+    found = minimize_scalar(cost, bounds=(grid[best - 1], grid[best + 1]), method="bounded", options={"xatol": _FINE})
+    return float(found.x)

@@ -1,0 +1,184 @@
+"""The fit itself: clock offset, weights, parameters, covariance, for one choice of samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.base import triangular_factor
+from mocap_id.dynamics.clock import profile_offset
+from mocap_id.dynamics.lowpass import erode
+from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.solve import Compressed
+from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+
+_ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
+LEAST_SECONDS = 1.0
+_DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
+_SHARP = 0.01  # s: an offset less certain than this is not applied
+_LEAST_SPREAD = 1e-4  # of a component's rms: residuals below that are rounding and must not make a weight explode
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least squares on one choice of samples, before any constraint.
+
+    Parameters
+    ----------
+    in_fit : (T,) bool array
+        Samples used: the gate less the filter's reach, where usable. Of these the fit takes as many as the filtered
+        signals need; the others repeat them.
+    samples : (R,) int array
+        Those.
+    base : int
+        Number of base parameters b; the nuisance parameter, the plate's Fx bias, comes after them.
+    found, offset_sd : float
+        Clock offset of least residual and its standard deviation from the residuals, s; at the search's limit there
+        is no minimum.
+    offset : float
+        The offset in force: ``found``, or 0 where it is not applied or not known.
+    offset_known : bool
+        There is a minimum within the search's limit, and it is sharper than 10 ms.
+    weights : (c,) array
+        Inverse residual spread of each component.
+    problem : Compressed
+        Weighted rows, b + k columns.
+    design : (R, c, b + k + 1) array
+        Weighted rows; the last column is the wrench's rate of change, along which the offset shifts it.
+    covariance : (b + k + 1, b + k + 1) array
+        Of base parameters, nuisance and offset, from the residuals.
+    condition, condition_scaled : float
+        Of the stacked, filtered, gated minimal regressor, in SI and with unit columns.
+    """
+
+    in_fit: BoolArray
+    samples: IntArray
+    base: int
+    found: float
+    offset_sd: float
+    offset: float
+    offset_known: bool
+    weights: FloatArray
+    problem: Compressed
+    design: FloatArray
+    covariance: FloatArray
+    condition: float
+    condition_scaled: float
+
+
+def select(prepared: Prepared, gate: BoolArray) -> BoolArray:
+    """Samples to fit on: the gate less the filter's reach, where regressor and wrench are known."""
+    return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
+
+
+def determined(prepared: Prepared, gate: BoolArray) -> bool:
+    """Whether the gate leaves enough to tell the base parameters apart: a second of samples, and no dependent columns.
+
+    A joint that rests while the gate is open leaves columns that another cannot be told from.
+    """
+    chosen = select(prepared, gate)
+    if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
+        return False
+    rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.step]]
+    return _conditions(rows[:, list(prepared.settings.components)])[1] < _DEPENDENT
+
+
+def fit(prepared: Prepared, gate: BoolArray) -> Fit:
+    """Fit base parameters, plate bias and clock offset on the samples that the gate lets through.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    gate : (T,) bool array
+        Samples where the ground is all that the body touches.
+
+    Returns
+    -------
+    Fit
+    """
+    settings = prepared.settings
+    in_fit = select(prepared, gate)
+    samples = np.flatnonzero(in_fit)[:: prepared.step]
+    time = prepared.recorded.time[samples]
+    design = _design(prepared, samples)
+    weights, found = np.ones(len(settings.components)), 0.0
+    for _ in range(_ROUNDS):
+        found = profile_offset(design, lambda times: _measured(prepared, times), time, weights, settings.offset_limit)
+        weights = _weights(design, _measured(prepared, time - found), weights)
+    extended, covariance = _covariance(prepared, time, found, design, weights)
+    offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
+    known = abs(found) < settings.offset_limit and offset_sd < _SHARP
+    if not (known and settings.apply_offset):
+        offset = 0.0
+        weights = _weights(design, _measured(prepared, time), weights)
+        extended, covariance = _covariance(prepared, time, offset, design, weights)
+    base = prepared.filtered.shape[-1]
+    target = _measured(prepared, time - offset) * weights
+    condition, condition_scaled = _conditions(design[..., :base])
+    return Fit(
+        in_fit=in_fit,
+        samples=samples,
+        base=base,
+        found=found,
+        offset_sd=offset_sd,
+        offset=offset,
+        offset_known=known,
+        weights=weights,
+        problem=Compressed.of(extended[..., :-1].reshape(target.size, -1), target.reshape(-1)),
+        design=extended,
+        covariance=covariance,
+        condition=condition,
+        condition_scaled=condition_scaled,
+    )
+
+
+def _design(prepared: Prepared, samples: IntArray) -> FloatArray:
+    """Rows (R, c, b + k): filtered base columns and the nuisance column.
+
+    A constant error of Fx is told from the parameters, since gravity puts nothing constant there. One of tauz is the
+    very column of mx1, and one of Fy that of m1: those two cannot be told apart and stay in the parameters.
+    """
+    components = prepared.settings.components
+    rows = prepared.filtered[samples][:, list(components), :]
+    if not prepared.settings.plate_bias or 0 not in components:
+        return rows
+    bias = np.zeros((*rows.shape[:2], 1))
+    bias[:, components.index(0), 0] = 1.0
+    return np.concatenate([rows, bias], axis=-1)
+
+
+def _measured(prepared: Prepared, time: FloatArray) -> FloatArray:
+    return prepared.filtered_wrench(time)[:, list(prepared.settings.components)]
+
+
+def _residual(design: FloatArray, target: FloatArray) -> FloatArray:
+    """Least-squares residual (R, c)."""
+    solution = Compressed.of(design.reshape(-1, design.shape[-1]), target.reshape(-1)).free_solution()
+    return target - design @ solution
+
+
+def _weights(design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+    """Inverse residual spread of each component, after a fit with these weights."""
+    residual = _residual(design * weights[:, None], target * weights) / weights
+    floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
+    return np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
+
+
+def _covariance(
+    prepared: Prepared, time: FloatArray, offset: float, design: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted rows with the offset's column, and the parameters' covariance from the residuals."""
+    rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
+    weighted = design * weights[:, None]
+    extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
+    residual = _residual(weighted, _measured(prepared, time - offset) * weights)
+    return extended, block_covariance(extended, residual, time_blocks(time, prepared.settings.block))
+
+
+def _conditions(rows: FloatArray) -> tuple[float, float]:
+    """2-norm condition number of rows (R, c, b) stacked, in SI and with unit columns."""
+    factor = triangular_factor(rows.reshape(-1, rows.shape[-1]))
+    size = np.linalg.norm(factor, axis=0)
+    return float(np.linalg.cond(factor)), float(np.linalg.cond(factor / np.where(size > 0.0, size, 1.0)))

@@ -1,0 +1,187 @@
+"""Geometric regressor: the wrench and the joint torques as linear maps of the inertial parameters (thesis 4.2.1).
+
+Ten parameters a link, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
+the link's frame; Ixy is the matrix element. A planar link keeps four of them: m, mx, my, Izz. Columns run from the
+base to the tip. Gravity is a base that accelerates upwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import Chain, motion, planar, se3, so3, spatial_jacobian
+
+LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+PLANAR_PARAMETERS = ("m", "mx", "my", "Izz")
+WRENCH_COMPONENTS = ("Fx", "Fy", "tauz")
+
+
+def momentum_regressor(twist: FloatArray) -> FloatArray:
+    """Regressor Y_V of the momentum I V of one link (eq. 4.15; 4.16 is the same function of the acceleration).
+
+    Parameters
+    ----------
+    twist : (..., 6) array
+        (v, ω) or its time derivative, in the link frame.
+
+    Returns
+    -------
+    (..., 6, 10) array
+    """
+    v, omega = twist[..., :3], twist[..., 3:]
+    x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
+    matrix = np.zeros((*twist.shape[:-1], 6, 10))
+    matrix[..., :3, 0], matrix[..., :3, 1:4] = v, so3.hat(omega)
+    matrix[..., 3:, 1:4] = -so3.hat(v)
+    matrix[..., 3, 4], matrix[..., 4, 5], matrix[..., 5, 6] = x, y, z
+    matrix[..., 3, 7], matrix[..., 4, 7] = y, x
+    matrix[..., 3, 8], matrix[..., 5, 8] = z, x
+    matrix[..., 4, 9], matrix[..., 5, 9] = z, y
+    return matrix
+
+
+def link_regressor(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Regressor Y_i of the wrench that gives one link its motion, in its own frame (eq. 4.17, 4.18).
+
+    Parameters
+    ----------
+    velocity, acceleration : (..., 6) arrays
+        Body velocity and its derivative, link frame.
+
+    Returns
+    -------
+    (..., 6, 10) array
+    """
+    turned = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum_regressor(velocity)
+    return momentum_regressor(acceleration) - turned
+
+
+def spatial_regressor(
+    chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
+) -> FloatArray:
+    """Regressor Y of the ground's wrench on the whole chain (eq. 4.19-4.22).
+
+    Parameters
+    ----------
+    chain : Chain
+    q, dq, ddq : (..., N) arrays
+        Coordinates and their time derivatives.
+    base_acceleration : (6,) array
+        ``(g·up, 0)`` for gravity.
+
+    Returns
+    -------
+    (..., 6, 10(n + 1)) array
+        Times the full parameters, base first: wrench (F, τ) of the ground on the chain, world frame, about its origin.
+    """
+    moving = motion(chain, q, dq, ddq, base_acceleration)
+    to_base = np.swapaxes(se3.Ad(se3.inverse(chain.poses(q))), -1, -2)  # (..., n + 1, 6, 6)
+    blocks = to_base @ link_regressor(moving.velocity, moving.acceleration)
+    return np.moveaxis(blocks, -3, -2).reshape(*q.shape[:-1], 6, -1)
+
+
+def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray) -> FloatArray:
+    """Regressor of the joint torques, from that of the wrench.
+
+    The wrench through joint j is that of the links beyond it; its power on the joint's own spatial twist, a column of
+    the spatial Jacobian (eq. 2.47), is the torque.
+
+    Parameters
+    ----------
+    chain : Chain
+    q : (..., N) array
+    regressor : (..., 6, 10(n + 1)) array
+        As :func:`spatial_regressor` returns it.
+
+    Returns
+    -------
+    (..., N, 10(n + 1)) array
+    """
+    joint = np.concatenate([np.full(j.dimension, i) for i, j in enumerate(chain.joints, start=1)])
+    link = np.repeat(np.arange(len(chain.joints) + 1), len(LINK_PARAMETERS))
+    torque = np.swapaxes(spatial_jacobian(chain, q), -1, -2) @ regressor
+    return np.where(link >= joint[:, None], torque, 0.0)
+
+
+def planar_regressor(
+    centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, gravity: float = 9.81
+) -> FloatArray:
+    """Regressor of the ground's wrench on a planar chain: what :func:`spatial_regressor` is in the plane.
+
+    Written out because it is eighty times faster there; a test holds the two together.
+
+    Parameters
+    ----------
+    centres : (n, 2) array
+        Centre of joint j in the frame of segment j - 1, m.
+    q, dq, ddq : (T, n) arrays
+        Joint angles, rad, and their time derivatives.
+    gravity : float
+        m/s², along -y.
+
+    Returns
+    -------
+    (T, 3, 4(n + 1)) array
+        Rows Fx, Fy, tauz: wrench of the ground on the body about the plane-frame origin, plane frame. Columns
+        m, mx, my, Izz of every segment about its frame's origin, base first.
+    """
+    angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
+    omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)
+    alpha = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(ddq, axis=1)], axis=1)
+    acceleration = _origin_accelerations(origin, omega, alpha, gravity)
+    blocks = np.zeros((*angle.shape, 3, 4))  # (T, n + 1, 3, 4)
+    blocks[..., :2, 0] = acceleration
+    for column, axis in ((1, np.array([1.0, 0.0])), (2, np.array([0.0, 1.0]))):
+        unit = planar.rotate(angle, axis)  # the segment's x, then y, in the plane frame
+        blocks[..., :2, column] = _point_acceleration(unit, omega, alpha)
+        blocks[..., 2, column] = _cross(unit, acceleration)
+    blocks[..., 2, 3] = alpha
+    blocks[..., 2, :3] += _cross(origin[..., None, :], np.swapaxes(blocks[..., :2, :3], -1, -2))
+    return np.moveaxis(blocks, 1, 2).reshape(len(q), 3, -1)
+
+
+def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
+    """Regressor of the joint torques of a planar chain, from that of the wrench.
+
+    Parameters
+    ----------
+    centres : (n, 2) array
+    q : (T, n) array
+    regressor : (T, 3, 4(n + 1)) array
+        As :func:`planar_regressor` returns it.
+
+    Returns
+    -------
+    (T, n, 4(n + 1)) array
+        tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of what the segments beyond
+        it need.
+    """
+    _, origin = planar.segment_poses(q, centres)
+    joint = np.arange(1, len(centres) + 1)
+    link = np.repeat(np.arange(len(centres) + 1), len(PLANAR_PARAMETERS))
+    force = np.swapaxes(regressor[:, :2, :], 1, 2)[:, None]  # (T, 1, 4(n + 1), 2)
+    torque = regressor[:, 2:, :] - _cross(origin[:, 1:, None, :], force)
+    return np.where(link >= joint[:, None], torque, 0.0)
+
+
+def _origin_accelerations(origin: FloatArray, omega: FloatArray, alpha: FloatArray, gravity: float) -> FloatArray:
+    """Acceleration (T, n + 1, 2) of the segments' origins in the plane frame, gravity as a base moving upwards."""
+    accelerations = np.zeros_like(origin)
+    steps = _point_acceleration(np.diff(origin, axis=1), omega[:, :-1], alpha[:, :-1])
+    accelerations[:, 1:] = np.cumsum(steps, axis=1)
+    accelerations[..., 1] += gravity
+    return accelerations
+
+
+def _point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
+    """Acceleration of a point at ``arm`` (..., 2) from the origin of a body that turns."""
+    turned = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
+    acceleration: FloatArray = alpha[..., None] * turned - (omega**2)[..., None] * arm
+    return acceleration
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """z component of a × b for plane vectors (..., 2)."""
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

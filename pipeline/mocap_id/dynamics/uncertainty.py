@@ -1,0 +1,55 @@
+"""Standard deviations from residuals that are correlated in time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.base import triangular_factor
+
+
+def time_blocks(time: FloatArray, length: float) -> IntArray:
+    """Number the blocks of ``length`` s that samples at ``time`` (R,) fall into, without gaps in the count."""
+    _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
+    return block.astype(np.int64)
+
+
+def block_covariance(design: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
+    """Covariance of least-squares parameters, free of any model of the residuals within a block.
+
+    The sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g: what a block bootstrap converges to, without
+    its draws. Residuals may be correlated and heteroscedastic within a block; blocks are taken as independent, so
+    they must be longer than the residuals' memory. The factor G/(G - 1) · (r - 1)/(r - b) is the usual one for few
+    blocks.
+
+    Parameters
+    ----------
+    design : (R, c, b) array
+        Weighted regressor.
+    residual : (R, c) array
+        Weighted.
+    block : (R,) int array
+        Block of each sample, 0 … G - 1.
+
+    Returns
+    -------
+    (b, b) array
+    """
+    columns = design.shape[-1]
+    factor = triangular_factor(design.reshape(-1, columns))
+    scores = np.einsum("rcb,rc->rb", design, residual)
+    count = int(block.max()) + 1
+    sums = np.zeros((count, columns))
+    np.add.at(sums, block, scores)
+    half = solve_triangular(factor, solve_triangular(factor, sums.T, trans="T"))  # (XᵀX)⁻¹ per block, (b, G)
+    rows = residual.size
+    correction = count / max(count - 1, 1) * (rows - 1) / max(rows - columns, 1)
+    covariance: FloatArray = correction * (half @ half.T)
+    return covariance
+
+
+def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Variance (...) of rows (..., b) times parameters of this covariance (b, b)."""
+    values: FloatArray = np.einsum("...b,...b->...", rows @ covariance, rows)
+    return np.maximum(values, 0.0)

@@ -1,0 +1,72 @@
+"""How upright a person on a fixed base is, from the chain alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.geometry import planar
+
+_LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, of the height's range
+_LEAST_RISE = 0.15  # of the legs' length: less is not a sit-to-stand
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Height of the joint that rises and falls most (the hip, or the joint within the trunk) through the trial.
+
+    Parameters
+    ----------
+    height : (T,) array
+        0 at the trial's lowest (2 % quantile), 1 at its highest (98 %); NaN where unknown.
+    rise : float
+        Distance between the two, m.
+    upright : (T,) bool array
+        High with hysteresis: entered above 0.7 of the rise, left below 0.3.
+    moves : bool
+        The rise is at least 15 % of the chain's length up to that joint: people get up here.
+    speed : (T,) array
+        Norm of the joint velocities, rad/s; NaN where unknown.
+    """
+
+    height: FloatArray
+    rise: float
+    upright: BoolArray
+    moves: bool
+    speed: FloatArray
+
+
+def posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
+    """Posture of a chain whose base is on the ground.
+
+    Parameters
+    ----------
+    q, dq : (T, n) arrays
+        Joint angles, rad, and velocities; NaN where unknown.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    """
+    _, origin = planar.segment_poses(q, centres)
+    heights = origin[:, 1:, 1]
+    speed = np.linalg.norm(dq, axis=1)
+    if not np.isfinite(heights).any():
+        return Posture(heights[:, 0], 0.0, np.zeros(len(q), dtype=bool), False, speed)
+    low, high = np.nanquantile(heights, [0.02, 0.98], axis=0)
+    joint = int(np.argmax(high - low))
+    rise = float(high[joint] - low[joint])
+    length = float(np.linalg.norm(centres[1 : joint + 1], axis=1).sum())
+    height = (heights[:, joint] - low[joint]) / rise if rise > 0.0 else np.zeros(len(q))
+    return Posture(height, rise, _with_hysteresis(height), rise > max(_LEAST_RISE * length, 1e-6), speed)
+
+
+def _with_hysteresis(height: FloatArray) -> BoolArray:
+    """True from above 0.7 until below 0.3; unknown samples keep the state."""
+    change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
+    decided = np.flatnonzero(change)
+    if len(decided) == 0:
+        return np.zeros(len(height), dtype=bool)
+    last = np.searchsorted(decided, np.arange(len(height)), side="right") - 1
+    state: BoolArray = change[decided[np.maximum(last, 0)]] > 0
+    return state

@@ -1,0 +1,84 @@
+"""The allometric body that a trial's subject is compared with, and what had to be assumed for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.allometry import Sex, TableName, full_parameters, height_from_legs, table
+from mocap_id.verdict import Reason
+
+
+@dataclass(frozen=True)
+class ReferenceBody:
+    """Full parameters of a reference body on the trial's chain.
+
+    Parameters
+    ----------
+    table : str or None
+        ``winter``, ``de-leva``; None where no reference applies.
+    parameters : (4(n + 1),) array
+        m, mx, my, Izz of every segment, base first; NaN where no reference applies.
+    reasons : tuple of Reason
+        What was assumed, or why there is none.
+    """
+
+    table: TableName | None
+    parameters: FloatArray
+    reasons: tuple[Reason, ...]
+
+
+def reference_body(
+    name: TableName,
+    centres: FloatArray,
+    facing: int,
+    *,
+    height: float | None,
+    mass: float | None,
+    sex: Sex | None,
+    plate_mass: float | None,
+) -> ReferenceBody:
+    """A person of this height, mass and sex on a foot-shank-thigh-torso chain (or with the torso in two).
+
+    Parameters
+    ----------
+    name : {"winter", "de-leva"}
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    facing : {-1, 1}
+        Sign of x in front of the subject.
+    height, mass, sex : optional
+        As the user gave them. A missing height is estimated from shank and thigh, a missing mass taken from the
+        plates; without the sex de Leva's table is the mean of both.
+    plate_mass : float or None
+        What the plates show, kg.
+    """
+    if len(centres) not in (3, 4):
+        return _none(len(centres), f"the tables describe people of 4 or 5 segments, not of {len(centres) + 1}")
+    if mass is None and plate_mass is None:
+        return _none(len(centres), "neither the subject's mass nor a plate's is known: give `subject: {mass: …}`")
+    reference = table(name, sex)
+    notes: list[str] = []
+    if mass is None:
+        mass = plate_mass
+        notes.append(f"a mass of {mass:.1f} kg, from the plates")
+    if height is None:
+        shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
+        height = height_from_legs(reference, shank, thigh)
+        notes.append(f"a height of {height:.2f} m, from the lengths of shank and thigh")
+    if name == "de-leva" and sex is None:
+        notes.append("the mean of the female and the male table")
+    assert mass is not None
+    parameters = full_parameters(reference, centres, height, mass, facing)
+    reasons: tuple[Reason, ...] = ()
+    if notes:
+        message = f"the reference body ({name}) assumes {'; '.join(notes)}; give `subject:` to be exact"
+        reasons = (Reason("reference-assumed", message, level="ok"),)
+    return ReferenceBody(name, parameters, reasons)
+
+
+def _none(joints: int, why: str) -> ReferenceBody:
+    reason = Reason("no-reference", f"there is no reference body to compare with: {why}", level="ok")
+    return ReferenceBody(None, np.full(4 * (joints + 1), np.nan), (reason,))

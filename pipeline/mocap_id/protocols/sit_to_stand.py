@@ -1,0 +1,207 @@
+"""Sit-to-stand and squats: where the chair is, and the repetitions, whatever their number (thesis ch. 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.fit import determined, fit
+from mocap_id.dynamics.lowpass import LowPass, runs
+from mocap_id.dynamics.prepare import Prepared
+from mocap_id.protocols import contact
+from mocap_id.protocols.contact import ContactRule
+from mocap_id.protocols.posture import Posture
+from mocap_id.protocols.repetitions import Repetition
+
+_STILL = 0.05  # of the peak speed: slower than this is a pause …
+_PAUSE = 0.2  # … if it lasts this long, s: at seat-off trunk and legs may both be slow for an instant
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where the chair is.
+
+    Parameters
+    ----------
+    chair : bool
+        A chair is used; False for squats.
+    touching : (T,) bool array
+        Samples with contact, on the markers' clock.
+    free : (T,) bool array
+        Samples to identify on.
+    weight : float
+        Standing weight, N.
+    threshold : float or None
+        Missing vertical force that counted as contact, N; None where the rule was another.
+    rule : ContactRule
+        The rule that decided; another than asked for where that one had too few samples.
+    """
+
+    chair: bool
+    touching: BoolArray
+    free: BoolArray
+    weight: float
+    threshold: float | None
+    rule: ContactRule
+
+
+def find_contact(
+    prepared: Prepared, posture: Posture, rule: ContactRule, *, weight_share: float, knee_bend: float
+) -> Contact:
+    """Find the samples without chair contact.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    posture : Posture
+    rule : {"seat-force", "weight", "knee"}
+        See :mod:`mocap_id.protocols.contact`.
+    weight_share : float
+        Share of the standing weight that releases the chair, rule ``weight``.
+    knee_bend : float
+        Bend of the second joint, rad, below which the person is off the chair, rule ``knee``.
+    """
+    vertical = prepared.recorded.wrench[:, 1]
+    weight = contact.standing_weight(posture, vertical)
+    if not contact.uses_chair(posture, vertical, weight):
+        nowhere = np.zeros(len(vertical), dtype=bool)
+        return Contact(False, nowhere, ~nowhere, weight, None, rule)
+    with np.errstate(invalid="ignore"):
+        by_weight = contact.touching(posture, vertical < weight_share * weight)
+        straight = np.abs(prepared.recorded.q[:, min(1, prepared.recorded.q.shape[1] - 1)]) < knee_bend
+    if rule == "knee":
+        return Contact(True, by_weight, straight, weight, None, rule)
+    first = contact.surely_free(posture) & ~by_weight
+    if rule == "weight" or not determined(prepared, first):
+        return Contact(True, by_weight, ~by_weight, weight, None, "weight")
+    touching, threshold = _by_seat_force(prepared, posture, first, weight)
+    return Contact(True, touching, ~touching, weight, threshold, "seat-force")
+
+
+def sit_to_stand_repetitions(
+    time: FloatArray, posture: Posture, touching: BoolArray | None, *, chair: bool
+) -> tuple[Repetition, ...]:
+    """Repetitions of rising from a chair and sitting down again, or of squatting.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    posture : Posture
+    touching : (T,) bool array or None
+        Contact with the chair; None where no plate tells.
+    chair : bool
+        A chair is used.
+    """
+    if not posture.moves:
+        return ()
+    if chair:
+        return tuple(_rising(time, posture, touching, up) for up in runs(posture.upright))
+    down = [run for run in runs(~posture.upright) if run.start > 0 and run.stop < len(time)]
+    return tuple(_squatting(time, posture, run) for run in down)
+
+
+def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weight: float) -> tuple[BoolArray, float]:
+    """Alternate between a model of what is surely free and the contact that it shows, until neither changes."""
+    rate = prepared.recorded.rate
+    smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)
+    free, touching, threshold = first, ~first, 0.0
+    for _ in range(_ROUNDS):
+        found = fit(prepared, free)
+        base = found.problem.free_solution()[: found.base]
+        measured = prepared.wrench(prepared.recorded.time - found.offset)[:, 1]
+        seat_force = smooth((prepared.rows[:, 1] @ base - measured)[:, None])[:, 0]
+        threshold = contact.seat_force_threshold(seat_force, found.in_fit, weight)
+        with np.errstate(invalid="ignore"):
+            before, touching = touching, contact.touching(posture, seat_force > threshold)
+        free = ~touching
+        if np.array_equal(before, touching):
+            break
+    return touching, threshold
+
+
+def _rising(time: FloatArray, posture: Posture, touching: BoolArray | None, up: slice) -> Repetition:
+    """The repetition around one upright phase."""
+    before, after = _neighbours(posture.upright, up)
+    rose, sat = up.start > 0, up.stop < len(time)
+    start = stand = end = seat_off = seat_on = float("nan")
+    if rose:
+        peak = _peak(posture.speed, before, up)
+        start = _pause_end(time, posture.speed, before, peak)
+        stand = _pause_start(time, posture.speed, up, peak)
+        seat_off = _event(time, touching, before, last=True)
+    if sat:
+        end = _pause_start(time, posture.speed, after, _peak(posture.speed, up, after))
+        seat_on = _event(time, touching, after, last=False)
+    missing = [
+        text
+        for absent, text in (
+            (not rose, "the recording begins upright"),
+            (not sat, "the recording ends upright"),
+            (touching is None, "no plate shows when the chair is released"),
+            (rose and touching is not None and np.isnan(seat_off), "no contact with the chair before the rise"),
+            (sat and touching is not None and np.isnan(seat_on), "no contact with the chair after the descent"),
+        )
+        if absent
+    ]
+    return Repetition(start, seat_off, stand, seat_on, end, not missing, "; ".join(missing))
+
+
+def _squatting(time: FloatArray, posture: Posture, down: slice) -> Repetition:
+    """The repetition around one low phase between two upright ones."""
+    before, after = _neighbours(~posture.upright, down)
+    start = _pause_end(time, posture.speed, before, _peak(posture.speed, before, down))
+    stand = _pause_start(time, posture.speed, after, _peak(posture.speed, down, after))
+    return Repetition(start, float("nan"), stand, float("nan"), stand, True)
+
+
+def _neighbours(state: BoolArray, run: slice) -> tuple[slice, slice]:
+    """The stretches of the opposite state on both sides of a run; empty at the recording's ends."""
+    others = runs(~state)
+    before = [other for other in others if other.stop == run.start]
+    after = [other for other in others if other.start == run.stop]
+    size = len(state)
+    return (before or [slice(0, 0)])[0], (after or [slice(size, size)])[0]
+
+
+def _peak(speed: FloatArray, *parts: slice) -> float:
+    joined = np.concatenate([speed[part] for part in parts])
+    return float(np.nanmax(joined)) if np.isfinite(joined).any() else 0.0
+
+
+def _pause_start(time: FloatArray, speed: FloatArray, part: slice, peak: float) -> float:
+    """When the first pause of a part begins; without one, its slowest instant."""
+    pauses = _pauses(time, speed, part, peak)
+    return float(time[pauses[0].start]) if pauses else _slowest(time, speed, part)
+
+
+def _pause_end(time: FloatArray, speed: FloatArray, part: slice, peak: float) -> float:
+    """When the last pause of a part ends; without one, its slowest instant."""
+    pauses = _pauses(time, speed, part, peak)
+    return float(time[pauses[-1].stop - 1]) if pauses else _slowest(time, speed, part)
+
+
+def _pauses(time: FloatArray, speed: FloatArray, part: slice, peak: float) -> list[slice]:
+    """Stretches of stillness within a part, in samples of the trial."""
+    still = np.zeros(len(time), dtype=bool)
+    with np.errstate(invalid="ignore"):
+        still[part] = speed[part] < _STILL * peak
+    return [run for run in runs(still) if time[run.stop - 1] - time[run.start] >= _PAUSE]
+
+
+def _slowest(time: FloatArray, speed: FloatArray, part: slice) -> float:
+    known = np.flatnonzero(np.isfinite(speed[part]))
+    return float(time[part.start + int(known[np.argmin(speed[part][known])])]) if len(known) else float("nan")
+
+
+def _event(time: FloatArray, touching: BoolArray | None, low: slice, *, last: bool) -> float:
+    """Time of the chair's release (last contact) or touch (first contact) in a low phase; NaN without one."""
+    found: Sequence[int] = [] if touching is None else np.flatnonzero(touching[low]).tolist()
+    if not found:
+        return float("nan")
+    index = low.start + found[-1] + 1 if last else low.start + found[0]
+    return float(time[min(index, len(time) - 1)])

@@ -1,0 +1,277 @@
+"""identify-dim: base parameters, clock offset, predicted wrench and torques; the repetitions and their events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.fit import LEAST_SECONDS, determined, select
+from mocap_id.dynamics.grid import PointGrid, segment_grid
+from mocap_id.dynamics.identify import identify
+from mocap_id.dynamics.judge import judge
+from mocap_id.dynamics.kinematic_error import KinematicError, from_markers
+from mocap_id.dynamics.predict import predict
+from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, arcs, prepare
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.errors import StoreError
+from mocap_id.protocols.contact import ContactRule
+from mocap_id.protocols.movement import Movement, facing, read_movement
+from mocap_id.protocols.reference_body import ReferenceBody, reference_body
+from mocap_id.stages import dynamics_artefacts as artefacts
+from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.store import Table, Tree
+from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
+from mocap_id.verdict import Reason
+
+
+class IdentifyDimSettings(Settings):
+    """How the dynamics are identified; the defaults suit people and robots alike."""
+
+    components: tuple[Literal["Fx", "Fy", "tauz"], ...] = Field(
+        ("Fx", "Fy", "tauz"), min_length=1, description="components of the wrench that are fitted"
+    )
+    cutoff_hz: float | None = Field(
+        None, gt=0, description="low-pass of regressor and wrench, Hz; default: from the joints' velocities"
+    )
+    apply_clock_offset: bool = Field(True, description="take the offset between the clocks out; it is always reported")
+    clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="offsets up to ± this are tried, s")
+    plate_bias: bool = Field(True, description="estimate a constant error of the plate's Fx")
+    plate_zero_sd_n: float = Field(2.0, ge=0, description="sd of a constant error of the plate's Fy, N")
+    plate_zero_sd_nm: float = Field(0.5, ge=0, description="sd of a constant error of the plate's tauz, N*m")
+    contact: ContactRule = Field("seat-force", description="how the chair's contact is found")
+    seat_off_share: float = Field(0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight`")
+    knee_bend_rad: float = Field(0.8, gt=0, description="straighter is off the chair, for `contact: knee`, rad")
+    reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table to compare with")
+    grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
+    block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
+    cop_threshold_n: float = Field(20.0, gt=0, description="no centre of pressure under this vertical force, N")
+    still_arc_deg: float = Field(3.0, ge=0, description="if no joint turns more, only the mass is known, degrees")
+    gravity: float = Field(9.81, gt=0, description="m/s^2")
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """What the stage needs of chain.h5."""
+
+    centres: FloatArray
+    segment: IntArray
+    local: FloatArray
+    residual: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, tree: Tree) -> _Chain:
+        joints: Any = tree.data["joints"]
+        markers: Any = tree.data["markers"]
+        return cls(
+            centres=np.asarray(joints["centre"], dtype=np.float64),
+            segment=np.asarray(markers["segment"], dtype=np.int64),
+            local=np.asarray(markers["local"], dtype=np.float64),
+            residual=np.asarray(markers["residual"], dtype=np.float64),
+            covariance=np.asarray(joints["covariance"], dtype=np.float64),
+        )
+
+    def error(self, q: FloatArray) -> KinematicError:
+        """What is uncertain of the geometry."""
+        return from_markers(
+            q,
+            self.centres,
+            self.segment,
+            self.local,
+            residual=self.residual,
+            centre_covariance=self.covariance,
+        )
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """Why nothing could be identified, and the mass where that much is known."""
+
+    code: str
+    why: str
+    mass: float | None = None
+
+
+def identify_dim(context: Context) -> Outputs:
+    """Identify the inertial parameters from the states and the plates' wrench."""
+    settings: IdentifyDimSettings = context.settings
+    chain = _Chain.of(context.tree("chain.h5"))
+    recorded = _recorded(context, chain)
+    unknown = _without_wrench(context, recorded)
+    prepared = None if unknown else prepare(recorded, _fit_settings(settings))
+    movement = read_movement(
+        context.trial.protocol,
+        recorded,
+        prepared,
+        settings.contact,
+        weight_share=settings.seat_off_share,
+        knee_bend=settings.knee_bend_rad,
+    )
+    events = artefacts.events_table(movement.repetitions)
+    grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
+    if prepared is not None:
+        unknown = _not_excited(context, prepared, movement)
+    if prepared is None or unknown is not None:
+        assert unknown is not None
+        return (events, *_nothing(settings, recorded, grid, unknown, movement))
+    return (events, *_identified(context, chain, prepared, movement, grid))
+
+
+def _identified(
+    context: Context, chain: _Chain, prepared: Prepared, movement: Movement, grid: PointGrid
+) -> tuple[Table, Tree]:
+    settings: IdentifyDimSettings = context.settings
+    body = _reference(context, prepared, movement)
+    found = identify(prepared, movement.free, grid, body.parameters, chain.error(prepared.recorded.q))
+    result = artefacts.Identified(
+        prepared=prepared,
+        found=found,
+        model=predict(prepared, found, settings.cop_threshold_n),
+        grid=grid,
+        body=body,
+        contact=movement.contact,
+        cop_threshold=settings.cop_threshold_n,
+    )
+    frame = artefacts.dynamics_frame(result)
+    reasons = (*movement.reasons, *body.reasons, *judge(prepared, found, context.trial.subject.mass))
+    facts = artefacts.dynamics_facts(result, frame)
+    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+
+
+def _nothing(
+    settings: IdentifyDimSettings, recorded: Recorded, grid: PointGrid, unknown: _Unknown, movement: Movement
+) -> tuple[Table, Tree]:
+    """The artefacts of a trial whose parameters stay unknown."""
+    frame = artefacts.empty_frame(recorded, settings.cop_threshold_n)
+    data = artefacts.empty_data(recorded.centres, grid, unknown.mass)
+    reasons = (*movement.reasons, Reason(unknown.code, unknown.why))
+    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, data, artefacts.empty_facts(unknown.why), reasons)
+
+
+def _recorded(context: Context, chain: _Chain) -> Recorded:
+    """States and wrench on their common times."""
+    states, wrench = context.table("states.parquet").frame, context.table("wrench.parquet").frame
+    time = states["time"].to_numpy(dtype=np.float64)
+    stamped = wrench["time"].to_numpy(dtype=np.float64)
+    if len(time) != len(stamped) or not np.allclose(time, stamped, atol=1e-6):
+        raise StoreError(
+            f"trial {context.trial.trial}, identify-dim: states.parquet has {len(time)} samples and wrench.parquet "
+            f"{len(stamped)}, expected the same times; run the trial again from planarise"
+        )
+    joints = range(1, len(chain.centres) + 1)
+
+    def columns(name: str) -> FloatArray:
+        return np.column_stack([states[f"{name}_{j}"].to_numpy(dtype=np.float64) for j in joints])
+
+    measured = wrench[list(WRENCH_COMPONENTS)].to_numpy(dtype=np.float64)
+    sound = wrench["plate_ok"].to_numpy(dtype=np.bool_)
+    return Recorded(
+        time=time,
+        q=columns("theta"),
+        dq=columns("dtheta"),
+        ddq=columns("ddtheta"),
+        ddq_sd=columns("sd_ddtheta"),
+        observed=np.logical_and.reduce([states[f"observed_{j}"].to_numpy(dtype=np.bool_) for j in joints]),
+        wrench=np.where(sound[:, None], measured, np.nan),
+        centres=chain.centres,
+    )
+
+
+def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
+    return FitSettings(
+        components=tuple(WRENCH_COMPONENTS.index(name) for name in settings.components),
+        cutoff=settings.cutoff_hz,
+        offset_limit=settings.clock_offset_limit_s,
+        apply_offset=settings.apply_clock_offset,
+        plate_bias=settings.plate_bias,
+        plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
+        block=settings.block_s,
+        gravity=settings.gravity,
+    )
+
+
+def _without_wrench(context: Context, recorded: Recorded) -> _Unknown | None:
+    """Why there is nothing to identify from, before any computation."""
+    facts = context.table("wrench.parquet").facts
+    felt = np.isfinite(recorded.wrench).all(axis=1)
+    if not felt.any():
+        why = facts.get("why") or "the recording has no usable force plate"
+        return _Unknown("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
+    known = np.isfinite(recorded.ddq).all(axis=1)
+    if (felt & known).sum() < LEAST_SECONDS * recorded.rate:
+        return _Unknown(
+            "no-common-samples",
+            f"wrench and joint angles are known together in {(felt & known).sum() / recorded.rate:.2f} s, "
+            f"expected at least {LEAST_SECONDS:g} s",
+            facts.get("mass_kg"),
+        )
+    return None
+
+
+def _not_excited(context: Context, prepared: Prepared, movement: Movement) -> _Unknown | None:
+    """Why the samples that are left say nothing of the parameters."""
+    settings: IdentifyDimSettings = context.settings
+    recorded = prepared.recorded
+    chosen = select(prepared, movement.free)
+    mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if chosen.sum() < LEAST_SECONDS * recorded.rate:
+        return _Unknown(
+            "too-few-samples",
+            f"{chosen.sum() / recorded.rate:.2f} s are left to identify on, off the chair and clear of gaps by the "
+            f"filter's reach of {prepared.lowpass.reach:.2f} s; expected at least {LEAST_SECONDS:g} s: record longer "
+            "or with fewer gaps",
+            mass,
+        )
+    arc = np.degrees(np.max(arcs(recorded.q, chosen)))
+    if arc < settings.still_arc_deg:
+        vertical = float(np.nanmedian(recorded.wrench[chosen, 1]))
+        return _Unknown(
+            "standing-still",
+            f"no joint turns more than {arc:.1f}° where only the ground touches the body, expected at least "
+            f"{settings.still_arc_deg:g}°: only the mass is known; record a movement",
+            mass if mass is not None else vertical / settings.gravity,
+        )
+    if not determined(prepared, movement.free):
+        return _Unknown(
+            "not-excited",
+            "where only the ground touches the body, a joint rests and its segment's parameters cannot be told from "
+            "the others'; record a movement of every joint",
+            mass,
+        )
+    return None
+
+
+def _reference(context: Context, prepared: Prepared, movement: Movement) -> ReferenceBody:
+    """The allometric body of a sit-to-stand; other protocols have none."""
+    settings: IdentifyDimSettings = context.settings
+    chain, subject = prepared.recorded.centres, context.trial.subject
+    if context.trial.protocol != "sit-to-stand":
+        return ReferenceBody(None, np.full(4 * (len(chain) + 1), np.nan), ())
+    mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
+        mass = movement.contact.weight / settings.gravity
+    return reference_body(
+        settings.reference,
+        chain,
+        facing(prepared.recorded),
+        height=subject.height,
+        mass=subject.mass,
+        sex=subject.sex,
+        plate_mass=mass,
+    )
+
+
+STAGE = Stage(
+    name="identify-dim",
+    version=1,
+    inputs=("wrench.parquet", "chain.h5", "states.parquet"),
+    outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
+    uses=("trial", "protocol", "subject"),
+    settings=IdentifyDimSettings,
+    function=identify_dim,
+    help="Identify the inertial parameters from joint angles and the wrench of the ground.",
+)

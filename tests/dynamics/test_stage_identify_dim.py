@@ -1,0 +1,196 @@
+"""The stage: what it writes for a good trial, and what for every kind of bad one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from dynamics_cases import BODY, CENTRES, moving_body
+
+from mocap_id.dynamics.prepare import Recorded
+from mocap_id.errors import StoreError
+from mocap_id.stages.base import Context, Files, Subject, TrialKeys
+from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
+from mocap_id.store import Table, Tree, hdf5, parquet
+from mocap_id.store.schemas import CHAIN, STATES, WRENCH
+
+MASS = float(BODY[:, 0].sum())
+SEGMENT = np.repeat([0, 1, 2, 3], 3)
+LOCAL = np.array([[-0.25, 0.02], [0.06, 0.1], [-0.1, 0.05], *3 * [[-0.1, 0.1], [0.1, 0.4], [0.02, 0.85]]])
+
+
+def context(
+    recorded: Recorded,
+    *,
+    protocol: Any = "free",
+    subject: Subject | None = None,
+    why: str | None = None,
+    **settings: Any,
+) -> Context:
+    joints = recorded.q.shape[1]
+    states = pd.DataFrame({"time": recorded.time})
+    for j in range(joints):
+        for name, values in (("theta", recorded.q), ("dtheta", recorded.dq), ("ddtheta", recorded.ddq)):
+            states[f"{name}_{j + 1}"] = values[:, j]
+        states[f"sd_ddtheta_{j + 1}"], states[f"observed_{j + 1}"] = 0.05, recorded.observed
+    wrench = pd.DataFrame(recorded.wrench, columns=["Fx", "Fy", "tauz"]).assign(
+        time=recorded.time, plate_ok=np.isfinite(recorded.wrench).all(axis=1)
+    )
+    chain = {
+        "joints": {"centre": CENTRES, "covariance": np.tile(1e-6 * np.eye(2), (joints, 1, 1))},
+        "markers": {"segment": SEGMENT, "local": LOCAL, "residual": np.full(len(SEGMENT), 0.001)},
+    }
+    keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), protocol=protocol, subject=subject or Subject())
+    inputs = {
+        "states.parquet": Table(STATES, states),
+        "wrench.parquet": Table(WRENCH, wrench, {"mass_kg": None, "why": why}),
+        "chain.h5": Tree(CHAIN, chain),
+    }
+    return Context(keys, IdentifyDimSettings(**settings), inputs)
+
+
+def run(recorded: Recorded, **changes: Any) -> tuple[Table, Table, Tree]:
+    events, table, tree = STAGE.function(context(recorded, **changes))
+    parquet.conform(events), parquet.conform(table), hdf5.conform(tree)
+    assert (events.schema.file, table.schema.file, tree.schema.file) == STAGE.outputs
+    assert len(table.frame) == len(recorded.time)
+    return events, table, tree
+
+
+def with_(recorded: Recorded, **changes: np.ndarray) -> Recorded:
+    return Recorded(**{**recorded.__dict__, **changes})
+
+
+def codes(tree: Tree) -> list[str]:
+    return [reason.code for reason in tree.reasons]
+
+
+def test_a_good_trial() -> None:
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    events, table, tree = run(recorded)
+    base: Any = tree.data["base"]
+    assert base["name"][0] == "m1+m2+m3+m4"
+    assert base["value"][0] == pytest.approx(MASS, rel=1e-3)
+    assert (base["sd"] > 0).all()
+    full: Any = tree.data["full"]
+    np.testing.assert_allclose(base["regrouping"] @ full["value"], base["value"], atol=1e-5)
+    assert np.isnan(full["reference"]).all()
+    assert len(events.frame) == 0
+    assert codes(tree) == []
+    facts = tree.facts
+    assert facts["why"] is None
+    assert facts["reference_table"] is None
+    assert facts["samples"] == table.frame["in_fit"].sum() > 1000
+    assert facts["clock_offset_s"] == pytest.approx(0.0, abs=1e-4)
+    assert facts["wrench"]["Fy"]["r2"] > 0.9999
+    used = table.frame[table.frame["in_fit"]]
+    assert facts["cop_rms_m"] == pytest.approx(np.sqrt(np.mean((used["cop_x_model"] - used["cop_x"]) ** 2)))
+    error = table.frame["tauz_model"] - table.frame["tauz"]
+    assert error.std() == pytest.approx(0.15, rel=0.1)
+    loaded = table.frame[table.frame["Fy"] >= 20.0]
+    np.testing.assert_allclose(loaded["cop_x"], loaded["tauz"] / loaded["Fy"])
+    assert table.frame["cop_x"].notna().sum() == len(loaded)
+
+
+def test_the_measured_wrench_is_at_the_corrected_clock() -> None:
+    recorded = moving_body(seconds=15.0)
+    late = with_(recorded, wrench=np.roll(recorded.wrench, -3, axis=0))  # stamped 30 ms too early
+    late.wrench[-3:] = np.nan
+    _, table, tree = run(late)
+    assert tree.facts["clock_offset_s"] == pytest.approx(0.03, abs=1e-4)
+    inner = slice(50, -50)
+    np.testing.assert_allclose(table.frame["Fy"][inner], recorded.wrench[inner, 1], atol=0.02)
+    _, table, tree = run(late, apply_clock_offset=False)
+    assert tree.facts["clock_offset_s"] == pytest.approx(0.03, abs=3e-3)
+    np.testing.assert_array_equal(table.frame["Fy"][inner], late.wrench[inner, 1])
+
+
+def test_a_person_is_compared_with_the_reference() -> None:
+    subject = Subject(height=1.72, mass=77.0, sex="male")
+    _, table, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), protocol="sit-to-stand", subject=subject)
+    assert tree.facts["reference_table"] == "winter"
+    full: Any = tree.data["full"]
+    assert full["reference"][::4].sum() == pytest.approx(77.0)
+    assert table.frame["Fy_reference"].mean() == pytest.approx(9.81 * 77.0, rel=0.01)
+    assert table.frame["Fx_reference"].notna().all()
+
+
+def assert_nothing_known(table: Table, tree: Tree, code: str, *, mass: float | None = None) -> None:
+    assert code in codes(tree)
+    assert [reason.level for reason in tree.reasons if reason.code == code] == ["caution"]
+    assert tree.facts["why"]
+    assert all(value is None for name, value in tree.facts.items() if name != "why")
+    base: Any = tree.data["base"]
+    assert len(base["name"]) == 11
+    if mass is None:
+        assert np.isnan(base["value"]).all()
+    else:
+        assert base["value"][0] == pytest.approx(mass, rel=1e-3)
+        assert np.isnan(base["value"][1:]).all()
+    assert not table.frame["in_fit"].any()
+    assert table.frame[["Fx_model", "tau_1", "sd_tau_3", "cop_x_reference"]].isna().all().all()
+
+
+def test_no_plate() -> None:
+    recorded = moving_body()
+    nothing = with_(recorded, wrench=np.full_like(recorded.wrench, np.nan))
+    _, table, tree = run(nothing, why="the recording has no force plate")
+    assert_nothing_known(table, tree, "no-wrench")
+    assert "no force plate" in tree.facts["why"]
+
+
+def test_standing_still_gives_the_mass_alone() -> None:
+    recorded = moving_body()
+    states = {name: 1e-3 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
+    wrench = np.tile([0.0, 9.81 * MASS, -12.0], (len(recorded.time), 1))
+    _, table, tree = run(with_(recorded, **states, wrench=wrench))
+    assert_nothing_known(table, tree, "standing-still", mass=MASS)
+    np.testing.assert_allclose(table.frame["cop_x"], -12.0 / (9.81 * MASS))
+
+
+def test_plate_and_markers_that_hardly_overlap() -> None:
+    recorded = moving_body()
+    wrench = recorded.wrench.copy()
+    wrench[60:] = np.nan
+    _, table, tree = run(with_(recorded, wrench=wrench))
+    assert_nothing_known(table, tree, "no-common-samples")
+
+
+def test_too_little_between_the_gaps() -> None:
+    recorded = moving_body()
+    wrench = recorded.wrench.copy()
+    wrench[::40] = np.nan
+    _, table, tree = run(with_(recorded, wrench=wrench))
+    assert_nothing_known(table, tree, "too-few-samples")
+
+
+def test_angles_that_are_never_known() -> None:
+    recorded = moving_body()
+    unknown = {name: np.full_like(getattr(recorded, name), np.nan) for name in ("q", "dq", "ddq")}
+    _, table, tree = run(with_(recorded, **unknown))
+    assert_nothing_known(table, tree, "no-common-samples")
+
+
+def test_a_contradicting_mass_is_said() -> None:
+    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), subject=Subject(mass=60.0))
+    assert codes(tree) == ["mass-contradiction"]
+
+
+def test_a_clock_that_is_out_of_reach_is_said() -> None:
+    recorded = moving_body(seconds=15.0)
+    late = with_(recorded, wrench=np.roll(recorded.wrench, 12, axis=0))
+    late.wrench[:12] = np.nan
+    _, _, tree = run(late, clock_offset_limit_s=0.05)
+    assert "clock-offset-unknown" in codes(tree)
+    assert tree.facts["clock_offset_s"] is None
+
+
+def test_artefacts_that_do_not_belong_together() -> None:
+    broken = context(moving_body())
+    wrench = broken.table("wrench.parquet")
+    shorter = Table(WRENCH, wrench.frame.iloc[:-5], wrench.facts)
+    with pytest.raises(StoreError, match="1195"):
+        STAGE.function(Context(broken.trial, broken.settings, {**broken.inputs, "wrench.parquet": shorter}))

@@ -1,0 +1,176 @@
+"""Sit-to-stand: every repetition, whatever their number; the chair is where it is, and squats have none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from protocol_cases import BODY, CENTRES, WEIGHT, sit_to_stand
+
+from mocap_id.dynamics.lowpass import runs
+from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
+from mocap_id.protocols.contact import standing_weight, touching, uses_chair
+from mocap_id.protocols.movement import Movement, facing, read_movement
+from mocap_id.protocols.posture import posture
+
+RULES = {"weight_share": 0.72, "knee_bend": 0.8}
+
+
+def read(recorded: Recorded, rule: str = "seat-force", plate: bool = True) -> Movement:
+    prepared = prepare(recorded, FitSettings()) if plate else None
+    return read_movement("sit-to-stand", recorded, prepared, rule, **RULES)
+
+
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_every_repetition_is_found(count: int) -> None:
+    recorded, truth = sit_to_stand(count)
+    found = read(recorded).repetitions
+    assert len(found) == count
+    assert all(rep.complete and rep.why == "" for rep in found)
+    for name, within in (("start", 0.35), ("stand", 0.35), ("end", 0.35), ("seat_off", 0.12), ("seat_on", 0.12)):
+        np.testing.assert_allclose([getattr(rep, name) for rep in found], getattr(truth, name), atol=within)
+    for rep in found:
+        assert rep.start < rep.seat_off < rep.stand < rep.seat_on < rep.end
+
+
+def test_no_sample_with_the_chair_is_identified_on() -> None:
+    recorded, truth = sit_to_stand(4)
+    movement = read(recorded)
+    off_chair = np.zeros(len(recorded.time), dtype=bool)
+    for off, on in zip(truth.seat_off, truth.seat_on, strict=True):
+        off_chair |= (recorded.time >= off) & (recorded.time <= on)
+    assert (movement.free & off_chair).sum() > 0.95 * off_chair.sum()
+    # what is let through beyond is the foot of the unloading, under half a per cent of the weight
+    assert (movement.free & ~off_chair).sum() < 0.12 * off_chair.sum()
+    assert movement.contact.threshold == pytest.approx(0.005 * WEIGHT, rel=0.01)
+
+
+def test_the_seat_force_keeps_more_than_the_knee_and_lets_less_through_than_the_weight() -> None:
+    recorded, truth = sit_to_stand(4)
+    found = {rule: read(recorded, rule) for rule in ("seat-force", "weight", "knee")}
+    assert found["knee"].free.sum() < 0.8 * found["seat-force"].free.sum()
+    errors = {
+        rule: np.abs([rep.seat_off - off for rep, off in zip(found[rule].repetitions, truth.seat_off, strict=True)])
+        for rule in ("seat-force", "weight")
+    }
+    assert errors["seat-force"].max() < 0.7 * errors["weight"].min()
+
+
+def test_squats_have_no_chair_and_use_every_sample() -> None:
+    recorded, _ = sit_to_stand(3, chair=False, begins_upright=True)
+    movement = read(recorded)
+    assert not movement.contact.chair
+    assert movement.free.all()
+    assert [reason.code for reason in movement.reasons] == ["no-chair"]
+    assert len(movement.repetitions) == 3
+    for rep in movement.repetitions:
+        assert rep.complete
+        assert np.isnan([rep.seat_off, rep.seat_on]).all()
+        assert rep.start < rep.stand == rep.end
+
+
+def test_a_trial_that_begins_and_ends_upright_says_what_is_missing() -> None:
+    recorded, truth = sit_to_stand(3)
+    cut = slice(int(2.9 * 100), int(15.5 * 100))  # upright to upright
+    whole = {name: value[cut] for name, value in recorded.__dict__.items() if name != "centres"}
+    found = read(Recorded(**whole, centres=CENTRES)).repetitions
+    assert [rep.complete for rep in found] == [False, True, False]
+    assert found[0].why == "the recording begins upright"
+    assert np.isnan([found[0].start, found[0].seat_off]).all()
+    assert found[0].seat_on == pytest.approx(truth.seat_on[0], abs=0.12)
+    assert found[2].why == "the recording ends upright"
+    assert np.isnan([found[2].seat_on, found[2].end]).all()
+
+
+def test_without_a_plate_the_posture_still_tells_the_repetitions() -> None:
+    recorded, truth = sit_to_stand(2)
+    found = read(recorded, plate=False).repetitions
+    assert len(found) == 2
+    assert not any(rep.complete for rep in found)
+    assert "no plate" in found[0].why
+    np.testing.assert_allclose([rep.stand for rep in found], truth.stand, atol=0.35)
+
+
+def test_gaps_in_the_angles_do_not_add_repetitions() -> None:
+    recorded, _ = sit_to_stand(3)
+    q, dq = recorded.q.copy(), recorded.dq.copy()
+    q[900:930], dq[900:930] = np.nan, np.nan
+    assert len(read(Recorded(**{**recorded.__dict__, "q": q, "dq": dq})).repetitions) == 3
+
+
+def test_somebody_who_only_sways_does_not_rise() -> None:
+    recorded, _ = sit_to_stand(2)
+    still = {name: 0.05 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
+    movement = read(Recorded(**{**recorded.__dict__, **still}))
+    assert movement.repetitions == ()
+    assert [reason.code for reason in movement.reasons] == ["no-repetitions"]
+
+
+def test_too_little_off_the_chair_falls_back_to_the_weight_and_says_so() -> None:
+    recorded, _ = sit_to_stand(1)
+    wrench = recorded.wrench.copy()
+    wrench[200:340] = wrench[380:520] = np.nan  # the plate fails while the person moves
+    movement = read(Recorded(**{**recorded.__dict__, "wrench": wrench}))
+    assert movement.contact.rule == "weight"
+    assert [reason.code for reason in movement.reasons] == ["contact-rule"]
+
+
+def test_standing_weight_and_chair() -> None:
+    recorded, _ = sit_to_stand(2)
+    body, vertical = posture(recorded.q, recorded.dq, CENTRES), recorded.wrench[:, 1]
+    weight = standing_weight(body, vertical)
+    assert weight == pytest.approx(9.81 * BODY[:, 0].sum(), rel=2e-3)
+    assert uses_chair(body, vertical, weight)
+    assert not uses_chair(body, np.full_like(vertical, weight), weight)
+    assert np.isnan(standing_weight(body, np.full_like(vertical, np.nan)))
+
+
+def test_contact_is_one_stretch_a_low_phase_and_lasts_to_the_recording_s_ends() -> None:
+    recorded, _ = sit_to_stand(2)
+    body = posture(recorded.q, recorded.dq, CENTRES)
+    signs = np.zeros(len(recorded.time), dtype=bool)
+    lows = runs(~body.upright)
+    assert len(lows) == 3
+    for low in lows:  # flickering signs
+        signs[low.start + 60 : low.stop - 60 : 7] = True
+    signs[body.height > 0.9] = True  # something else
+    found = runs(touching(body, signs))
+    assert len(found) == 3
+    assert found[0].start == 0
+    assert found[-1].stop == len(signs)
+
+
+def test_facing_follows_the_knee() -> None:
+    recorded, _ = sit_to_stand(1)
+    assert facing(recorded) == -1
+    assert facing(Recorded(**{**recorded.__dict__, "q": -recorded.q})) == 1
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize("name", ["sts-normal", "sts-dynamic", "sts-stable-rotated-plate"])
+def test_events_of_simulated_recordings(recordings: Path, name: str) -> None:
+    """True states, measured-like wrench; the chair's force fades in over the last tenth of a second."""
+    folder = recordings / "simulated" / name
+    told, arrays = json.loads((folder / "truth.json").read_text()), dict(np.load(folder / "truth.npz"))
+    thinned = {key: arrays[key][::4] for key in ("t", "q", "qd", "qdd", "wrench", "wrench_total")}
+    time, observed = thinned["t"], np.ones(len(thinned["t"]), dtype=bool)
+    centres = np.array([s["p_in_parent_m"] for s in told["segments"][1:]])
+    noise = np.random.default_rng(0).normal(size=thinned["wrench"].shape) * [0.9, 0.9, 0.3]
+    states = (time, thinned["q"], thinned["qd"], thinned["qdd"], 0 * thinned["q"], observed)
+    movement = read(Recorded(*states, thinned["wrench"] + noise, centres))
+    found = movement.repetitions
+    assert len(found) == len(told["reps"])
+    for rep, true in zip(found, told["reps"], strict=True):
+        assert rep.complete
+        assert -0.12 < rep.seat_off - true["seat_off"] < 0.02
+        assert -0.02 < rep.seat_on - true["seat_on"] < 0.14
+        assert abs(rep.start - true["rise_start"]) < 0.3
+        assert abs(rep.stand - true["rise_end"]) < 0.4
+        assert abs(rep.end - true["sit_end"]) < 0.3
+    # the same movement with all its weight under the feet has no chair
+    everything = Recorded(*states, thinned["wrench_total"].astype(float) + noise, centres)
+    squatting = read(everything)
+    assert not squatting.contact.chair
+    assert squatting.free.all()
