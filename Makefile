@@ -1,0 +1,72 @@
+# Two commands set up everything: `make demo` and `make test`. Both work in a virtual environment of their own (.venv)
+# with the versions of requirements.lock, and need GNU make, git and Python 3.11 to 3.14 only.
+
+VENV := .venv
+BIN := $(VENV)/bin
+LOCK := requirements.lock
+PACKAGE := pipeline/mocap_id/__init__.py pyproject.toml
+
+# The first Python on the path that will do; `make demo PYTHON=/path/to/python` chooses another.
+SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))
+PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 python3.11 python,$(shell $(name) -c '$(SUITABLE)' 2>/dev/null && echo $(name))))
+
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(LOCK)
+DEMO := sample_trials/sit-to-stand
+TRIALS = $(wildcard sample_trials/*/trial.yaml)
+RULES := $(VENV)/trials.mk
+
+.PHONY: help demo test trials docs lock clean
+
+help:
+	@echo 'make demo    install, run the whole pipeline on a sample trial and say where the report is'
+	@echo 'make test    install with the tools of development, check and test everything'
+	@echo 'make trials  build every trial under sample_trials/, with -j several at a time'
+	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
+	@echo 'make lock    resolve the versions of requirements.lock anew'
+	@echo 'make clean   remove what the others made'
+
+demo: $(VENV)/installed
+	$(BIN)/mocap-id run $(DEMO)/trial.yaml
+
+test: $(VENV)/installed-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest
+
+# The rules come from the program's own tuple of stages; -j and -k reach them through $(MAKE).
+trials: $(VENV)/installed
+	@$(BIN)/mocap-id stages $(TRIALS:%=--make %) > $(RULES)
+	@+$(MAKE) --no-print-directory -f $(RULES) MOCAP_ID=$(BIN)/mocap-id all
+
+docs: $(VENV)/installed-dev
+	$(BIN)/python -m mocap_id_cli.pages .
+
+lock: $(VENV)/installed-dev
+	$(PIP_INSTALL) pip-tools
+	CUSTOM_COMPILE_COMMAND='make lock' $(BIN)/python -m piptools compile --quiet --upgrade --strip-extras --extra dev \
+	  --all-build-deps --allow-unsafe --no-emit-index-url --no-emit-trusted-host --no-emit-find-links \
+	  --output-file $(LOCK) pyproject.toml
+
+$(VENV)/created: | require-python
+	$(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+# Without build isolation the build backend comes from the lock file too.
+$(VENV)/installed: $(VENV)/created $(LOCK) $(PACKAGE)
+	$(PIP_INSTALL) hatchling
+	$(PIP_INSTALL) --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	$(PIP_INSTALL) --no-build-isolation --editable '.[dev]'
+	@touch $@
+
+.PHONY: require-python
+require-python:
+	@test -n '$(PYTHON)' || { echo 'No Python 3.11 to 3.14 with venv was found: make … PYTHON=/path/to/python' >&2; exit 1; }
+
+clean:
+	rm -rf $(VENV) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,88 @@
+"""The generated pages: ``python -m mocap_id_cli.pages ROOT`` writes them, a test compares them.
+
+They are docs/commands.md, docs/settings.md, the columns in docs/formats.md, and the settings in configs/*.yaml.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from mocap_id.stages import STAGES
+from mocap_id.store import Column, TableSchema
+from mocap_id.store.schemas import SCHEMAS
+from mocap_id_cli.app import build
+from mocap_id_cli.settings import settings_page, settings_yaml
+
+SETTINGS_MARK = "# ---- every setting, with its default ----\n"
+COLUMNS_MARK = "## Columns\n"
+_COMMANDS = ("", "run", *(stage.name for stage in STAGES), "inspect", "simulate", "schema", "stages")
+
+
+def pages(root: Path) -> dict[Path, str]:
+    """Path → text of every generated page of a source tree; what stands before a mark is kept."""
+    formats = root / "docs" / "formats.md"
+    made = {
+        root / "docs" / "commands.md": commands_page(),
+        root / "docs" / "settings.md": settings_page(),
+        formats: _before(formats, COLUMNS_MARK) + columns(),
+    }
+    for file in sorted((root / "configs").glob("*.yaml")):
+        made[file] = _before(file, SETTINGS_MARK) + settings_yaml()
+    return made
+
+
+def commands_page() -> str:
+    """The help of every command."""
+    parts = ["# Commands\n"]
+    for command in _COMMANDS:
+        title = f"mocap-id {command}".strip()
+        parts.append(f"## `{title}`\n\n```text\n{_help(command)}\n```\n")
+    return "\n".join(parts)
+
+
+def columns() -> str:
+    """The schemas of all artefacts."""
+    return "\n".join(line for file in SCHEMAS for line in _schema(file)) + "\n"
+
+
+def _schema(file: str) -> Iterator[str]:
+    schema = SCHEMAS[file]
+    yield f"\n### `{file}`, version {schema.version}\n"
+    yield "| name | type | unit | meaning |"
+    yield "|---|---|---|---|"
+    yield from map(_row, schema.columns if isinstance(schema, TableSchema) else schema.nodes)
+    if isinstance(schema, TableSchema) and schema.repeated:
+        kinds = "plate" if any(column.name.endswith("_p{k}") for column in schema.repeated) else "joint"
+        yield f"\nand for every {kinds} k:\n"
+        yield "| name | type | unit | meaning |"
+        yield "|---|---|---|---|"
+        yield from map(_row, schema.repeated)
+
+
+def _row(column: Column) -> str:
+    return f"| `{column.name.replace('{k}', 'k')}` | {column.dtype} | {column.unit or '–'} | {column.meaning} |"
+
+
+def _before(file: Path, mark: str) -> str:
+    return file.read_text("utf-8").partition(mark)[0] + mark
+
+
+def _help(command: str) -> str:
+    """Help as a user sees it in a terminal of 100 columns."""
+    width = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1"}
+    result = CliRunner().invoke(build(), [*command.split(), "--help"], prog_name="mocap-id", env=width)
+    return "\n".join(line.rstrip() for line in result.stdout.strip().splitlines())
+
+
+def main() -> None:
+    """Write the pages."""
+    for path, text in pages(Path(sys.argv[1])).items():
+        path.write_text(text, "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""``mocap-id run`` and the commands of the stages: what was done on stderr, what came of it on stdout."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap_id import runner
+from mocap_id.config import load
+from mocap_id.errors import Refused
+from mocap_id.stages import Stage
+from mocap_id.verdict import Reason
+
+TrialFile = Annotated[Path, typer.Argument(metavar="TRIAL.yaml", help="The trial's configuration.", show_default=False)]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print the result and errors alone.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings of the computation too.")]
+
+
+def run(trial: TrialFile, quiet: Quiet = False, verbose: Verbose = False) -> None:
+    """Run the whole pipeline on a trial; what is up to date is not computed again."""
+    _log_to_stderr(quiet, verbose)
+    outcome = runner.run(load(trial), progress=_progress(quiet))
+    _print_verdict(outcome)
+
+
+def stage_command(stage: Stage) -> Callable[[Path, bool, bool], None]:
+    """The command of one stage."""
+
+    def command(trial: TrialFile, quiet: Quiet = False, verbose: Verbose = False) -> None:
+        _log_to_stderr(quiet, verbose)
+        outcome = runner.run_stage(load(trial), stage.name, progress=_progress(quiet))
+        if outcome.refused is not None:
+            _print_verdict(outcome)
+        for file in stage.outputs:
+            typer.echo(_short(outcome.folder / file))
+
+    return command
+
+
+def _print_verdict(outcome: runner.Outcome) -> None:
+    """The verdict, its reasons and where the report is; the exit code of a refusal."""
+    verdict = outcome.summary()["verdict"]
+    typer.echo(f"verdict: {verdict['level']}")
+    for reason in map(Reason.from_dict, verdict["reasons"]):
+        if reason.level != "ok":
+            typer.echo(f"  {reason.code}: {reason.message}{_numbers(reason)}")
+    typer.echo(f"report: {_short(outcome.folder / 'report.html')}")
+    if outcome.refused is not None:
+        raise typer.Exit(Refused.exit_code)
+
+
+def _numbers(reason: Reason) -> str:
+    numbers = [
+        f"{name} {value:.4g}" for name, value in (("value", reason.value), ("limit", reason.limit)) if value is not None
+    ]
+    return f" ({', '.join(numbers)})" if numbers else ""
+
+
+def _progress(quiet: bool) -> runner.Progress:
+    def tell(step: runner.Step) -> None:
+        outcome = f"{step.seconds:8.2f} s" if step.action == "computed" else f"{step.action:>10}"
+        typer.echo(f"{step.stage:<14}{outcome}", err=True)
+
+    return (lambda step: None) if quiet else tell
+
+
+def _log_to_stderr(quiet: bool, verbose: bool) -> None:
+    """What the libraries warn of is shown when asked for; what the runner warns of, unless told to be quiet."""
+    logging.captureWarnings(True)
+    logging.basicConfig(stream=sys.stderr, format="mocap-id: %(message)s", level=logging.ERROR, force=True)
+    logging.getLogger("mocap_id").setLevel(logging.ERROR if quiet else logging.INFO if verbose else logging.WARNING)
+    logging.getLogger("py.warnings").setLevel(logging.WARNING if verbose else logging.CRITICAL)
+
+
+def _short(path: Path) -> str:
+    """A path as seen from the working folder."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

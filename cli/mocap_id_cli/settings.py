@@ -1,0 +1,88 @@
+"""Every setting of every stage, as commented-out YAML and as a page of the documentation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+from pydantic_core import to_jsonable_python
+
+from mocap_id.stages import STAGES, Stage
+from mocap_id.stages.base import TrialKeys
+
+_PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts"}
+
+
+def settings_yaml(stages: Sequence[Stage] = STAGES) -> str:
+    """One section a stage with its defaults, all commented out.
+
+    A line that starts with ``#`` and one blank is a remark; taking the ``#`` off every other line makes it valid.
+    """
+    return "\n".join(line for stage in stages if stage.settings.model_fields for line in _section(stage))
+
+
+def settings_page(stages: Sequence[Stage] = STAGES) -> str:
+    """The settings as Markdown."""
+    lines = [
+        "# Settings",
+        "",
+        "Keys of a trial's YAML file. Paths are relative to the file; what is not given has the default.",
+        "",
+        *_rows(TrialKeys.model_fields),
+        "| `out` | path | `runs/<trial>` | folder of the results |",
+        "",
+    ]
+    for stage in stages:
+        if stage.settings.model_fields:
+            lines += [f"## `{stage.name}:`", "", stage.help, "", *_rows(stage.settings.model_fields), ""]
+    return "\n".join(lines)
+
+
+def _section(stage: Stage) -> Iterator[str]:
+    yield f"# {stage.help}"
+    yield f"#{stage.name}:"
+    for name, field in stage.settings.model_fields.items():
+        yield f"#  {name}: {_default(field)}  # {field.description}"
+    yield ""
+
+
+def _rows(fields: dict[str, FieldInfo]) -> Iterator[str]:
+    yield "| key | type | default | meaning |"
+    yield "|---|---|---|---|"
+    for name, field in fields.items():
+        inner = _inner(field)
+        if inner is not None:
+            for key, part in inner.items():
+                yield _row(f"{name}.{key}", part)
+        else:
+            yield _row(name, field)
+
+
+def _row(name: str, field: FieldInfo) -> str:
+    default = "required" if field.is_required() else f"`{_default(field)}`"
+    return f"| `{name}` | {_type(field.annotation)} | {default} | {field.description} |"
+
+
+def _inner(field: FieldInfo) -> dict[str, FieldInfo] | None:
+    return getattr(field.annotation, "model_fields", None)
+
+
+def _default(field: FieldInfo) -> str:
+    return json.dumps(to_jsonable_python(field.get_default(call_default_factory=True)), ensure_ascii=False)
+
+
+def _type(annotation: Any) -> str:
+    """A type in a reader's words."""
+    names = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+    if annotation in names:
+        return names[annotation]
+    arguments = [argument for argument in get_args(annotation) if argument is not type(None)]
+    if all(isinstance(argument, str) for argument in arguments) and arguments:
+        return ", ".join(f"`{argument}`" for argument in arguments)
+    if get_origin(annotation) is tuple:
+        items = [argument for argument in arguments if argument is not Ellipsis]
+        count = "" if Ellipsis in arguments else f"{len(items)} "
+        return f"list of {count}{_PLURALS.get(_type(items[0]), _type(items[0]))}"
+    return _type(arguments[0]) if arguments else getattr(annotation, "__name__", str(annotation)).lower()

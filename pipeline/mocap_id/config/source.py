@@ -1,0 +1,121 @@
+"""YAML 1.2 as plain data, with the line of every key and value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from mocap_id.errors import ConfigError
+
+Location: TypeAlias = tuple[str | int, ...]
+"""Keys and indices from the root to a value."""
+
+_MAX_BYTES = 1 << 20
+_YAML = "tag:yaml.org,2002:"
+_JSON_TAGS = tuple(_YAML + name for name in ("str", "int", "float", "bool", "null"))
+
+
+@dataclass(frozen=True)
+class Source:
+    """A YAML file's content: JSON-like data and, for each location, the line (from 1) on which it stands."""
+
+    file: Path
+    data: Any
+    lines: Mapping[Location, int]
+
+    def where(self, location: Location) -> str:
+        """``FILE, line N`` of a location, or of the nearest one above it."""
+        while location not in self.lines:
+            location = location[:-1]
+        return f"{self.file}, line {self.lines[location]}"
+
+
+def read(file: Path) -> Source:
+    """Read a YAML file.
+
+    Raises
+    ------
+    ConfigError
+        It is missing, not YAML, or uses what a configuration has no need of (aliases, tags, keys that stand twice).
+    """
+    text = _text(file)
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        root = yaml.compose(text)
+        if root is None:
+            raise ConfigError(f"{file}: the file is empty, expected `trial:`, `recording:` and so on")
+        reader = _Reader(file, yaml)
+        return Source(file, reader.build(root, ()), {(): 1, **reader.lines})
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{file}, line {mark.line + 1}" if mark else str(file)
+        raise ConfigError(f"{where}: not valid YAML: {error.problem or error.context}") from error
+    except (YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{file}: not valid YAML: {str(error).splitlines()[0]}") from error
+
+
+def _text(file: Path) -> str:
+    try:
+        size = file.stat().st_size
+        if size > _MAX_BYTES:
+            raise ConfigError(f"{file}: {size} bytes are no configuration; expected a YAML file such as trial.yaml")
+        return file.read_text("utf-8")
+    except FileNotFoundError as error:
+        raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: not a text file; expected a YAML file such as trial.yaml") from error
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror}); expected a YAML file") from error
+
+
+class _Reader:
+    """Builds the data of a node tree and notes where everything stands."""
+
+    def __init__(self, file: Path, yaml: YAML) -> None:
+        self.file, self.yaml = file, yaml
+        self.lines: dict[Location, int] = {}
+        self._seen: set[int] = set()
+
+    def build(self, node: Node, location: Location) -> Any:
+        self.lines.setdefault(location, node.start_mark.line + 1)
+        if id(node) in self._seen:
+            raise self._error(node, "an alias (`*name`) is of no use here: write the value out")
+        self._seen.add(id(node))
+        match node:
+            case MappingNode():
+                return self._mapping(node, location)
+            case SequenceNode():
+                return [self.build(item, (*location, index)) for index, item in enumerate(node.value)]
+            case ScalarNode():
+                return self._scalar(node)
+        raise self._error(node, "expected a value, a list or keys")
+
+    def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, ScalarNode):
+                raise self._error(key_node, "a key must be a name")
+            key = str(key_node.value)
+            line = key_node.start_mark.line + 1
+            if key in data:
+                first = self.lines[(*location, key)]
+                raise ConfigError(f"{self.file}, line {line}: `{key}` stands twice, first on line {first}: keep one")
+            self.lines[(*location, key)] = line
+            data[key] = self.build(value_node, (*location, key))
+        return data
+
+    def _scalar(self, node: ScalarNode) -> Any:
+        if str(node.tag) == _YAML + "timestamp":  # a trial may be named after its date
+            return node.value
+        if str(node.tag) not in _JSON_TAGS:
+            raise self._error(node, f"the tag `{node.tag}` is of no use here: write the value alone")
+        return self.yaml.constructor.construct_object(node)
+
+    def _error(self, node: Node, message: str) -> ConfigError:
+        return ConfigError(f"{self.file}, line {node.start_mark.line + 1}: {message}")

@@ -1,0 +1,248 @@
+"""Inverse kinematics frame by frame: the angles that a frame's markers give without any other frame.
+
+They start the filter, re-start it after gaps, tell which angles are observed, and are the linear problem on which the
+noise is estimated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.problem import Anchors
+from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
+
+OBSERVED_SD = 0.1
+"""Standard deviation, rad, up to which a frame's markers count as observing an angle."""
+
+_WEAK_SD = 1.0  # rad: all that is known of an angle without markers
+_UNOBSERVED_VARIANCE = 1e6  # rad^2: beyond any prior
+_CHUNK = 1024  # frames at a time, to bound the memory
+_ITERATIONS = 20
+_CONVERGED = 1e-6  # rad
+_DAMPING = 1e-6  # m^2/rad^2: holds still what no marker moves, and slows nothing that one does
+_OUTLIER_SHARE = 0.25  # of a segment's markers
+_ROUNDS = 2  # outliers inflate what counts as ordinary at first
+_QUANTILE = 0.8  # of a marker's residuals, taken for its size: bursts are rarer, movement is not
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Geometry of the chain and its markers: ``centres`` (n, 2), ``segment`` (M,), ``local`` (M, 2)."""
+
+    centres: FloatArray
+    segment: IntArray
+    local: FloatArray
+
+
+@dataclass(frozen=True)
+class FrameAngles:
+    """Angles of every frame by itself.
+
+    Parameters
+    ----------
+    angles : (F, n) array
+        rad, unwrapped over the observed frames; interpolated where unobserved.
+    information : (F, n, n) array
+        Jᵀ J of the markers used, m^2/rad^2: the inverse covariance for a marker noise of 1 m.
+    used : (F, M) bool array
+        Markers that were seen and are no outliers.
+    reliable : (F, n) bool array
+        Few of the markers up to the joint's own segment are outliers; of many, the wrong ones may be left.
+    residual : (F, M) array
+        Distance of each marker from its prediction, m; NaN where unseen.
+    scale : (M,) array
+        Ordinary size of each marker's residual, m, per coordinate; NaN where never seen.
+    """
+
+    angles: FloatArray
+    information: FloatArray
+    used: BoolArray
+    reliable: BoolArray
+    residual: FloatArray
+    scale: FloatArray
+
+    def anchors(self, marker_sd: float) -> Anchors:
+        """The angles as a linear measurement, for a marker noise in m."""
+        covariance = angle_covariance(self.information, marker_sd)
+        observed = observed_angles(covariance) & self.reliable
+        n = observed.shape[1]
+        both = observed[:, :, None] & observed[:, None, :]
+        covariance = np.where(both, covariance, np.eye(n) * _UNOBSERVED_VARIANCE)
+        return Anchors(self.angles, covariance, observed, self.used)
+
+
+def angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
+    """Covariance (F, n, n) of a frame's angles, rad^2, from Jᵀ J, where a priori each is known to a radian."""
+    n = information.shape[1]
+    return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
+
+
+def observed_angles(covariance: FloatArray) -> BoolArray:
+    """Which angles (F, n) a frame's markers determine, those of segments farther out included."""
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) <= OBSERVED_SD, dtype=np.bool_)
+
+
+def frame_angles(observed: FloatArray, chain: Chain, gate: float, floor: float) -> FrameAngles:
+    """Find the angles of every frame by Gauss–Newton, and the markers that do not belong.
+
+    A marker is an outlier in a frame where its residual exceeds ``gate`` times its ordinary size. The worst of each
+    frame is taken out and the frame solved again, until none is left: an outlier spoils the residuals of the others.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Measured markers of the moving segments, plane frame, m; NaN where missing.
+    chain : Chain
+        Where the joints and the markers are.
+    gate : float
+        Standard deviations beyond which a marker is an outlier.
+    floor : float
+        Least size of a residual, m, that is told from none.
+
+    Returns
+    -------
+    FrameAngles
+    """
+    used: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1), dtype=np.bool_)
+    angles = _refine(observed, used, _closed_form(observed, used, chain), chain)
+    residual = _residual(observed, angles, chain)
+    scale = _scale(residual, used)
+    for _ in range(_ROUNDS):
+        _take_out(observed, used, angles, residual, chain, limit=gate * np.fmax(scale, floor))
+        scale = _scale(residual, used)
+    reliable = _reliable(observed, used, chain)
+    return FrameAngles(angles, information(angles, used, chain), used, reliable, residual, scale)
+
+
+def _take_out(
+    observed: FloatArray,
+    used: BoolArray,
+    angles: FloatArray,
+    residual: FloatArray,
+    chain: Chain,
+    *,
+    limit: FloatArray,
+) -> None:
+    """Take out the worst marker of every frame and solve it again, until none is beyond its limit (M,); in place."""
+    frames = np.arange(len(observed))
+    for _ in range(observed.shape[1]):
+        excess = np.where(used[frames], residual[frames] / limit, 0.0)
+        worst = excess.argmax(axis=1)
+        beyond = excess[np.arange(len(frames)), worst] > 1.0
+        frames, worst = frames[beyond], worst[beyond]
+        if not frames.size:
+            break
+        used[frames, worst] = False
+        angles[frames] = _refine(observed[frames], used[frames], angles[frames], chain)
+        residual[frames] = _residual(observed[frames], angles[frames], chain)
+
+
+def information(angles: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
+    """Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
+    parts = [_normal(angles[s], used[s], chain)[0] for s in _chunks(len(angles))]
+    return np.concatenate(parts)
+
+
+def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
+    own = chain.segment[:, None] == np.arange(1, len(chain.centres) + 1)  # (M, n)
+    seen = np.isfinite(observed).all(axis=-1).astype(np.int64) @ own
+    out = seen - used.astype(np.int64) @ own
+    return np.asarray(np.cumsum(out > _OUTLIER_SHARE * seen, axis=1) == 0, dtype=np.bool_)
+
+
+def _chunks(frames: int) -> list[slice]:
+    return [slice(start, start + _CHUNK) for start in range(0, max(frames, 1), _CHUNK)]
+
+
+def _normal(angles: FloatArray, used: BoolArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Jᵀ J (f, n, n) and Jᵀ (f, n, 2M) with the rows of unused markers zero."""
+    jacobian = marker_jacobian(angles, chain.centres, chain.segment, chain.local) * used[..., None, None]
+    transposed = np.moveaxis(jacobian.reshape(len(angles), -1, angles.shape[1]), 2, 1)
+    return transposed @ np.moveaxis(transposed, 1, 2), transposed
+
+
+def _refine(observed: FloatArray, used: BoolArray, start: FloatArray, chain: Chain) -> FloatArray:
+    """Gauss–Newton from ``start`` (f, n); what no marker determines stays where it is."""
+    angles = start.copy()
+    for s in _chunks(len(angles)):
+        moving = np.arange(len(angles))[s]
+        for _ in range(_ITERATIONS):
+            if not moving.size:
+                break
+            change = _step(observed[moving], used[moving], angles[moving], chain)
+            angles[moving] += change
+            moving = moving[np.abs(change).max(axis=1) > _CONVERGED]
+    return angles
+
+
+def _step(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> FloatArray:
+    """One Gauss–Newton step (f, n)."""
+    expected = marker_positions(angles, chain.centres, chain.segment, chain.local)
+    misfit = np.where(used[..., None], observed - expected, 0.0)
+    normal, transposed = _normal(angles, used, chain)
+    gradient = transposed @ misfit.reshape(len(angles), -1, 1)
+    return np.asarray(np.linalg.solve(normal + _DAMPING * np.eye(angles.shape[1]), gradient)[..., 0])
+
+
+def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
+    """From base to tip, turn each segment onto its own markers, or else towards where the next one's put its joint.
+
+    What neither gives is interpolated over the frames.
+    """
+    n = len(chain.centres)
+    angles = np.zeros((len(observed), n))
+    absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
+    for j in range(n):
+        origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
+        turned = _towards_own(observed, used, chain, j, origin)
+        if j + 1 < n:
+            turned = np.where(np.isnan(turned), _towards_next(observed, used, chain, j, origin), turned)
+        found = np.flatnonzero(np.isfinite(turned))
+        if found.size:
+            relative = np.unwrap((turned - absolute)[found])
+            angles[:, j] = np.interp(np.arange(len(observed)), found, relative)
+        absolute = absolute + angles[:, j]
+    return angles
+
+
+def _towards_own(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
+    """Absolute angle (F,) that turns segment j + 1 about its joint onto its markers; NaN where it has none."""
+    own = chain.segment == j + 1
+    arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
+    turned = _turn(chain.local[own][None], arm)
+    return np.where(used[:, own].any(axis=1), turned, np.nan)
+
+
+def _towards_next(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
+    """Absolute angle (F,) that points segment j + 1 at the joint of the next, whose pose its markers give."""
+    own = chain.segment == j + 2
+    weight = used[:, own, None].astype(np.float64)
+    count = np.maximum(weight.sum(axis=1), 1.0)
+    z, local = np.where(weight > 0, observed[:, own], 0.0), chain.local[own]
+    middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
+    turned = _turn(weight * (local - local_middle[:, None]), z - middle[:, None])
+    joint = middle - rotate(turned, local_middle)
+    pointed = _turn(chain.centres[j + 1][None, None], (joint - origin)[:, None])
+    return np.where(count[:, 0] >= 2.0, pointed, np.nan)
+
+
+def _turn(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Angle (F,) by which vectors ``start`` (F or 1, m, 2) turn best onto ``end`` (F, m, 2)."""
+    across = (start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]).sum(axis=1)
+    return np.asarray(np.arctan2(across, (start * end).sum(axis=(1, 2))))
+
+
+def _residual(observed: FloatArray, angles: FloatArray, chain: Chain) -> FloatArray:
+    expected = marker_positions(angles, chain.centres, chain.segment, chain.local)
+    return np.asarray(np.linalg.norm(observed - expected, axis=-1))
+
+
+def _scale(residual: FloatArray, used: BoolArray) -> FloatArray:
+    """Standard deviation (M,) per coordinate, from a quantile of the residuals as if they were normal."""
+    scale = np.full(residual.shape[1], np.nan)
+    for m in np.flatnonzero(used.any(axis=0)):
+        scale[m] = np.quantile(residual[used[:, m], m], _QUANTILE) / np.sqrt(-2.0 * np.log(1.0 - _QUANTILE))
+    return scale

@@ -1,0 +1,130 @@
+"""What a filter engine is given and what it returns: the same for every engine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.sigma_points import SigmaPoints
+
+START_SD = (1.0, 10.0, 200.0, 1e4)
+"""What is known of a lost joint: standard deviations of its angle (rad), velocity, acceleration and jerk.
+
+1 rad is also the limit at which a joint is lost: pi is then three standard deviations, beyond which the turn in which
+the angle lies cannot be told any more. The derivatives are those of very fast movements; the velocity's must stay
+below 1 rad a frame, or a joint is lost as soon as it is found.
+"""
+
+PATIENCE = 0.1
+"""Time, s, after which a joint is lost if more than half of its segment's markers keep failing the gate.
+
+Markers do not jump together for so long: it is the filter that went wrong.
+"""
+
+ANCHOR_SD = 0.1
+"""Standard deviation of an angle, rad, above which markers are not put through the unscented transform.
+
+Its points would lie so far apart (0.35 rad for three joints) that the curvature of the forward map biases the result;
+the angles that the frame's markers give by themselves are then the measurement.
+"""
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """Angles that each frame's markers give without any other frame: a linear measurement of the state.
+
+    Parameters
+    ----------
+    angles : (F, n) array
+        rad, finite; unobserved joints hold any angle.
+    covariance : (F, n, n) array
+        rad^2; unobserved joints have a variance beyond any prior and no covariance with the others.
+    observed : (F, n) bool array
+        The frame's markers determine the angle.
+    used : (F, M) bool array
+        The markers that the angles were found from.
+    """
+
+    angles: FloatArray
+    covariance: FloatArray
+    observed: BoolArray
+    used: BoolArray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A chain, its measured markers and the noise.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Measured markers, plane frame, m; NaN where missing. Markers of the base carry no information on the angles.
+    dt : float
+        Time step, s.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    segment : (M,) int array
+        Segment of each marker, 1 … n.
+    local : (M, 2) array
+        Coordinates in the segment frame, m.
+    variance : (M,) array
+        Of the measurement of each marker, m^2, per coordinate.
+    gate_variance : (M,) array
+        Variance that the gate grants each marker, m^2, at least ``variance``.
+    gate : float
+        A marker farther from its prediction than this many standard deviations (Mahalanobis) is left out.
+    density : (n,) array
+        Spectral density of each joint's snap, rad^2/s^7.
+    anchors : Anchors
+        For the start, and after gaps.
+    sigma_points : SigmaPoints
+        Parameters of the unscented transform.
+    """
+
+    observed: FloatArray
+    dt: float
+    centres: FloatArray
+    segment: IntArray
+    local: FloatArray
+    variance: FloatArray
+    gate_variance: FloatArray
+    gate: float
+    density: FloatArray
+    anchors: Anchors
+    sigma_points: SigmaPoints
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return len(self.centres)
+
+    @property
+    def patience(self) -> int:
+        """Frames in a row for which a segment's markers may fail the gate."""
+        return math.ceil(PATIENCE / self.dt)
+
+
+@dataclass(frozen=True)
+class Track:
+    """What an engine returns: states in the order of :mod:`mocap_id.estimation.process`.
+
+    Parameters
+    ----------
+    mean : (F, 4n) array
+        Filtered, or after the smoother smoothed, state.
+    covariance : (F, 4n, 4n) array
+        Its covariance.
+    used : (F, M) bool array
+        Markers that were measured and passed the gate.
+    restarted : (F, n) bool array
+        The joint was lost on the way to this frame: nothing before it tells anything about it.
+    log_likelihood : float
+        Of the innovations of all frames updated through the unscented transform.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    used: BoolArray
+    restarted: BoolArray
+    log_likelihood: float

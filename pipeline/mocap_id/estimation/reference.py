@@ -1,0 +1,162 @@
+"""The reference engine: filterpy's unscented Kalman filter, and the smoother written out.
+
+It is slow, and is there to prove the compiled one.
+
+filterpy leaves three things to its caller. A missing marker must be left out of measurement, noise and forward map,
+since one NaN spoils the state. The first frame needs its sigma points drawn by hand, because ``update`` takes those of
+the ``predict`` before it. Its smoother knows one process noise for all steps, and no joint that starts over.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.errors import NumericalError
+from mocap_id.estimation.problem import ANCHOR_SD, START_SD, Problem, Track
+from mocap_id.estimation.process import joint_noise, joint_transition
+from mocap_id.geometry.planar import marker_positions
+
+
+def filter_forwards(problem: Problem) -> Track:
+    """Run the filter over all frames.
+
+    Raises
+    ------
+    NumericalError
+        Where a covariance stops being positive definite.
+    """
+    frames, markers = problem.observed.shape[:2]
+    n = problem.joints
+    mean, covariance = np.empty((frames, 4 * n)), np.empty((frames, 4 * n, 4 * n))
+    used, restarted = np.zeros((frames, markers), dtype=np.bool_), np.zeros((frames, n), dtype=np.bool_)
+    ukf, held, log_likelihood = _filterpy(problem), problem.anchors.angles[0].copy(), 0.0
+    failing = np.zeros(n, dtype=np.int64)
+    for k in range(frames):
+        try:
+            if k > 0:
+                ukf.predict()
+            restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | (failing > problem.patience)
+            failing[restarted[k]] = 0
+            _restart(ukf, held, restarted[k])
+            gained, used[k] = _measure(ukf, problem, k)
+        except np.linalg.LinAlgError as error:
+            raise NumericalError(
+                f"the filter's covariance is not positive definite at sample {k} of {frames}"
+            ) from error
+        log_likelihood += gained
+        failing = _failing(problem, k, used[k], failing)
+        held = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], held)
+        mean[k], covariance[k] = ukf.x, ukf.P
+    return Track(mean, covariance, used, restarted, log_likelihood)
+
+
+def smooth_backwards(problem: Problem, track: Track) -> Track:
+    """Run the Rauch–Tung–Striebel smoother over a filtered track."""
+    n = problem.joints
+    f, q = joint_transition(problem.dt, n), joint_noise(problem.dt, problem.density)
+    start = np.repeat(np.array(START_SD) ** 2, n)
+    mean, covariance = track.mean.copy(), track.covariance.copy()
+    for k in range(len(mean) - 2, -1, -1):
+        predicted = f @ covariance[k] @ f.T + q
+        cross = covariance[k] @ f.T
+        lost = np.tile(track.restarted[k + 1], 4)
+        cross[:, lost] = 0.0
+        predicted[lost, :] = 0.0
+        predicted[:, lost] = 0.0
+        predicted[lost, lost] = start[lost]
+        gain = np.linalg.solve(predicted, cross.T).T
+        mean[k] += gain @ (mean[k + 1] - f @ mean[k])
+        keep = np.eye(4 * n) - gain @ f
+        covariance[k] = keep @ covariance[k] @ keep.T + gain @ (covariance[k + 1] + q) @ gain.T
+    return Track(mean, covariance, track.used, track.restarted, track.log_likelihood)
+
+
+def _filterpy(problem: Problem) -> UnscentedKalmanFilter:
+    size, points = 4 * problem.joints, problem.sigma_points
+    f = joint_transition(problem.dt, problem.joints)
+    ukf = UnscentedKalmanFilter(
+        dim_x=size,
+        dim_z=2 * len(problem.segment),
+        dt=problem.dt,
+        fx=lambda x, dt: f @ x,
+        hx=lambda x, markers: _forward(problem, x, markers).ravel(),
+        points=MerweScaledSigmaPoints(size, points.alpha, points.beta, points.kappa),
+    )
+    ukf.Q = joint_noise(problem.dt, problem.density)
+    ukf.P = np.zeros((size, size))
+    return ukf
+
+
+def _forward(problem: Problem, states: FloatArray, markers: BoolArray) -> FloatArray:
+    """Positions (..., m, 2) of the chosen markers (eq. 3.18) for states (..., 4n)."""
+    angles = states[..., : problem.joints]
+    return marker_positions(angles, problem.centres, problem.segment[markers], problem.local[markers])
+
+
+def _restart(ukf: UnscentedKalmanFilter, held: FloatArray, lost: BoolArray) -> None:
+    """Start over the joints that are lost, at the angle that they were last seen at."""
+    rows = np.tile(lost, 4)
+    ukf.P[rows, :] = 0.0
+    ukf.P[:, rows] = 0.0
+    ukf.P[rows, rows] = np.repeat(np.array(START_SD) ** 2, len(lost))[rows]
+    ukf.x[rows] = np.concatenate([held, np.zeros(3 * len(lost))])[rows]
+    ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
+
+
+def _measure(ukf: UnscentedKalmanFilter, problem: Problem, k: int) -> tuple[float, BoolArray]:
+    """Update with frame k: the log-likelihood gained and the markers used."""
+    visible = np.isfinite(problem.observed[k]).all(axis=-1)
+    uncertain = np.flatnonzero(np.diag(ukf.P)[: problem.joints] > ANCHOR_SD**2)
+    if uncertain.size and np.any(visible & (problem.segment > uncertain[0])):
+        if not problem.anchors.observed[k].any():
+            return 0.0, np.zeros_like(visible)
+        taken = _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], problem.gate)
+        return 0.0, problem.anchors.used[k] & taken
+    passed = visible.copy()
+    passed[visible] = _within_gate(ukf, problem, k, visible)
+    if not passed.any():
+        return 0.0, passed
+    noise = np.diag(np.repeat(problem.variance[passed], 2))
+    ukf.update(problem.observed[k, passed].ravel(), R=noise, markers=passed)
+    return float(ukf.log_likelihood), passed
+
+
+def _failing(problem: Problem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
+    """Count the frames in a row in which more than half of a segment's markers fail; none seen: no change."""
+    own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
+    seen = (own & np.isfinite(problem.observed[k]).all(axis=-1)[:, None]).sum(axis=0)
+    passed = (own & used[:, None]).sum(axis=0)
+    counted = np.where(2 * passed < seen, failing + 1, 0)
+    return np.asarray(np.where(seen > 0, counted, failing))
+
+
+def _within_gate(ukf: UnscentedKalmanFilter, problem: Problem, k: int, visible: BoolArray) -> BoolArray:
+    points = _forward(problem, ukf.sigmas_f, visible)  # (2L + 1, m, 2)
+    expected = np.einsum("s,smi->mi", ukf.Wm, points)
+    deviation = points - expected
+    spread = np.einsum("s,smi,smj->mij", ukf.Wc, deviation, deviation)
+    spread += problem.gate_variance[visible, None, None] * np.eye(2)
+    innovation = problem.observed[k, visible] - expected
+    squared = np.einsum("mi,mi->m", innovation, np.linalg.solve(spread, innovation[..., None])[..., 0])
+    return np.asarray(squared <= problem.gate**2, dtype=np.bool_)
+
+
+def _anchor(ukf: UnscentedKalmanFilter, angles: FloatArray, noise: FloatArray, gate: float) -> bool:
+    """Linear update with a frame's own angles, each in the turn nearest to the prediction; Joseph's form.
+
+    Returns whether the angles passed the gate.
+    """
+    n, size = len(angles), len(ukf.x)
+    h = np.eye(n, size)
+    innovation = angles - ukf.x[:n]
+    innovation -= 2.0 * np.pi * np.round(innovation / (2.0 * np.pi))
+    spread = ukf.P[:n, :n] + noise
+    if innovation @ np.linalg.solve(spread, innovation) > gate**2:
+        return False
+    gain = np.linalg.solve(spread, ukf.P[:n]).T
+    keep = np.eye(size) - gain @ h
+    ukf.x = ukf.x + gain @ innovation
+    ukf.P = keep @ ukf.P @ keep.T + gain @ noise @ gain.T
+    return True

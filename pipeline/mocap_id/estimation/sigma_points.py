@@ -1,0 +1,56 @@
+"""Scaled unscented transform: where the sigma points lie and what they weigh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mocap_id.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class SigmaPoints:
+    """Parameters of the scaled unscented transform (Merwe's).
+
+    A state of L components is spread over 2L + 1 points: the mean, and the mean ± sqrt(c) times each column of the
+    lower Cholesky factor of its covariance, c = alpha^2 (L + kappa). The default, c = L with beta = 2, gives the mean
+    of the points no weight of its own and every other weight a positive sign, so the covariance of the innovation is
+    positive definite whatever the forward map; the angles of a tracked chain are known to a few mrad, where the
+    spread of sqrt(12) standard deviations is still short against the curvature of the forward map.
+
+    Parameters
+    ----------
+    alpha : float
+        Spread of the points.
+    beta : float
+        Weight of the mean in the covariance; 2 suits a normal distribution.
+    kappa : float
+        Second scaling of the spread.
+    """
+
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def spread(self, size: int) -> float:
+        """The factor c for a state of ``size`` components."""
+        return self.alpha**2 * (size + self.kappa)
+
+    def weights(self, size: int) -> tuple[float, float, float]:
+        """Weights of the mean in the mean, of the mean in the covariance, and of every other point in both.
+
+        Raises
+        ------
+        ConfigError
+            Where the weight of the mean in the covariance is negative, since the result need not be a covariance.
+        """
+        c = self.spread(size)
+        if c <= 0:
+            raise ConfigError(f"sigma points: alpha^2 (L + kappa) is {c:g} for L = {size}; it must be positive")
+        mean = 1.0 - size / c
+        covariance = mean + 1.0 - self.alpha**2 + self.beta
+        if covariance < 0:
+            raise ConfigError(
+                f"sigma points: alpha {self.alpha:g}, beta {self.beta:g}, kappa {self.kappa:g} give the mean of a"
+                f" state of {size} components the weight {covariance:g} in the covariance; it must not be negative"
+            )
+        return mean, covariance, 0.5 / c

@@ -1,0 +1,176 @@
+"""Smoothed joint states of a planar chain from its markers (ch. 3.2.6): the room's main entrance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation import compiled, reference
+from mocap_id.estimation.inverse import Chain, FrameAngles, angle_covariance, frame_angles, information, observed_angles
+from mocap_id.estimation.noise import Noise, marker_noise, process_noise
+from mocap_id.estimation.problem import Problem, Track
+from mocap_id.estimation.process import ORDER
+from mocap_id.estimation.sigma_points import SigmaPoints
+from mocap_id.geometry.planar import marker_positions
+
+Engine = Literal["compiled", "filterpy"]
+
+_ENGINES: dict[Engine, tuple[Callable[[Problem], Track], Callable[[Problem, Track], Track]]] = {
+    "compiled": (compiled.filter_forwards, compiled.smooth_backwards),
+    "filterpy": (reference.filter_forwards, reference.smooth_backwards),
+}
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """How the states are filtered.
+
+    Parameters
+    ----------
+    engine : {"compiled", "filterpy"}
+        Machine code, or filterpy's filter, which gives the same and is about a hundred times slower.
+    marker_sd : float, optional
+        Standard deviation of a marker's coordinate, m; estimated where not given.
+    sigma_v : float, optional
+        Standard deviation of the snap held over one frame, rad/s^4, for every joint; estimated where not given. Its
+        spectral density is sigma_v^2 dt, which keeps its meaning at another frame rate where sigma_v does not.
+    marker_sd_floor : float
+        Least estimate of ``marker_sd``, m.
+    gate : float
+        A marker farther from its prediction than this many standard deviations is left out.
+    angle_sd_limit : float
+        An angle less certain than this, rad, is not given: its states are NaN.
+    sigma_points : SigmaPoints
+        Parameters of the unscented transform.
+    """
+
+    engine: Engine = "compiled"
+    marker_sd: float | None = None
+    sigma_v: float | None = None
+    marker_sd_floor: float = 5e-5
+    gate: float = 5.0
+    angle_sd_limit: float = 0.2
+    sigma_points: SigmaPoints = field(default_factory=SigmaPoints)
+
+
+@dataclass(frozen=True)
+class States:
+    """Smoothed states of a trial.
+
+    Parameters
+    ----------
+    mean : (F, n, 4) array
+        Angle (rad, unwrapped), velocity, acceleration and jerk of each joint; NaN where the angle is too uncertain.
+    sd : (F, n, 4) array
+        Standard deviations, given everywhere. They know the noise as white, which soft tissue is not.
+    observed : (F, n) bool array
+        The frame's own markers determine the angle; false where it is bridged.
+    used : (F, M) bool array
+        Markers that the states rest on: measured, on a moving segment, within the gate.
+    noise : Noise
+        Marker and process noise, estimated or given.
+    predicted : (F, M, 2) array
+        Positions of all markers from the states, plane frame, m (eq. 3.18); NaN beyond an angle that is not given.
+    log_likelihood : float
+        Of the filter's innovations.
+    """
+
+    mean: FloatArray
+    sd: FloatArray
+    observed: BoolArray
+    used: BoolArray
+    noise: Noise
+    predicted: FloatArray
+    log_likelihood: float
+
+
+def smooth(
+    observed: FloatArray,
+    rate: float,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    *,
+    settings: FilterSettings | None = None,
+) -> States:
+    """Estimate the states of every joint at every frame.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Measured markers in the plane frame, m; NaN where missing.
+    rate : float
+        Frames per second, Hz.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    segment : (M,) int array
+        Segment of each marker, 0 = base. Base markers are predicted, not used.
+    local : (M, 2) array
+        Coordinates in the segment frame, m.
+    settings : FilterSettings, optional
+        Default: :class:`FilterSettings`.
+
+    Returns
+    -------
+    States
+
+    Raises
+    ------
+    NumericalError
+        Where a covariance stops being positive definite.
+    """
+    settings = settings or FilterSettings()
+    moves, dt = segment > 0, 1.0 / rate
+    chain = Chain(centres, segment[moves], local[moves])
+    frames = frame_angles(observed[:, moves], chain, settings.gate, settings.marker_sd_floor)
+    noise = _noise(frames, dt, settings)
+    problem = _problem(observed[:, moves], dt, chain, frames=frames, noise=noise, settings=settings)
+    run_filter, run_smoother = _ENGINES[settings.engine]
+    track = run_smoother(problem, run_filter(problem))
+    mean, sd = _by_joint(track, problem.joints)
+    own = angle_covariance(information(mean[..., 0], track.used, chain), noise.marker_sd)
+    mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
+    predicted = marker_positions(mean[..., 0], centres, segment, local)
+    used = np.zeros(observed.shape[:2], dtype=np.bool_)
+    used[:, moves] = track.used
+    return States(mean, sd, observed_angles(own), used, noise, predicted, track.log_likelihood)
+
+
+def _noise(frames: FrameAngles, dt: float, settings: FilterSettings) -> Noise:
+    """The noise that the settings give, the rest estimated."""
+    marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
+    if settings.sigma_v is not None:
+        return Noise(marker_sd, np.full(frames.angles.shape[1], settings.sigma_v))
+    return Noise(marker_sd, process_noise(frames.anchors(marker_sd), dt))
+
+
+def _problem(
+    observed: FloatArray, dt: float, chain: Chain, *, frames: FrameAngles, noise: Noise, settings: FilterSettings
+) -> Problem:
+    """What the engines are given."""
+    return Problem(
+        observed=observed,
+        dt=dt,
+        centres=chain.centres,
+        segment=chain.segment,
+        local=chain.local,
+        variance=np.full(len(chain.segment), noise.marker_sd**2),
+        gate_variance=np.fmax(noise.marker_sd, frames.scale) ** 2,
+        gate=settings.gate,
+        density=noise.sigma_v**2 * dt,
+        anchors=frames.anchors(noise.marker_sd),
+        sigma_points=settings.sigma_points,
+    )
+
+
+def _by_joint(track: Track, joints: int) -> tuple[FloatArray, FloatArray]:
+    """Means and standard deviations (F, n, 4)."""
+    frames = len(track.mean)
+    variance = np.diagonal(track.covariance, axis1=1, axis2=2)
+    mean = np.swapaxes(track.mean.reshape(frames, ORDER, joints), 1, 2)
+    return mean.copy(), np.sqrt(np.swapaxes(variance.reshape(frames, ORDER, joints), 1, 2))

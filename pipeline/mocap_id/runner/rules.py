@@ -1,0 +1,63 @@
+"""Makefile rules for trials, from the tuple of stages: the same commands, the same files, the same order as ``run``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from mocap_id.config import Trial
+from mocap_id.errors import ConfigError
+from mocap_id.runner.dependencies import user_files
+from mocap_id.stages import STAGES, Stage
+
+
+def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = STAGES) -> str:
+    """Rules that build the last stage's outputs of every trial through the stages' commands.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Each with a run folder of its own.
+    command : str
+        How the recipes call mocap-id.
+
+    Raises
+    ------
+    ConfigError
+        Two trials share a run folder, or a path holds what a Makefile cannot express.
+    """
+    folders: dict[Path, Trial] = {}
+    for trial in trials:
+        other = folders.setdefault(trial.out.resolve(), trial)
+        if other is not trial:
+            raise ConfigError(f"{trial.file} and {other.file} share the folder {trial.out}: give one another `out:`")
+    goals = " ".join(_path(trial.out / file) for trial in trials for file in stages[-1].outputs)
+    lines = [
+        "# Made by `mocap-id stages --make`. A `%` stands for the dot: a pattern rule with several targets is run once",
+        "# for all of them, in every version of GNU make.",
+        ".SUFFIXES:",
+        ".SECONDARY:",
+        ".PHONY: all",
+        f"all: {goals}",
+    ]
+    for trial in trials:
+        for stage in stages:
+            lines += ["", *_rule(trial, stage, command)]
+    return "\n".join(lines) + "\n"
+
+
+def _rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
+    needed = [trial.file, *user_files(trial, stage).values(), *(trial.out / file for file in stage.inputs)]
+    targets = " ".join(_path(trial.out / file, pattern=True) for file in stage.outputs)
+    yield f"{targets}: {' '.join(_path(path) for path in needed)}"
+    yield f"\t{command} {stage.name} {_path(trial.file)}"
+
+
+def _path(path: Path, *, pattern: bool = False) -> str:
+    """A path as make reads it, relative to the working folder where it lies below it."""
+    here = Path.cwd()
+    text = str(path.relative_to(here) if path.is_relative_to(here) else path)
+    if re.search(r"[\s%:#$*?\[\]\\;|&<>()'\"`~=!{}]", text):
+        raise ConfigError(f"{text}: make cannot handle blanks and special characters in a path: rename it")
+    return re.sub(r"\.(?=[^./]*$)", "%", text) if pattern else text

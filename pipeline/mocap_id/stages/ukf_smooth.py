@@ -1,0 +1,172 @@
+"""ukf-smooth: joint states of the whole chain by an unscented Kalman filter and smoother."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.errors import RecordingError
+from mocap_id.estimation import FilterSettings, States, smooth
+from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.trajectories import Trajectories
+from mocap_id.store import Table, Tree
+from mocap_id.store.schemas import MARKERS, STATES
+from mocap_id.verdict import Reason
+
+_JITTER = 0.25  # of a frame: what rounding to milliseconds does at 500 Hz
+
+
+class UkfSmoothSettings(Settings):
+    """Noise, gate and engine of the filter."""
+
+    engine: Literal["compiled", "filterpy"] = Field(
+        "compiled", description="machine code, or filterpy's filter: the same result, a hundred times slower"
+    )
+    marker_sd: float | None = Field(
+        None, gt=0, description="standard deviation of a marker coordinate, m; estimated where not given (thesis: 1e-3)"
+    )
+    sigma_v: float | None = Field(
+        None,
+        gt=0,
+        description="standard deviation of the snap held over one frame, rad/s^4; estimated for each joint where not "
+        "given (thesis: 1e2)",
+    )
+    marker_sd_floor: float = Field(5e-5, gt=0, description="least estimate of marker_sd, m, for filtered recordings")
+    gate: float = Field(
+        5.0, ge=3, description="a marker farther from its prediction than this many standard deviations is left out"
+    )
+    angle_sd_limit: float = Field(
+        0.2, gt=0, description="an angle less certain than this is not given, rad (standard deviation)"
+    )
+
+
+def ukf_smooth(context: Context) -> Outputs:
+    """Estimate the states of every joint at every frame, and where the markers should have been."""
+    settings: UkfSmoothSettings = context.settings
+    trajectories = Trajectories.of(context.table("planar.parquet"))
+    _check_uniform(trajectories, context.trial.trial)
+    chain = context.tree("chain.h5")
+    labels, segment = [str(label) for label in _node(chain, "markers/name")], _node(chain, "markers/segment")
+    columns = [trajectories.labels.index(label) for label in labels]
+    observed = np.ascontiguousarray(trajectories.points[:, columns, :2])
+    states = smooth(
+        observed,
+        trajectories.rate,
+        _node(chain, "joints/centre"),
+        segment,
+        _node(chain, "markers/local"),
+        settings=FilterSettings(**settings.model_dump()),
+    )
+    residual = np.linalg.norm(observed - states.predicted, axis=-1)
+    reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
+    facts = _facts(states, residual[:, segment > 0], states.used[:, segment > 0], settings)
+    return (
+        Table(STATES, _state_table(states, trajectories.time), facts, reasons),
+        Table(MARKERS, _marker_table(states, residual, trajectories, labels)),
+    )
+
+
+def _node(tree: Tree, path: str) -> np.ndarray[Any, Any]:
+    group, name = path.split("/")
+    found = tree.data[group]
+    assert isinstance(found, dict)
+    return np.asarray(found[name])
+
+
+def _check_uniform(trajectories: Trajectories, trial: str) -> None:
+    """Refuse time stamps that are not one period apart: the process model has one time step."""
+    time, period = trajectories.time, 1.0 / trajectories.rate
+    off = np.abs(time - time[0] - period * np.arange(len(time))) / period
+    if not np.all(off <= _JITTER):
+        k = int(np.argmax(~(off <= _JITTER)))
+        raise RecordingError(
+            f"trial {trial}: ukf-smooth: time stamps are not uniform: frame {trajectories.frames[k]} is at "
+            f"{time[k]:.4f} s where {trajectories.rate:g} frames per second put it at {time[0] + period * k:.4f} s; "
+            "export the trial at a constant rate, with a row for every frame, or use a `window:` without the break"
+        )
+
+
+def _facts(states: States, residual: FloatArray, used: BoolArray, settings: UkfSmoothSettings) -> dict[str, Any]:
+    """What the report reads, from the residuals (F, M) of the moving segments' markers."""
+    seen = np.isfinite(residual)
+    used = used & seen
+    return {
+        "marker_sd_m": states.noise.marker_sd,
+        "sigma_v": states.noise.sigma_v.tolist(),
+        "reprojection_rms_m": float(np.sqrt(np.mean(residual[used] ** 2))) if used.any() else None,
+        "outlier_fraction": float(np.mean(~used[seen])) if seen.any() else None,
+        "bridged_fraction": np.mean(~states.observed, axis=0).tolist(),
+        "method": "rts",
+        "engine": settings.engine,
+    }
+
+
+def _state_table(states: States, time: FloatArray) -> pd.DataFrame:
+    columns: dict[str, FloatArray | BoolArray] = {"time": time}
+    for j in range(states.mean.shape[1]):
+        for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
+            columns[f"{name}_{j + 1}"] = states.mean[:, j, d]
+        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+            columns[f"sd_{name}_{j + 1}"] = states.sd[:, j, d]
+        columns[f"observed_{j + 1}"] = states.observed[:, j]
+    return pd.DataFrame(columns)
+
+
+def _marker_table(states: States, residual: FloatArray, trajectories: Trajectories, labels: list[str]) -> pd.DataFrame:
+    frames, markers = residual.shape
+    return pd.DataFrame(
+        {
+            "frame": np.repeat(trajectories.frames, markers),
+            "time": np.repeat(trajectories.time, markers),
+            "marker": pd.Categorical.from_codes(np.tile(np.arange(markers), frames), categories=pd.Index(labels)),
+            "x": states.predicted[..., 0].ravel(),
+            "y": states.predicted[..., 1].ravel(),
+            "residual": residual.ravel(),
+        }
+    )
+
+
+def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoothSettings) -> tuple[Reason, ...]:
+    """A caution for every joint whose angle is not given throughout."""
+    reasons = []
+    for j, name in enumerate(names):
+        missing = np.isnan(states.mean[:, j, 0])
+        if not missing.any():
+            continue
+        starts, stops = _stretches(missing)
+        longest = int(np.argmax(stops - starts))
+        seconds = np.count_nonzero(missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
+        where = "throughout" if missing.all() else f"{len(starts)} times, longest from {time[starts[longest]]:.2f} s"
+        reasons.append(
+            Reason(
+                "gap",
+                f"the angle of the {name} is not given for {seconds:.2f} s ({where}): its markers were missing for "
+                f"so long that it would be uncertain by more than {settings.angle_sd_limit:g} rad (standard "
+                "deviation). Fill or re-label them, or leave the stretch out with `window:`.",
+                float(seconds),
+                0.0,
+            )
+        )
+    return tuple(reasons)
+
+
+def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
+    """First samples, and samples after the last, of the runs of true."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int64))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+STAGE = Stage(
+    name="ukf-smooth",
+    version=1,
+    inputs=("planar.parquet", "chain.h5"),
+    outputs=("states.parquet", "markers.parquet"),
+    uses=(),
+    settings=UkfSmoothSettings,
+    function=ukf_smooth,
+    help="Estimate joint angles, velocities and accelerations with their uncertainty.",
+)

@@ -1,0 +1,34 @@
+"""Artefacts on disk: schemas, Parquet and HDF5, provenance, atomic writes."""
+
+from mocap_id.store.artefacts import (
+    Artefact,
+    Column,
+    Document,
+    Facts,
+    Node,
+    Table,
+    TableSchema,
+    Tree,
+    TreeSchema,
+)
+from mocap_id.store.content import hash_bytes, hash_file
+from mocap_id.store.folder import Folder
+from mocap_id.store.provenance import Origin, Provenance, dumps
+
+__all__ = [
+    "Artefact",
+    "Column",
+    "Document",
+    "Facts",
+    "Folder",
+    "Node",
+    "Origin",
+    "Provenance",
+    "Table",
+    "TableSchema",
+    "Tree",
+    "TreeSchema",
+    "dumps",
+    "hash_bytes",
+    "hash_file",
+]

@@ -1,0 +1,96 @@
+"""Writing so that nothing is ever half-written: temporary names in the same folder, then one swift replacement."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import signal
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from mocap_id.errors import StoreError
+
+_TEMPORARY = ".mocap-id.tmp"  # nobody else's name
+_ADVICE = {
+    errno.ENOSPC: "the disk is full: make room and run again",
+    errno.EDQUOT: "your disk quota is used up: make room and run again",
+    errno.EFBIG: "the file is larger than this system allows: choose another folder with `out:`",
+    errno.EROFS: "the disk is read-only: choose another folder with `out:`",
+    errno.EACCES: "you may not write there: change its permissions or choose another folder with `out:`",
+    errno.EPERM: "you may not write there: change its permissions or choose another folder with `out:`",
+    errno.ENOTDIR: "a file stands where a folder is needed: move it or choose another folder with `out:`",
+    errno.EEXIST: "a file stands where a folder is needed: move it or choose another folder with `out:`",
+    errno.EISDIR: "a folder stands where the file should go: move it or choose another folder with `out:`",
+    errno.ENAMETOOLONG: "the name is too long: choose another folder with `out:`",
+}
+
+
+@contextlib.contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Turn the operating system's refusal to write ``path`` into a StoreError that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        advice = _ADVICE.get(error.errno or 0, error.strerror or str(error))
+        raise StoreError(f"{path} cannot be written: {advice}") from error
+
+
+def replace_together(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write several files of one folder: either all of them appear, complete, or none does.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing folder.
+    contents : mapping
+        File name, ``/`` for a sub-folder → bytes.
+
+    Raises
+    ------
+    StoreError
+        The disk is full, read-only, or the like; what stood there before still stands.
+    """
+    temporary: dict[Path, Path] = {}
+    try:
+        for name, content in contents.items():
+            path = folder / name
+            temporary[path] = path.with_name(f".{path.name}.{os.getpid()}{_TEMPORARY}")
+            with explained(path):
+                path.parent.mkdir(exist_ok=True)
+                _write(temporary[path], content)
+                if path.is_dir():
+                    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        with _uninterrupted():
+            for path, written in temporary.items():
+                with explained(path):
+                    written.replace(path)
+    finally:
+        for written in temporary.values():
+            written.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete the temporary files of a run that was killed; call it only while holding the folder's lock."""
+    for path in folder.rglob(f".*{_TEMPORARY}"):
+        path.unlink(missing_ok=True)
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold back Ctrl-C and SIGTERM for a moment, where the system can."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

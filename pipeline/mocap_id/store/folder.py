@@ -1,0 +1,222 @@
+"""The folder of one trial: the only place that reads and writes artefacts."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import json
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from os import utime
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from mocap_id.errors import StoreError
+from mocap_id.store import hdf5, parquet
+from mocap_id.store.artefacts import Artefact, Document, Table, Tree, TreeSchema
+from mocap_id.store.atomic import explained, remove_leftovers, replace_together
+from mocap_id.store.content import hash_bytes
+from mocap_id.store.provenance import Origin, Provenance
+from mocap_id.store.schemas import SCHEMAS
+
+_HIDDEN = ".mocap-id"
+
+
+class Folder:
+    """A trial's run folder.
+
+    Artefacts are read once and kept; what a stage reads is always what stands on the disk, so that a stage run alone
+    and the same stage within a whole run see the same.
+
+    Parameters
+    ----------
+    path : Path
+        Made, with its parents, when it is locked.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._read: dict[str, tuple[Artefact, Provenance]] = {}
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[Folder]:
+        """Hold the folder for one run.
+
+        Raises
+        ------
+        StoreError
+            Another run holds it, or it cannot be made or written.
+        """
+        made = [folder for folder in (self.path / _HIDDEN, self.path, *self.path.parents) if not folder.exists()]
+        with explained(self.path):
+            (self.path / _HIDDEN).mkdir(parents=True, exist_ok=True)
+        lock = FileLock(self.path / _HIDDEN / "lock")
+        with explained(self.path):
+            try:
+                lock.acquire(timeout=0)
+            except Timeout as error:
+                message = f"{self.path} is in use by another run: wait for it, or choose another folder with `out:`"
+                raise StoreError(message) from error
+        try:
+            remove_leftovers(self.path)
+            yield self
+        finally:
+            self._tidy(made)
+            lock.release()
+
+    def read(self, file: str) -> Artefact:
+        """An artefact, checked, for its reader alone; StoreError where it is missing or damaged."""
+        artefact = self._load(file)[0]
+        facts = copy.deepcopy(artefact.facts)
+        if isinstance(artefact, Table):  # pandas copies on writing
+            return replace(artefact, frame=artefact.frame.copy(deep=False), facts=facts)
+        return replace(artefact, data=copy.deepcopy(artefact.data), facts=facts)
+
+    def provenance(self, file: str) -> Provenance:
+        """What an artefact says about itself; StoreError where it is missing or damaged."""
+        return self._load(file)[1]
+
+    def exists(self, file: str) -> bool:
+        """Whether there is such a file, sound or not."""
+        return (self.path / file).is_file()
+
+    def write(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
+        """Write what a stage gave: all of it appears together, and its documents of an earlier run that are no more go.
+
+        Raises
+        ------
+        StoreError
+            The folder cannot be written.
+        ValueError
+            An artefact breaks its schema.
+        """
+        contents: dict[str, bytes] = {}
+        documents: dict[str, str] = {}
+        for output in outputs:
+            match output:
+                case Table():
+                    contents[output.schema.file] = parquet.encode(output, origin)
+                case Tree():
+                    contents[output.schema.file] = hdf5.encode(output, origin)
+                case Document():
+                    contents[output.file] = output.content
+                    documents[output.file] = hash_bytes(output.content)
+        before = self.documents(origin.stage)
+        if documents:
+            contents[_record(origin.stage)] = _encode_record(origin, documents)
+        replace_together(self.path, contents)
+        self.remove(set(before) - set(documents))
+        for file in contents:
+            self._read.pop(file, None)
+
+    def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
+        """Where a stage's outputs come from, if all of them are there, sound and of one and the same computation.
+
+        Parameters
+        ----------
+        stage : str
+            Name of the stage.
+        files : sequence of str
+            Its artefacts by file name (a name without a schema is a document).
+
+        Raises
+        ------
+        StoreError
+            One of them is damaged.
+        """
+        origins: list[Origin] = []
+        for file in files:
+            if not self.exists(file):
+                return None
+            if file in SCHEMAS:
+                origins.append(self.provenance(file).origin)
+        if any(file not in SCHEMAS for file in files):
+            record = self._document_origin(stage)
+            if record is None:
+                return None
+            origins.append(record)
+        return origins[0] if all(origin.key == origins[0].key for origin in origins) else None
+
+    def documents(self, stage: str) -> Mapping[str, str]:
+        """Documents that a stage wrote last, with their content hashes; none where there is no readable record."""
+        record = self._record(stage)
+        return record[1] if record else {}
+
+    def remove(self, files: Iterable[str]) -> None:
+        """Delete files of this folder; those that are not there are no matter."""
+        for file in files:
+            with explained(self.path / file):
+                (self.path / file).unlink(missing_ok=True)
+            self._read.pop(file, None)
+
+    def forget(self, stage: str, files: Iterable[str]) -> None:
+        """Delete everything that a stage wrote."""
+        self.remove([*files, *self.documents(stage), _record(stage)])
+
+    def freshen(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
+        """Make files no older than what they were made from, so that `make` agrees that they are up to date."""
+        newest = max((path.stat().st_mtime_ns for path in inputs), default=0)
+        for path in (self.path / file for file in files):
+            if path.stat().st_mtime_ns < newest:
+                stamp = max(newest, time.time_ns())
+                with explained(path):
+                    utime(path, ns=(stamp, stamp))
+
+    def _tidy(self, made: Sequence[Path]) -> None:
+        """After a run that wrote nothing, take away the folders that it made, innermost first."""
+        lock = self.path / _HIDDEN / "lock"
+        if made and not any(path.is_file() and path != lock for path in self.path.rglob("*")):
+            with contextlib.suppress(OSError):  # whatever else has come in the meantime may stay
+                lock.unlink()
+                for folder in made:
+                    folder.rmdir()
+
+    def _load(self, file: str) -> tuple[Artefact, Provenance]:
+        if file not in self._read:
+            path, schema = self.path / file, SCHEMAS[file]
+            try:
+                content = path.read_bytes()
+            except FileNotFoundError as error:
+                raise StoreError(f"{path} is missing: run the stage that writes it") from error
+            except OSError as error:
+                raise StoreError(f"{path} cannot be read ({error.strerror}): delete it and run again") from error
+            try:
+                self._read[file] = (
+                    hdf5.decode(content, schema) if isinstance(schema, TreeSchema) else parquet.decode(content, schema)
+                )
+            except ValueError as error:
+                raise StoreError(f"{path} {error}. Delete it and run again") from error
+        return self._read[file]
+
+    def _record(self, stage: str) -> tuple[Provenance, dict[str, str]] | None:
+        try:
+            strings = json.loads((self.path / _record(stage)).read_text("utf-8"))
+            documents: dict[str, str] = json.loads(strings["documents"])
+            provenance = Provenance.decode(strings)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None  # no record: the documents count as not written
+        inside = all((self.path / file).resolve().is_relative_to(self.path.resolve()) for file in documents)
+        return (provenance, documents) if inside else None
+
+    def _document_origin(self, stage: str) -> Origin | None:
+        record = self._record(stage)
+        if record is None:
+            return None
+        for file, content in record[1].items():
+            path = self.path / file
+            if not path.is_file() or hash_bytes(path.read_bytes()) != content:
+                return None
+        return record[0].origin
+
+
+def _record(stage: str) -> str:
+    return f"{_HIDDEN}/{stage}.json"
+
+
+def _encode_record(origin: Origin, documents: Mapping[str, str]) -> bytes:
+    """Provenance of documents, which cannot carry their own, with the content hash of each."""
+    content = hash_bytes(json.dumps(documents, sort_keys=True).encode())
+    strings = Provenance("documents", 1, origin, content, {}, ()).encode()
+    return json.dumps(strings | {"documents": json.dumps(documents)}, indent=1).encode()

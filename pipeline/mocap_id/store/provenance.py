@@ -1,0 +1,127 @@
+"""Where an artefact comes from, as it stands in Parquet schema metadata, HDF5 attributes and stage records."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mocap_id import __version__
+from mocap_id.store.artefacts import Facts
+from mocap_id.verdict import Reason
+
+PREFIX = "mocap-id."
+"""Before every key of ours in a file's metadata."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The stage that made an output, how it was set and what it read.
+
+    Parameters
+    ----------
+    stage, stage_version
+        Which stage, and which version of it.
+    parameters : mapping
+        The stage's effective settings and the trial's keys that it reads; file names without their folders.
+    inputs : mapping of str to str
+        Content hash of every artefact and file that was read.
+    key : str
+        Cache key: hash of all of the above.
+    seconds : float
+        Time of the computation; not part of any hash.
+    product : str
+        Version of mocap-id.
+    """
+
+    stage: str
+    stage_version: int
+    parameters: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    key: str
+    seconds: float
+    product: str = __version__
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """All that a file says about itself beside its data."""
+
+    schema: str
+    schema_version: int
+    origin: Origin
+    content: str
+    facts: Facts
+    reasons: tuple[Reason, ...]
+
+    def encode(self) -> dict[str, str]:
+        """Flat strings: JSON for what is nested."""
+        return {
+            PREFIX + "schema": self.schema,
+            PREFIX + "schema_version": str(self.schema_version),
+            PREFIX + "stage": self.origin.stage,
+            PREFIX + "stage_version": str(self.origin.stage_version),
+            PREFIX + "product": self.origin.product,
+            PREFIX + "parameters": dumps(self.origin.parameters),
+            PREFIX + "inputs": dumps(self.origin.inputs),
+            PREFIX + "key": self.origin.key,
+            PREFIX + "seconds": repr(float(self.origin.seconds)),
+            PREFIX + "content": self.content,
+            PREFIX + "facts": dumps(self.facts),
+            PREFIX + "reasons": dumps([reason.as_dict() for reason in self.reasons]),
+        }
+
+    @classmethod
+    def decode(cls, strings: Mapping[str, str]) -> Provenance:
+        """The inverse of :meth:`encode`; KeyError or ValueError where something is missing or malformed."""
+        text = {key.removeprefix(PREFIX): value for key, value in strings.items() if key.startswith(PREFIX)}
+        origin = Origin(
+            stage=text["stage"],
+            stage_version=int(text["stage_version"]),
+            parameters=json.loads(text["parameters"]),
+            inputs=json.loads(text["inputs"]),
+            key=text["key"],
+            seconds=float(text["seconds"]),
+            product=text["product"],
+        )
+        return cls(
+            schema=text["schema"],
+            schema_version=int(text["schema_version"]),
+            origin=origin,
+            content=text["content"],
+            facts=json.loads(text["facts"]),
+            reasons=tuple(Reason.from_dict(reason) for reason in json.loads(text["reasons"])),
+        )
+
+
+def dumps(value: Any) -> str:
+    """Canonical JSON: sorted keys, no spaces, numpy values as plain ones, NaN and infinities as null."""
+    return json.dumps(plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """A value in JSON's own types; a non-finite number becomes None, "could not be determined".
+
+    Raises
+    ------
+    TypeError
+        The value has no JSON counterpart.
+    """
+    match value:
+        case np.ndarray():
+            return plain(value.tolist())
+        case np.generic():
+            return plain(value.item())
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return value if math.isfinite(value) else None
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain(item) for item in value]
+    raise TypeError(f"facts and parameters hold JSON values only, not {type(value).__name__}: {value!r}")

@@ -1,0 +1,158 @@
+"""The artefacts' schemas: names, units and meanings are an interface; add freely, rename only with a new version."""
+
+from __future__ import annotations
+
+from mocap_id.store.artefacts import Column, TableSchema, TreeSchema
+
+_TIME = Column("time", "float64", "s", "the recording's own clock")
+_WRENCH = ("Fx", "N"), ("Fy", "N"), ("tauz", "N*m"), ("cop_x", "m")
+
+
+def _wrench(suffix: str, meaning: str, prefix: str = "") -> tuple[Column, ...]:
+    return tuple(Column(f"{prefix}{name}{suffix}", "float64", unit, f"{meaning}: {name}") for name, unit in _WRENCH)
+
+
+PLANAR = TableSchema(
+    "planar.parquet",
+    1,
+    (
+        Column("frame", "int64", "", "the file's own frame number"),
+        _TIME,
+        Column("marker", "category", "", "label"),
+        Column("x", "float64", "m", "along the motion, plane frame"),
+        Column("y", "float64", "m", "upwards, plane frame"),
+        Column("z", "float64", "m", "out of the plane, plane frame"),
+        Column("visible", "bool", "", "measured in this frame"),
+    ),
+)
+
+WRENCH = TableSchema(
+    "wrench.parquet",
+    1,
+    (
+        _TIME,
+        Column("Fx", "float64", "N", "force of the ground on the body along x, sum of the feet's plates"),
+        Column("Fy", "float64", "N", "force of the ground on the body upwards"),
+        Column("tauz", "float64", "N*m", "moment of the ground on the body about the plane-frame origin"),
+        Column("cop_x", "float64", "m", "centre of pressure, NaN where Fy is under the threshold"),
+        Column("plate_ok", "bool", "", "every channel of the feet's plates is finite and unsaturated"),
+    ),
+    (
+        Column("Fx_p{k}", "float64", "N", "plate k alone, Fx"),
+        Column("Fy_p{k}", "float64", "N", "plate k alone, Fy"),
+        Column("tauz_p{k}", "float64", "N*m", "plate k alone, tauz about the plane-frame origin"),
+    ),
+)
+
+SEGMENTS = TableSchema(
+    "segments.parquet",
+    1,
+    (
+        Column("marker", "category", "", "label"),
+        Column("segment", "Int64", "", "0 = base, 1…n towards the tip, null = none"),
+        Column("residual", "float64", "m", "rms distance from the rigid segment"),
+        Column("reason", "str", "", "why this segment, or why none"),
+    ),
+)
+
+CHAIN = TreeSchema(
+    "chain.h5",
+    1,
+    (
+        Column("joints/name", "str", "", "(n,) joint names"),
+        Column("joints/parent", "int64", "", "(n,) index of the parent segment"),
+        Column("joints/centre", "float64", "m", "(n, 2) centre in the parent segment's frame"),
+        Column("joints/covariance", "float64", "m^2", "(n, 2, 2) of the centre"),
+        Column("joints/arc", "float64", "rad", "(n,) angle travelled, 2.5 to 97.5 % quantile"),
+        Column("segments/name", "str", "", "(n + 1,) segment names, base first"),
+        Column("segments/length", "float64", "m", "(n - 1,) distance between joints of segments 1…n-1"),
+        Column("segments/length_sd", "float64", "m", "(n - 1,) standard deviation"),
+        Column("markers/name", "str", "", "(M,) labels of the assigned markers"),
+        Column("markers/segment", "int64", "", "(M,) segment of each"),
+        Column("markers/local", "float64", "m", "(M, 2) coordinates in the segment frame"),
+        Column("markers/residual", "float64", "m", "(M,) rms re-projection error of the joint fit"),
+    ),
+)
+
+STATES = TableSchema(
+    "states.parquet",
+    1,
+    (_TIME,),
+    (
+        Column("theta_{k}", "float64", "rad", "joint angle relative to the parent segment"),
+        Column("dtheta_{k}", "float64", "rad/s", "velocity"),
+        Column("ddtheta_{k}", "float64", "rad/s^2", "acceleration"),
+        Column("dddtheta_{k}", "float64", "rad/s^3", "jerk"),
+        Column("sd_theta_{k}", "float64", "rad", "standard deviation of the angle"),
+        Column("sd_dtheta_{k}", "float64", "rad/s", "standard deviation of the velocity"),
+        Column("sd_ddtheta_{k}", "float64", "rad/s^2", "standard deviation of the acceleration"),
+        Column("observed_{k}", "bool", "", "the angle rests on markers in this frame; false = bridged"),
+    ),
+)
+
+MARKERS = TableSchema(
+    "markers.parquet",
+    1,
+    (
+        Column("frame", "int64", "", "the file's own frame number"),
+        _TIME,
+        Column("marker", "category", "", "label"),
+        Column("x", "float64", "m", "predicted from the states, plane frame"),
+        Column("y", "float64", "m", "predicted from the states, plane frame"),
+        Column("residual", "float64", "m", "distance to the measurement, NaN where unseen"),
+    ),
+)
+
+EVENTS = TableSchema(
+    "events.parquet",
+    1,
+    (
+        Column("start", "float64", "s", "the rise begins"),
+        Column("seat_off", "float64", "s", "the chair is released"),
+        Column("stand", "float64", "s", "upright"),
+        Column("seat_on", "float64", "s", "the chair is touched"),
+        Column("end", "float64", "s", "seated, or the repetition's end"),
+        Column("complete", "bool", "", "every event of the protocol was found"),
+        Column("why", "str", "", "what is missing, or empty"),
+    ),
+)
+
+DYNAMICS_TABLE = TableSchema(
+    "dynamics.parquet",
+    1,
+    (
+        _TIME,
+        *_wrench("", "measured, at the corrected clock"),
+        *_wrench("_model", "identified model"),
+        *_wrench("_model", "standard deviation of the model", "sd_"),
+        *_wrench("_reference", "allometric model"),
+        Column("in_fit", "bool", "", "this sample was identified on"),
+    ),
+    (
+        Column("tau_{k}", "float64", "N*m", "torque of segment k-1 on segment k, identified model"),
+        Column("sd_tau_{k}", "float64", "N*m", "standard deviation"),
+    ),
+)
+
+DYNAMICS_TREE = TreeSchema(
+    "dynamics.h5",
+    1,
+    (
+        Column("base/name", "str", "", "(b,) base parameters in symbols"),
+        Column("base/value", "float64", "", "(b,) SI"),
+        Column("base/sd", "float64", "", "(b,) standard deviation"),
+        Column("base/unit", "str", "", "(b,) kg, kg*m or kg*m^2"),
+        Column("base/regrouping", "float64", "", "(b, 4(n+1)) matrix M of eq. 4.24"),
+        Column("full/name", "str", "", "(4(n+1),) m, mx, my, Izz of every segment, base first"),
+        Column("full/value", "float64", "", "(4(n+1),) one physically consistent solution, not identifiable alone"),
+        Column("full/reference", "float64", "", "(4(n+1),) allometric values, NaN where none apply"),
+        Column("grid/segment", "int64", "", "(p,) segment of each point mass"),
+        Column("grid/position", "float64", "m", "(p, 2) in the segment frame"),
+        Column("grid/mass", "float64", "kg", "(p,) point masses, none negative"),
+    ),
+)
+
+SCHEMAS: dict[str, TableSchema | TreeSchema] = {
+    schema.file: schema
+    for schema in (PLANAR, WRENCH, SEGMENTS, CHAIN, STATES, MARKERS, EVENTS, DYNAMICS_TABLE, DYNAMICS_TREE)
+}

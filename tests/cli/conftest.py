@@ -1,0 +1,92 @@
+"""The command line as a function, and a small recording to spoil."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from swinging_link import LABELS, RATE
+
+from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.writing import write_c3d, write_trc
+from mocap_id_cli.__main__ import main
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+    """``cli("run", path)``: exit code and output; there is never a traceback."""
+
+    def call(*arguments: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["mocap-id", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        code = left.value.code
+        assert code is None or isinstance(code, int)
+        return Said(code or 0, out, err)
+
+    return call
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial.yaml with its recording in a folder of its own."""
+
+    folder: Path
+
+    @property
+    def yaml(self) -> Path:
+        return self.folder / "trial.yaml"
+
+    @property
+    def out(self) -> Path:
+        return self.folder / "runs" / "pendulum"
+
+    def say(self, recording: str, **keys: object) -> Path:
+        self.yaml.write_text(json.dumps({"trial": "pendulum", "recording": recording, **keys}))
+        return self.yaml
+
+    def c3d(self, points: np.ndarray, labels: tuple[str, ...] = LABELS, plates: tuple[PlateSignals, ...] = ()) -> Path:
+        write_c3d(self.folder / "trial.c3d", labels, points, RATE, plates=plates)
+        return self.say("trial.c3d")
+
+    def trc(self, points: np.ndarray, labels: tuple[str, ...] = LABELS) -> Path:
+        write_trc(self.folder / "trial.trc", labels, points, RATE)
+        return self.say("trial.trc")
+
+    def inputs(self) -> dict[str, str]:
+        """Content hashes of everything that is the user's."""
+        files = [path for path in self.folder.iterdir() if path.is_file()]
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+    def made(self) -> list[str]:
+        """Files of the run folder that are for people; anything half-written would be among them."""
+        if not self.out.is_dir():
+            return []
+        files = [path.relative_to(self.out) for path in self.out.rglob("*") if path.is_file()]
+        return sorted(path.as_posix() for path in files if ".mocap-id" not in path.parts or ".tmp" in path.name)
+
+    def summary(self) -> dict[str, object]:
+        return dict(json.loads((self.out / "summary.json").read_text()))
+
+
+@pytest.fixture
+def trial(tmp_path: Path) -> Trial:
+    return Trial(tmp_path)

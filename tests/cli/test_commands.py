@@ -1,0 +1,91 @@
+"""Commands that need no run: help, version, schema, stages, mistakes on the command line and in the configuration."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mocap_id import __version__
+from mocap_id.stages import STAGES
+
+
+def test_help_names_every_command(cli) -> None:
+    said = cli("--help")
+    assert said.code == 0
+    for name in ("run", "inspect", "simulate", "schema", "stages", *(stage.name for stage in STAGES)):
+        assert f"\n  {name} " in said.out
+
+
+@pytest.mark.parametrize("stage", [stage.name for stage in STAGES])
+def test_every_stage_has_a_command_with_help(cli, stage: str) -> None:
+    said = cli(stage, "--help")
+    assert said.code == 0
+    assert "TRIAL.yaml" in said.out
+
+
+def test_version(cli) -> None:
+    assert cli("--version").out == f"mocap-id {__version__}\n"
+
+
+def test_schema_is_json(cli) -> None:
+    found = json.loads(cli("schema").out)
+    assert set(found["properties"]) >= {stage.name for stage in STAGES}
+
+
+def test_stages_are_listed_in_their_order(cli) -> None:
+    lines = [line.partition(":")[0] for line in cli("stages").out.splitlines() if not line.startswith(" ")]
+    assert lines == [stage.name for stage in STAGES]
+
+
+@pytest.mark.parametrize("arguments", [("fly",), ("run",), ("run", "a.yaml", "--fast"), ("simulate", "bird", "x")])
+def test_a_wrong_command_line(cli, arguments: tuple[str, ...]) -> None:
+    said = cli(*arguments)
+    assert said.code == 2
+    assert said.out == ""
+    assert "--help" in said.err
+
+
+def test_a_wrong_configuration_writes_nothing(cli, trial) -> None:
+    path = trial.say("trial.c3d", protcol="free")
+    for command in ("run", *(stage.name for stage in STAGES)):
+        said = cli(command, path)
+        assert said.code == 2
+        assert "did you mean `protocol`?" in said.err
+    assert list(trial.folder.iterdir()) == [path]
+
+
+def test_a_recording_given_for_a_configuration(cli, tmp_path: Path) -> None:
+    path = tmp_path / "trial.c3d"
+    path.write_bytes(bytes([2, 80, 255, 254]) * 100)
+    said = cli("run", path)
+    assert said.code == 2
+    assert "expected a YAML file" in said.err
+
+
+def test_results_go_to_stdout_and_the_rest_to_stderr(cli, trial) -> None:
+    said = cli("run", trial.say("nowhere.c3d"))
+    assert (said.code, said.out) == (3, "")
+    assert said.err.startswith("mocap-id: ")
+    assert "nowhere.c3d: no such file" in said.err
+
+
+def test_a_reader_that_leaves_early_is_no_failure() -> None:
+    """``mocap-id schema | head -1``."""
+    program = [sys.executable, "-m", "mocap_id_cli", "schema"]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert "Traceback" not in process.stderr.read()
+
+
+def test_rules_are_printed_for_make(cli, trial, monkeypatch: pytest.MonkeyPatch) -> None:
+    trial.say("trial.c3d")
+    monkeypatch.chdir(trial.folder)
+    rules = cli("stages", "--make", "trial.yaml").out
+    for stage in STAGES:
+        assert f"\t$(MOCAP_ID) {stage.name} trial.yaml\n" in rules

@@ -1,0 +1,87 @@
+"""Planar chains whose motion is known: the material of the tests of the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.estimation import FilterSettings, States, smooth
+from mocap_id.estimation.inverse import Chain, frame_angles
+from mocap_id.estimation.problem import Problem
+from mocap_id.estimation.sigma_points import SigmaPoints
+from mocap_id.geometry.planar import marker_positions
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A chain in motion: truth (F, n, 4) of angle, velocity, acceleration, jerk; markers (F, M, 2) as measured."""
+
+    truth: FloatArray
+    markers: FloatArray
+    rate: float
+    centres: FloatArray
+    segment: IntArray
+    local: FloatArray
+
+    def smoothed(self, **settings: object) -> States:
+        return self.smoothed_from(self.markers, **settings)
+
+    def smoothed_from(self, markers: FloatArray, **settings: object) -> States:
+        given = FilterSettings(**settings)  # type: ignore[arg-type]
+        return smooth(markers, self.rate, self.centres, self.segment, self.local, settings=given)
+
+    def problem(self, *, marker_sd: float, sigma_v: float, gate: float = 5.0, **points: float) -> Problem:
+        """What :func:`smooth` hands to an engine."""
+        chain = Chain(self.centres, self.segment, self.local)
+        frames = frame_angles(self.markers, chain, gate, 5e-5)
+        variance = np.full(len(self.segment), marker_sd**2)
+        return Problem(
+            observed=self.markers,
+            dt=1.0 / self.rate,
+            centres=self.centres,
+            segment=self.segment,
+            local=self.local,
+            variance=variance,
+            gate_variance=np.fmax(variance, frames.scale**2),
+            gate=gate,
+            density=np.full(len(self.centres), sigma_v**2 / self.rate),
+            anchors=frames.anchors(marker_sd),
+            sigma_points=SigmaPoints(**points),
+        )
+
+
+def swinging(
+    *,
+    joints: int = 3,
+    per_segment: int = 4,
+    seconds: float = 4.0,
+    rate: float = 100.0,
+    noise: float = 5e-4,
+    seed: int = 0,
+) -> Moving:
+    """A chain whose joints swing by up to a radian at 0.4 to 0.9 Hz."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(seconds * rate))[:, None] / rate
+    w = 2 * np.pi * rng.uniform(0.4, 0.9, joints)
+    amplitude, phase, middle = rng.uniform(0.3, 1.0, joints), rng.uniform(-3, 3, joints), rng.uniform(-1, 1, joints)
+    waves = [w**d * amplitude * np.sin(w * time + phase + d * np.pi / 2) for d in range(4)]
+    truth = np.stack(waves, axis=-1)
+    truth[..., 0] += middle
+    return measured(truth, rate, noise, rng, per_segment)
+
+
+def measured(truth: FloatArray, rate: float, noise: float, rng: np.random.Generator, per_segment: int = 4) -> Moving:
+    """Markers on a random chain that moves as given, with white noise of the given size, m."""
+    joints = truth.shape[1]
+    centres = rng.uniform([-0.05, 0.3], [0.05, 0.5], (joints, 2))
+    segment = np.repeat(np.arange(1, joints + 1), per_segment)
+    local = rng.uniform([-0.08, 0.05], [0.08, 0.4], (len(segment), 2))
+    exact = marker_positions(truth[..., 0], centres, segment, local)
+    return Moving(truth, exact + noise * rng.standard_normal(exact.shape), rate, centres, segment, local)
+
+
+def rms(error: FloatArray) -> FloatArray:
+    """Root mean square over the samples that are given, (n, 4) from (F, n, 4)."""
+    return np.asarray(np.sqrt(np.nanmean(error**2, axis=0)))

@@ -1,0 +1,102 @@
+"""The compiled engine gives what filterpy gives, on random chains, masks, outliers and starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from simulated_chains import Moving, rms, swinging
+
+from mocap_id.arrays import FloatArray
+from mocap_id.estimation import compiled, reference
+from mocap_id.estimation.problem import START_SD, Problem, Track
+
+EQUAL = 1e-9
+
+
+def damaged(moving: Moving, seed: int) -> Moving:
+    """With markers missing at random, over stretches and at the start, and with outliers."""
+    rng = np.random.default_rng(seed)
+    markers = moving.markers.copy()
+    markers[rng.random(markers.shape[:2]) < 0.15] = np.nan
+    start, length = rng.integers(0, 80), rng.integers(2, 60)
+    markers[start : start + length, moving.segment == rng.integers(1, len(moving.centres) + 1)] = np.nan
+    markers[: rng.integers(0, 8)] = np.nan
+    hit = rng.random(markers.shape[:2]) < 0.02
+    markers[hit] += rng.normal(0, 0.05, (np.count_nonzero(hit), 2))
+    return replace(moving, markers=markers)
+
+
+def assert_same(one: Track, other: Track, *, deviation: float = EQUAL) -> None:
+    """Equal to 1e-9 of each state's size, taken over the trial or from what is known at the start."""
+    n = one.restarted.shape[1]
+    scale = np.maximum(np.abs(other.mean).max(axis=0), np.repeat(START_SD, n))
+    np.testing.assert_array_equal(one.used, other.used)
+    np.testing.assert_array_equal(one.restarted, other.restarted)
+    assert np.max(np.abs(one.mean - other.mean) / scale) <= EQUAL
+    assert np.max(np.abs(deviations(one) - deviations(other)) / scale) <= deviation
+    assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=1e-6)
+
+
+def deviations(track: Track) -> FloatArray:
+    return np.asarray(np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)))
+
+
+def copied(track: Track) -> Track:
+    return replace(track, mean=track.mean.copy(), covariance=track.covariance.copy())
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    joints=st.integers(1, 3),
+    per_segment=st.integers(2, 4),
+    seed=st.integers(0, 2**31),
+    rate=st.sampled_from([25.0, 100.0, 480.0]),
+    kappa=st.sampled_from([0.0, 1.0]),
+)
+def test_filter_and_smoother_equal_filterpy(
+    joints: int, per_segment: int, seed: int, rate: float, kappa: float
+) -> None:
+    moving = swinging(joints=joints, per_segment=per_segment, seconds=100 / rate, rate=rate, seed=seed)
+    problem = damaged(moving, seed).problem(marker_sd=1e-3, sigma_v=3e5 / rate, kappa=kappa)
+    ours, theirs = compiled.filter_forwards(problem), reference.filter_forwards(problem)
+    assert_same(ours, theirs)
+    ours, theirs = compiled.smooth_backwards(problem, ours), reference.smooth_backwards(problem, theirs)
+    assert_same(ours, theirs)
+
+
+def tracked() -> tuple[Problem, Track]:
+    problem = swinging(joints=2, seconds=1.0).problem(marker_sd=1e-3, sigma_v=3e3)
+    return problem, compiled.filter_forwards(problem)
+
+
+def test_smoother_equals_filterpys_own_where_no_joint_starts_over() -> None:
+    problem, track = tracked()
+    mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance)
+    theirs = replace(track, mean=mean, covariance=covariance)
+    # theirs subtracts covariances, which at the first frames cancels the prior's far larger ones
+    assert_same(compiled.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
+
+
+def test_a_marker_without_weight_changes_nothing() -> None:
+    """Leaving rows out is the same as giving them a noise without bound."""
+    moving = swinging(joints=2, seconds=1.0)
+    problem = moving.problem(marker_sd=1e-3, sigma_v=3e3)
+    markers, variance = moving.markers.copy(), problem.variance.copy()
+    markers[:, 3] = np.nan
+    variance[3] = 1e12
+    without = compiled.filter_forwards(replace(problem, observed=markers))
+    inflated = compiled.filter_forwards(replace(problem, variance=variance))
+    np.testing.assert_allclose(inflated.mean, without.mean, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(deviations(inflated), deviations(without), rtol=1e-8)
+
+
+def test_both_engines_are_selectable_and_smooth_alike() -> None:
+    moving = swinging(joints=2, seconds=0.8)
+    ours, theirs = moving.smoothed(engine="compiled"), moving.smoothed(engine="filterpy")
+    scale = np.maximum(rms(ours.mean), START_SD)
+    assert np.max(np.abs(ours.mean - theirs.mean) / scale) <= EQUAL
+    assert ours.noise.marker_sd == theirs.noise.marker_sd

@@ -1,0 +1,63 @@
+"""Markers that jump are left out, and what is left out by mistake comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from simulated_chains import Moving, rms, swinging
+
+from mocap_id.estimation.inverse import Chain, frame_angles
+
+BURSTS = 60
+
+
+@pytest.fixture(scope="module")
+def moving() -> Moving:
+    return swinging(joints=3, per_segment=6, seconds=20.0, rate=200.0, seed=4)
+
+
+def with_bursts(moving: Moving, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """60 bursts of 20 to 80 mm and 5 to 100 frames on single markers; and where they are."""
+    rng = np.random.default_rng(seed)
+    markers, hit = moving.markers.copy(), np.zeros(moving.markers.shape[:2], dtype=bool)
+    for _ in range(BURSTS):
+        start, length = rng.integers(0, len(markers) - 100), rng.integers(5, 100)
+        marker, angle = rng.integers(0, markers.shape[1]), rng.uniform(-np.pi, np.pi)
+        stretch = slice(start, start + length)
+        markers[stretch, marker] += rng.uniform(0.02, 0.08) * np.array([np.cos(angle), np.sin(angle)])
+        hit[stretch, marker] = True
+    return markers, hit
+
+
+def test_bursts_cost_next_to_nothing(moving: Moving) -> None:
+    markers, hit = with_bursts(moving, 1)
+    clean, states = moving.smoothed(), moving.smoothed_from(markers)
+    ratio = rms((states.mean - moving.truth)[20:-20]) / rms((clean.mean - moving.truth)[20:-20])
+    assert np.all(ratio[:, 2] < 1.1)
+    assert np.mean(states.used[hit]) < 0.01
+    assert np.mean(~states.used[~hit]) < 0.001
+    assert states.noise.marker_sd == pytest.approx(clean.noise.marker_sd, rel=0.1)
+
+
+def test_without_the_gate_they_spoil_the_states(moving: Moving) -> None:
+    markers, _ = with_bursts(moving, 1)
+    open_gate = moving.smoothed_from(markers, gate=1e9)
+    clean = moving.smoothed()
+    assert np.all(rms(open_gate.mean - moving.truth)[:, 2] > 5 * rms(clean.mean - moving.truth)[:, 2])
+
+
+def test_the_filter_is_not_locked_out_by_its_own_gate(moving: Moving) -> None:
+    """All markers jump together, as when a chain is wrong for a while, and come back."""
+    markers = moving.markers.copy()
+    markers[1000:1400] += 0.3
+    states = moving.smoothed_from(markers)
+    np.testing.assert_allclose(states.mean[1500:, :, 0], moving.truth[1500:, :, 0], atol=0.01)
+    assert states.used[1500:].mean() > 0.99
+
+
+def test_a_frames_outliers_are_found_though_they_spoil_the_fit_for_the_others(moving: Moving) -> None:
+    markers = moving.markers.copy()
+    markers[500, [0, 7, 13]] += [[0.08, 0.0], [0.0, 0.06], [-0.05, 0.05]]
+    frames = frame_angles(markers, Chain(moving.centres, moving.segment, moving.local), 5.0, 5e-5)
+    assert np.flatnonzero(~frames.used[500]).tolist() == [0, 7, 13]
+    np.testing.assert_allclose(frames.angles[500], moving.truth[500, :, 0], atol=5e-3)

@@ -1,0 +1,148 @@
+"""The stage: tables in, tables out, and what it says about gaps and time stamps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from simulated_chains import Moving, swinging
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.ukf_smooth import STAGE
+from mocap_id.store import Table, Tree
+from mocap_id.store.parquet import conform
+from mocap_id.store.schemas import CHAIN, PLANAR
+
+FRAMES, STILL = 300, 2
+
+
+@pytest.fixture(scope="module")
+def moving() -> Moving:
+    return swinging(joints=2, seconds=FRAMES / 100, rate=100.0, seed=1)
+
+
+def labels(moving: Moving) -> list[str]:
+    return [f"M{i}" for i in range(len(moving.segment))] + [f"BASE{i}" for i in range(STILL)] + ["LOOSE"]
+
+
+def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) -> Table:
+    """The chain's markers, two on the base, and one that belongs to no segment."""
+    names = labels(moving)
+    still = np.broadcast_to([0.1, 0.0], (FRAMES, STILL, 2))
+    loose = np.full((FRAMES, 1, 2), 3.0)
+    points = np.concatenate([markers, still, loose], axis=1)
+    time = np.arange(FRAMES) / moving.rate + 0.5 if time is None else time
+    frame = pd.DataFrame(
+        {
+            "frame": np.repeat(np.arange(51, 51 + FRAMES), len(names)),
+            "time": np.repeat(time, len(names)),
+            "marker": pd.Categorical(names * FRAMES, categories=sorted(names)),
+            "x": points[..., 0].ravel(),
+            "y": points[..., 1].ravel(),
+            "z": 0.0,
+            "visible": np.isfinite(points[..., 0]).ravel(),
+        }
+    )
+    return Table(PLANAR, frame, {"rate_hz": moving.rate})
+
+
+def chain(moving: Moving) -> Tree:
+    """As fit-joints writes it, its markers in another order than the table's."""
+    names = labels(moving)[:-1]
+    segment = np.concatenate([moving.segment, np.zeros(STILL, dtype=np.int64)])
+    local = np.concatenate([moving.local, np.broadcast_to([0.1, 0.0], (STILL, 2))])
+    order = np.random.default_rng(0).permutation(len(names))
+    data = {
+        "joints": {"name": np.array(["ankle", "knee"], dtype=object), "centre": moving.centres},
+        "markers": {
+            "name": np.array(names, dtype=object)[order],
+            "segment": segment[order],
+            "local": local[order],
+        },
+    }
+    return Tree(CHAIN, data)
+
+
+def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, Table]:
+    trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
+    inputs = {"planar.parquet": table, "chain.h5": chain(moving)}
+    states, markers = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
+    assert isinstance(states, Table)
+    assert isinstance(markers, Table)
+    return states, markers
+
+
+def test_tables_hold_what_the_schemas_say(moving: Moving) -> None:
+    states, markers = run(moving, planar(moving, moving.markers))
+    conform(states)
+    conform(markers)
+    assert len(states.frame) == FRAMES
+    assert len(markers.frame) == FRAMES * (len(moving.segment) + STILL)
+    for j in (1, 2):
+        np.testing.assert_allclose(states.frame[f"theta_{j}"], moving.truth[:, j - 1, 0], atol=0.02)
+        np.testing.assert_allclose(states.frame[f"dtheta_{j}"][20:-20], moving.truth[20:-20, j - 1, 1], atol=0.1)
+        assert states.frame[f"observed_{j}"].all()
+    assert not states.reasons
+
+
+def test_predicted_markers_stand_beside_their_own_measurement(moving: Moving) -> None:
+    gone = moving.markers.copy()
+    gone[40:50, 0] = np.nan
+    _, markers = run(moving, planar(moving, gone))
+    frame = markers.frame
+    one = frame[frame["marker"] == "M0"].set_index("frame")
+    np.testing.assert_allclose(one[["x", "y"]], moving.markers[:, 0], atol=5e-3)
+    assert one["residual"].isna().to_numpy().nonzero()[0].tolist() == list(range(40, 50))
+    assert one["time"].iloc[0] == pytest.approx(0.5)
+    np.testing.assert_allclose(frame.loc[frame["marker"] == "BASE1", "residual"], 0.0, atol=1e-12)
+
+
+def test_facts_state_noise_and_fit(moving: Moving) -> None:
+    facts = run(moving, planar(moving, moving.markers))[0].facts
+    assert facts["marker_sd_m"] == pytest.approx(5e-4, rel=0.05)
+    assert len(facts["sigma_v"]) == 2
+    assert facts["reprojection_rms_m"] == pytest.approx(5e-4 * np.sqrt(2), rel=0.05)
+    assert facts["outlier_fraction"] < 0.001
+    assert (facts["method"], facts["engine"]) == ("rts", "compiled")
+
+
+def test_the_thesiss_fixed_noise_can_be_set(moving: Moving) -> None:
+    facts = run(moving, planar(moving, moving.markers), marker_sd=1e-3, sigma_v=1e2)[0].facts
+    assert (facts["marker_sd_m"], facts["sigma_v"]) == (1e-3, [1e2, 1e2])
+
+
+def test_a_joint_that_is_lost_is_named_with_its_time(moving: Moving) -> None:
+    markers = moving.markers.copy()
+    markers[100:250, moving.segment == 2] = np.nan
+    states, predicted = run(moving, planar(moving, markers))
+    (reason,) = states.reasons
+    missing = states.frame["theta_2"].isna()
+    assert (reason.code, reason.level) == ("gap", "caution")
+    assert "knee" in reason.message
+    assert reason.value == pytest.approx(missing.sum() / moving.rate, rel=0.01)
+    assert missing[150:200].all()
+    assert not states.frame["theta_1"].isna().any()
+    conform(predicted)
+
+
+def test_a_segment_never_seen_is_said_to_be_lost_throughout(moving: Moving) -> None:
+    markers = moving.markers.copy()
+    markers[:, moving.segment == 2] = np.nan
+    (reason,) = run(moving, planar(moving, markers))[0].reasons
+    assert "throughout" in reason.message
+
+
+def test_time_stamps_that_skip_are_refused(moving: Moving) -> None:
+    time = np.arange(FRAMES) / moving.rate
+    time[120:] += 0.02
+    with pytest.raises(RecordingError, match=r"trial swing.*not uniform: frame 171 .* 1\.2200 s .* 1\.2000 s"):
+        run(moving, planar(moving, moving.markers, time))
+
+
+def test_time_stamps_rounded_to_milliseconds_are_uniform_enough(moving: Moving) -> None:
+    run(moving, planar(moving, moving.markers, np.round(np.arange(FRAMES) / moving.rate, 3)))

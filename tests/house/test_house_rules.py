@@ -1,0 +1,122 @@
+"""What a stranger may rely on in every file of the source tree."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mocap_id import __version__
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = sorted([*(ROOT / "pipeline").rglob("*.py"), *(ROOT / "cli").rglob("*.py")])
+MAX_FILE, MAX_FUNCTION = 350, 60
+LONGER = {
+    "pipeline/mocap_id/estimation/kernels.py": 480
+}  # numba keeps compiled code by file: the kernels stay together
+
+
+def nodes(path: Path, kinds: tuple[type[ast.AST], ...]) -> Iterator[ast.AST]:
+    return (node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, kinds))
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def tracked() -> list[Path]:
+    """Files of the tree as git would take them; everything but what is ignored."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if result.returncode:
+        pytest.skip("not a git work tree")
+    return [ROOT / file for file in result.stdout.split("\0") if file and (ROOT / file).is_file()]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_one_idea_a_file_and_short_functions(path: Path) -> None:
+    assert path.read_text("utf-8").count("\n") <= LONGER.get(name(path), MAX_FILE)
+    long = {
+        node.name: node.end_lineno - node.lineno + 1  # type: ignore[attr-defined]
+        for node in nodes(path, (ast.FunctionDef, ast.AsyncFunctionDef))
+        if node.end_lineno - node.lineno + 1 > MAX_FUNCTION  # type: ignore[attr-defined]
+    }
+    assert not long
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_every_public_thing_has_a_docstring(path: Path) -> None:
+    tree = ast.parse(path.read_text("utf-8"))
+    assert ast.get_docstring(tree), "the module itself"
+    public = [
+        node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+    ]
+    assert [node.name for node in public if not ast.get_docstring(node)] == []
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_no_error_is_swallowed(path: Path) -> None:
+    silent = [
+        node.lineno  # type: ignore[attr-defined]
+        for node in nodes(path, (ast.ExceptHandler,))
+        if (node.type is None or getattr(node.type, "id", "") in ("Exception", "BaseException"))  # type: ignore[attr-defined]
+        and all(isinstance(step, ast.Pass | ast.Continue) for step in node.body)  # type: ignore[attr-defined]
+    ]
+    assert not silent
+
+
+def test_no_room_for_odds_and_ends() -> None:
+    vague = {"utils", "util", "common", "helpers", "misc"}
+    assert [name(path) for path in SOURCES if vague & set(path.with_suffix("").parts)] == []
+
+
+def test_no_path_of_any_machine() -> None:
+    pattern = re.compile(r"(^|[^\w.])/(?:work|root|tmp|home|Users)/\w", re.MULTILINE)
+    found = []
+    for path in tracked():
+        if path.suffix in {".c3d", ".npz"} or path == Path(__file__):
+            continue
+        match = pattern.search(path.read_text("utf-8", errors="replace"))
+        if match:
+            found.append(f"{name(path)}: {match[0].strip()}")
+    assert not found
+
+
+def test_one_version_everywhere() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert project["version"] == __version__
+    assert f"\n## {__version__}\n" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_the_lock_file_pins_every_dependency_and_no_server() -> None:
+    lines = (ROOT / "requirements.lock").read_text("utf-8").splitlines()
+    pins = dict(line.split("==") for line in lines if re.fullmatch(r"[\w.-]+==\S+", line))
+    document = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    wanted = [
+        *document["build-system"]["requires"],
+        *document["project"]["dependencies"],
+        *document["project"]["optional-dependencies"]["dev"],
+    ]
+    for requirement in wanted:
+        package, bound = re.split(r">=", requirement)
+        pinned = pins[re.sub(r"[-_.]+", "-", package).lower()]
+        assert release(pinned) >= release(bound), requirement
+    others = [line for line in lines if line and not line.lstrip().startswith("#") and "==" not in line]
+    assert others == []
+    assert not re.search(r"https?://|file://|--index|--find-links", "\n".join(lines))
+
+
+def release(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", version))
+
+
+@pytest.mark.parametrize("path", sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]), ids=name)
+def test_links_between_pages_lead_somewhere(path: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text("utf-8"))
+    local = [link for link in links if not link.startswith("http")]
+    assert [link for link in local if not (path.parent / link).exists()] == []

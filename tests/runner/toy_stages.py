@@ -1,0 +1,67 @@
+"""Three small stages on real artefacts: numbers of a text file are read, cut and told."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
+from mocap_id.store import Document, Table
+from mocap_id.store.schemas import EVENTS, SEGMENTS
+from mocap_id.verdict import Reason
+
+
+class ReadSettings(Settings):
+    gain: float = 1.0
+    unused: float = 0.0
+
+
+class CutSettings(Settings):
+    length: int = 2
+
+
+def read(context: Context) -> Outputs:
+    """Numbers of a text file, one a line."""
+    numbers = np.array([float(line) for line in context.trial.recording.markers.read_text().split()])
+    frame = pd.DataFrame({c.name: context.settings.gain * numbers for c in EVENTS.columns[:5]})
+    note = Reason("noted", "a note from the first stage", level="ok")
+    return (Table(EVENTS, frame.assign(complete=True, why=""), {"count": len(numbers)}, (note,)),)
+
+
+def cut(context: Context) -> Outputs:
+    kept = context.table("events.parquet").frame["start"].iloc[: context.settings.length]
+    labels = [f"M{k}" for k in range(len(kept))]
+    frame = pd.DataFrame({"marker": labels, "segment": pd.array([1] * len(kept), "Int64"), "residual": kept})
+    return (Table(SEGMENTS, frame.assign(reason="")),)
+
+
+def tell(context: Context) -> Outputs:
+    refused = context.refused
+    reasons = [reason.as_dict() for reason in context.reasons]
+    if refused is not None:
+        reasons.append(Reason(refused.code, refused.message, refused.value, refused.limit, "refused").as_dict())
+    level = "refused" if refused else "ok"
+    summary = {
+        "verdict": {"level": level, "reasons": reasons},
+        "inputs": sorted(context.inputs),
+        "time_s": sorted(context.seconds or {}),
+    }
+    return Document("summary.json", json.dumps(summary).encode()), Document("report.html", level.encode())
+
+
+STAGES = (
+    Stage("read", 1, (), ("events.parquet",), ("recording", "window"), ReadSettings, read, "Read."),
+    Stage("cut", 1, ("events.parquet",), ("segments.parquet",), (), CutSettings, cut, "Cut."),
+    Stage(
+        "tell",
+        1,
+        ("events.parquet", "segments.parquet"),
+        ("summary.json", "report.html"),
+        tuple(TrialKeys.model_fields),
+        Settings,
+        tell,
+        "Tell.",
+    ),
+)

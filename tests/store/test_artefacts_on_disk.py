@@ -1,0 +1,363 @@
+"""Artefacts survive the disk unchanged, say where they come from, and are refused when damaged."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocap_id.errors import StoreError
+from mocap_id.store import Column, Document, Folder, Origin, Table, TableSchema, Tree, hdf5, parquet
+from mocap_id.store.schemas import CHAIN, EVENTS, PLANAR, SCHEMAS, SEGMENTS, STATES, WRENCH
+from mocap_id.verdict import Reason
+
+ORIGIN = Origin("segment", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)
+REASON = Reason("segments-unsure", "Zwei Körper: name the segments", 0.4, 0.5)
+
+
+def segments() -> Table:
+    frame = pd.DataFrame(
+        {
+            "marker": pd.Categorical(["RKNE", "LKNE", "ARM"], categories=["RKNE", "unused", "LKNE", "ARM"]),
+            "segment": pd.array([1, 0, None], dtype="Int64"),
+            "residual": [0.001, np.nan, -0.0],
+            "reason": ["moves with the shank", "", "zu kurz gesehen"],
+        }
+    )
+    return Table(SEGMENTS, frame, {"count": np.int64(4), "gap": float("nan"), "names": ("foot", "Hüfte")}, (REASON,))
+
+
+def chain(joints: int = 2) -> Tree:
+    rng = np.random.default_rng(7)
+    names = [f"joint {j}" for j in range(joints)]
+    data = {
+        "joints": {
+            "name": np.array(names, dtype=str),
+            "parent": np.arange(joints),
+            "centre": rng.normal(size=(joints, 2)),
+            "covariance": rng.normal(size=(joints, 2, 2)),
+            "arc": rng.normal(size=joints),
+        },
+        "segments": {"name": ["base", *names], "length": np.zeros(max(joints - 1, 0)), "length_sd": np.zeros(0)},
+        "markers": {"name": ["Ä", "B"], "segment": [0, 1], "local": np.zeros((2, 2)), "residual": [np.nan, 1.0]},
+    }
+    return Tree(CHAIN, data, {"iterations": 4}, (REASON,))
+
+
+def states(joints: int, samples: int = 5) -> Table:
+    columns: dict[str, np.ndarray] = {"time": np.arange(samples) / 100}
+    for k in range(joints, 0, -1):  # written in the wrong order on purpose
+        for column in STATES.repeated:
+            dtype = bool if column.dtype == "bool" else float
+            columns[column.name.format(k=k)] = np.full(samples, k).astype(dtype)
+    return Table(STATES, pd.DataFrame(columns))
+
+
+def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([segments()], ORIGIN)
+    table = folder.read("segments.parquet")
+    assert isinstance(table, Table)
+    assert table.frame["marker"].tolist() == ["RKNE", "LKNE", "ARM"]
+    assert table.frame["marker"].cat.categories.tolist() == ["ARM", "LKNE", "RKNE"]
+    assert table.frame["segment"].dtype == "Int64"
+    assert table.frame["segment"].isna().tolist() == [False, False, True]
+    assert np.isnan(table.frame["residual"].iloc[1])
+    assert table.frame["reason"].tolist() == ["moves with the shank", "", "zu kurz gesehen"]
+    assert table.facts == {"count": 4, "gap": None, "names": ["foot", "Hüfte"]}
+    assert table.reasons == (REASON,)
+
+
+def test_a_tree_is_read_as_it_was_written(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([chain()], ORIGIN)
+    tree = folder.read("chain.h5")
+    assert isinstance(tree, Tree)
+    for group, nodes in chain().data.items():
+        for name, value in nodes.items():
+            np.testing.assert_array_equal(tree.data[group][name], np.asarray(value))
+    assert tree.facts == {"iterations": 4}
+    assert tree.reasons == (REASON,)
+
+
+def test_a_chain_without_joints_has_empty_nodes(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([chain(joints=0)], ORIGIN)
+    tree = folder.read("chain.h5")
+    assert isinstance(tree, Tree)
+    assert tree.data["joints"]["centre"].shape == (0, 2)
+
+
+@pytest.mark.parametrize("artefact", [segments(), chain()], ids=["table", "tree"])
+def test_provenance_is_kept(tmp_path: Path, artefact: Table | Tree) -> None:
+    folder = Folder(tmp_path)
+    folder.write([artefact], ORIGIN)
+    provenance = Folder(tmp_path).provenance(artefact.schema.file)
+    assert provenance.origin == ORIGIN
+    assert (provenance.schema, provenance.schema_version) == (artefact.schema.file, artefact.schema.version)
+    assert len(provenance.content) == 64
+
+
+def test_parquet_is_readable_by_others_and_states_units(tmp_path: Path) -> None:
+    Folder(tmp_path).write([segments()], ORIGIN)
+    path = tmp_path / "segments.parquet"
+    found = pd.read_parquet(path)
+    assert found["segment"].isna().tolist() == [False, False, True]
+    schema = pq.read_schema(path)
+    assert schema.field("residual").metadata[b"unit"] == b"m"
+    assert schema.metadata[b"mocap-id.stage"] == b"segment"
+    assert json.loads(schema.metadata[b"mocap-id.parameters"]) == {"segment": {"count": 4}}
+
+
+def test_hdf5_states_units(tmp_path: Path) -> None:
+    Folder(tmp_path).write([chain()], ORIGIN)
+    with h5py.File(tmp_path / "chain.h5") as file:
+        assert file["joints/centre"].attrs["unit"] == "m"
+        assert file.attrs["mocap-id.key"] == "key-1"
+
+
+def test_facts_may_be_larger_than_an_old_hdf5_attribute(tmp_path: Path) -> None:
+    tree = chain()
+    folder = Folder(tmp_path)
+    folder.write([Tree(tree.schema, tree.data, {"text": "x" * 200_000})], ORIGIN)
+    assert len(Folder(tmp_path).read("chain.h5").facts["text"]) == 200_000
+
+
+def test_repeated_columns_come_in_order_of_their_number(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([states(12)], ORIGIN)
+    names = pq.read_schema(tmp_path / "states.parquet").names
+    assert names[:2] == ["time", "theta_1"]
+    assert names.index("observed_9") < names.index("theta_10") < names.index("theta_12")
+
+
+def content(artefact: Table | Tree) -> str:
+    if isinstance(artefact, Tree):
+        return hdf5.decode(hdf5.encode(artefact, ORIGIN), artefact.schema)[1].content
+    return parquet.decode(parquet.encode(artefact, ORIGIN), artefact.schema)[1].content
+
+
+def test_content_does_not_depend_on_provenance_nor_on_category_order() -> None:
+    one = segments()
+    frame = one.frame.assign(marker=one.frame["marker"].cat.reorder_categories(["ARM", "unused", "LKNE", "RKNE"]))
+    other = Table(one.schema, frame, one.facts, one.reasons)
+    later = Origin("segment", 9, {}, {}, "key-2", 99.0)
+    assert content(one) == content(other)
+    assert parquet.decode(parquet.encode(other, later), SEGMENTS)[1].content == content(one)
+
+
+@settings(max_examples=20, deadline=None)
+@given(bits=st.integers(1, 2**51 - 1), sign=st.booleans())
+def test_every_nan_is_the_same_and_so_is_every_zero(bits: int, sign: bool) -> None:
+    pattern = np.array([(int(sign) << 63) | (0x7FF << 52) | bits, int(sign) << 63], dtype=np.uint64)
+    odd = pattern.view(np.float64)
+    assert np.isnan(odd[0])
+    plain, other = (chain(1).data for _ in range(2))
+    plain["markers"]["residual"], other["markers"]["residual"] = np.array([np.nan, 0.0]), odd
+    assert content(Tree(CHAIN, plain)) == content(Tree(CHAIN, other))
+
+
+@pytest.mark.parametrize("change", ["value", "null", "marker", "fact", "reason", "order"])
+def test_content_depends_on_all_that_a_later_stage_could_see(change: str) -> None:
+    one = segments()
+    frame, facts, reasons = one.frame.copy(), dict(one.facts), one.reasons
+    match change:
+        case "value":
+            frame.loc[0, "residual"] = np.nextafter(0.001, 1)
+        case "null":
+            frame.loc[0, "segment"] = None
+        case "marker":
+            frame["marker"] = ["RKNE", "LKNE", "LKNE"]
+        case "fact":
+            facts["count"] = 5
+        case "reason":
+            reasons = ()
+        case "order":
+            frame = frame.iloc[::-1]
+    assert content(Table(one.schema, frame, facts, reasons)) != content(one)
+
+
+def test_every_schema_can_be_written_empty(tmp_path: Path) -> None:
+    kinds = {"category": "str", "str": "str"}
+    folder = Folder(tmp_path)
+    for schema in SCHEMAS.values():
+        if isinstance(schema, TableSchema):
+            frame = pd.DataFrame({c.name: pd.Series(dtype=kinds.get(c.dtype, c.dtype)) for c in schema.columns})
+            folder.write([Table(schema, frame)], ORIGIN)
+            table = folder.read(schema.file)
+            assert isinstance(table, Table)
+            assert len(table.frame) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda f: f.drop(columns="residual"), "residual"),
+        (lambda f: f.assign(extra=1.0), "extra"),
+        (lambda f: f.assign(residual="far"), "residual"),
+        (lambda f: f.assign(segment=[0.5, 1.0, 2.0]), "segment"),
+    ],
+)
+def test_a_table_that_breaks_its_schema_is_not_written(change, complaint: str, tmp_path: Path) -> None:
+    one = segments()
+    with pytest.raises(ValueError, match=complaint):
+        Folder(tmp_path).write([Table(one.schema, change(one.frame))], ORIGIN)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_repeated_column_alone_is_not_enough() -> None:
+    table = states(1)
+    with pytest.raises(ValueError, match="sd_theta_1"):
+        parquet.conform(Table(STATES, table.frame.drop(columns="sd_theta_1")))
+
+
+def test_plates_may_have_any_number() -> None:
+    columns = {column.name: np.zeros(2, bool if column.dtype == "bool" else float) for column in WRENCH.columns}
+    columns |= {"Fx_p3": np.ones(2), "Fy_p3": np.ones(2), "tauz_p3": np.ones(2)}
+    assert parquet.conform(Table(WRENCH, pd.DataFrame(columns))).column_names[-3:] == ["Fx_p3", "Fy_p3", "tauz_p3"]
+
+
+@pytest.mark.parametrize("spoil", ["truncate", "empty", "text"])
+@pytest.mark.parametrize("artefact", [segments(), chain()], ids=["table", "tree"])
+def test_a_damaged_file_is_named(tmp_path: Path, artefact: Table | Tree, spoil: str) -> None:
+    Folder(tmp_path).write([artefact], ORIGIN)
+    path = tmp_path / artefact.schema.file
+    whole = path.read_bytes()
+    spoilt = {"truncate": whole[: len(whole) // 2], "empty": b"", "text": b"frame,time\n" * 100}
+    path.write_bytes(spoilt[spoil])
+    with pytest.raises(StoreError, match=path.name):
+        Folder(tmp_path).read(artefact.schema.file)
+
+
+def test_an_edited_table_is_recognised(tmp_path: Path) -> None:
+    Folder(tmp_path).write([segments()], ORIGIN)
+    path = tmp_path / "segments.parquet"
+    table = pq.read_table(path)
+    index = table.column_names.index("residual")
+    edited = table.set_column(index, table.schema.field(index), pa.array([0.5, 0.5, 0.5]))
+    pq.write_table(edited, path)
+    with pytest.raises(StoreError, match="edited"):
+        Folder(tmp_path).read("segments.parquet")
+
+
+def test_a_foreign_table_is_recognised(tmp_path: Path) -> None:
+    segments().frame.to_parquet(tmp_path / "segments.parquet")
+    with pytest.raises(StoreError, match="not written by mocap-id"):
+        Folder(tmp_path).read("segments.parquet")
+
+
+def test_another_schema_version_is_refused(tmp_path: Path) -> None:
+    newer = TableSchema(SEGMENTS.file, SEGMENTS.version + 1, SEGMENTS.columns)
+    one = segments()
+    (tmp_path / SEGMENTS.file).write_bytes(parquet.encode(Table(newer, one.frame), ORIGIN))
+    with pytest.raises(StoreError, match=r"version 2, expected segments.parquet version 1"):
+        Folder(tmp_path).read(SEGMENTS.file)
+
+
+def test_a_newer_minor_file_with_more_columns_is_read() -> None:
+    wider = TableSchema(
+        SEGMENTS.file, SEGMENTS.version, (*SEGMENTS.columns, Column("side", "str", "", "left or right"))
+    )
+    one = segments()
+    written = parquet.encode(Table(wider, one.frame.assign(side=["r", "l", "l"])), ORIGIN)
+    assert parquet.decode(written, SEGMENTS)[0].frame["side"].tolist() == ["r", "l", "l"]
+
+
+def test_hdf5_that_points_elsewhere_is_refused(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.h5"
+    with h5py.File(secret, "w") as file:
+        file["centre"] = np.ones((2, 2))
+    for kind in ("external link", "soft link", "virtual"):
+        stream = io.BytesIO(hdf5.encode(chain(), ORIGIN))
+        with h5py.File(stream, "r+") as file:
+            del file["joints/centre"]
+            if kind == "external link":
+                file["joints/centre"] = h5py.ExternalLink(str(secret), "/centre")
+            elif kind == "soft link":
+                file["joints/centre"] = h5py.SoftLink("/markers/local")
+            else:
+                layout = h5py.VirtualLayout(shape=(2, 2), dtype=float)
+                layout[:] = h5py.VirtualSource(str(secret), "centre", shape=(2, 2))
+                file.create_virtual_dataset("joints/centre", layout)
+        with pytest.raises(ValueError, match="refused"):
+            hdf5.decode(stream.getvalue(), CHAIN)
+
+
+def test_a_missing_artefact_is_named(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match=r"planar.parquet is missing"):
+        Folder(tmp_path).read("planar.parquet")
+
+
+def test_outputs_of_one_computation_belong_together(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([segments(), chain(), Document("summary.json", b"{}")], ORIGIN)
+    files = ["segments.parquet", "chain.h5", "summary.json"]
+    assert folder.origin("segment", files) == ORIGIN
+    folder.write([chain()], Origin("segment", 3, {}, {}, "another key", 1.0))
+    assert folder.origin("segment", files) is None
+
+
+def test_documents_are_known_by_their_content(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([Document("report.html", b"one"), Document("figures/a.svg", b"two")], ORIGIN)
+    assert folder.origin("segment", ["report.html"]) == ORIGIN
+    (tmp_path / "figures" / "a.svg").write_bytes(b"edited")
+    assert folder.origin("segment", ["report.html"]) is None
+
+
+def test_a_document_that_is_no_more_is_removed(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([Document("report.html", b"one"), Document("figures/a.svg", b"two")], ORIGIN)
+    folder.write([Document("report.html", b"one")], ORIGIN)
+    assert not (tmp_path / "figures" / "a.svg").exists()
+
+
+def test_a_record_never_reaches_outside_its_folder(tmp_path: Path) -> None:
+    """Run folders are handed on: a record that names files elsewhere must not get them deleted."""
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    folder = Folder(tmp_path / "run")
+    (tmp_path / "run").mkdir()
+    folder.write([Document("report.html", b"one")], ORIGIN)
+    record = tmp_path / "run" / ".mocap-id" / "segment.json"
+    record.write_text(record.read_text().replace("report.html", "../precious"))
+    folder.write([Document("report.html", b"two")], ORIGIN)
+    assert precious.exists()
+
+
+def test_a_long_table_is_fast_enough_to_check(tmp_path: Path) -> None:
+    frames, labels = 14_400, [f"M{k:02d}" for k in range(50)]
+    rows = frames * len(labels)
+    frame = pd.DataFrame(
+        {
+            "frame": np.repeat(np.arange(frames), len(labels)),
+            "time": np.repeat(np.arange(frames) / 200, len(labels)),
+            "marker": pd.Categorical.from_codes(np.tile(np.arange(len(labels)), frames), categories=labels),
+            **{axis: np.random.default_rng(1).normal(size=rows) for axis in "xyz"},
+            "visible": np.ones(rows, bool),
+        }
+    )
+    folder = Folder(tmp_path)
+    folder.write([Table(PLANAR, frame)], ORIGIN)
+    table = folder.read("planar.parquet")
+    assert isinstance(table, Table)
+    np.testing.assert_array_equal(table.frame["x"], frame["x"])
+    assert table.frame["marker"].tolist()[:50] == labels
+
+
+def test_events_keep_missing_times(tmp_path: Path) -> None:
+    frame = pd.DataFrame({c.name: [np.nan] for c in EVENTS.columns[:5]}).assign(complete=False, why="no chair")
+    folder = Folder(tmp_path)
+    folder.write([Table(EVENTS, frame)], ORIGIN)
+    table = folder.read("events.parquet")
+    assert isinstance(table, Table)
+    assert table.frame.iloc[0, :5].isna().all()
