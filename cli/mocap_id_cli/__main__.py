@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -48,6 +49,9 @@ def guarded(call: Callable[[], None]) -> int:
 
 
 def _command_line() -> None:
+    # Matrices are small here: threads of the linear algebra would wait for each other longer than they compute.
+    for library in ("OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     from mocap_id_cli.app import build  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
 
     build()(prog_name="mocap-id")
