@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import SegmentationRules, segment_markers
+from mocap_id.kinematics import SegmentationRules, asymmetry, segment_markers
 from mocap_id.kinematics.bodies import find_base
 
 
@@ -93,3 +93,29 @@ def test_a_body_that_flies_past_still_markers_is_refused() -> None:
     with pytest.raises(Refused) as refused:
         segment_markers(points, np.zeros(8), SegmentationRules())
     assert refused.value.code == "no-chain"
+
+
+def test_sides_that_move_apart_show(chain) -> None:
+    truth = chain(19)
+    points, segment = truth.points.copy(), truth.segment
+    lateral = np.where(np.arange(len(segment)) % 2 == 0, 0.15, -0.15)
+    assert np.nanmax(asymmetry(points, lateral, segment)) < 1e-6
+    hip = truth.centres[0]
+    turn = np.exp(1j * np.radians(8) * np.sin(np.linspace(0, 9, len(points))))
+    left = np.flatnonzero((segment == 1) & (lateral > 0))
+    points[:, left] = hip + turn[:, None] * (points[:, left] - hip)
+    apart = np.degrees(asymmetry(points, lateral, segment))
+    assert apart[0] == pytest.approx(8 / np.sqrt(2), rel=0.1)
+    assert apart[1:] == pytest.approx(0, abs=1e-4)
+
+
+def test_a_joint_that_hardly_explains_anything_is_unsure(chain) -> None:
+    truth = chain(23, joints=1, noise=1e-4)
+    sure = segment_markers(truth.points, truth.lateral, SegmentationRules())
+    assert sure.confidence > 0.95
+    rng = np.random.default_rng(0)
+    wander = np.cumsum(rng.standard_normal((2, len(truth.points))), axis=1) * 2e-3
+    points = truth.points.copy()
+    points[:, truth.segment == 1] += (wander[0] + 1j * wander[1])[:, None]
+    loose = segment_markers(points, truth.lateral, SegmentationRules())
+    assert loose.confidence < sure.confidence - 0.1

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.config import load
 from mocap_id.runner import Outcome, run
+from mocap_id.store import Folder
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,10 @@ class Finished:
 
     def table(self, name: str) -> pd.DataFrame:
         return pd.read_parquet(self.folder / f"{name}.parquet")
+
+    def facts(self, file: str) -> dict[str, Any]:
+        """What an artefact holds beside its data."""
+        return dict(Folder(self.folder).read(file).facts)
 
     def centres(self) -> np.ndarray:
         with h5py.File(self.folder / "chain.h5") as file:

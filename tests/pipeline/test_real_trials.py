@@ -13,16 +13,19 @@ STS = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}}
 
 
 def knee_against_reference(done, recordings) -> tuple[float, float]:
-    """Correlation, and rms difference in degrees after the constant and the sign."""
+    """Correlation with the reference's flexion, and rms difference in degrees after the constant.
+
+    The subject faces -x, so that a bent knee is negative here and positive there.
+    """
     reference = read_table(recordings / "sit-to-stand" / f"{done.source.stem}_ik.mot")
     time = reference.time
     knee = (reference["knee_angle_r"] + reference["knee_angle_l"]) / 2
     states = done.table("states")
     got = np.interp(time, states["time"], states["theta_2"])
     inside = (time >= states["time"].min()) & (time <= states["time"].max())
-    r = float(np.corrcoef(got[inside], knee[inside])[0, 1])
-    off = np.degrees(np.sign(r) * got[inside] - knee[inside])
-    return abs(r), float(np.sqrt(np.mean((off - off.mean()) ** 2)))
+    r = float(np.corrcoef(-got[inside], knee[inside])[0, 1])
+    off = np.degrees(-got[inside] - knee[inside])
+    return r, float(np.sqrt(np.mean((off - off.mean()) ** 2)))
 
 
 @pytest.mark.parametrize("name", ["STS1", "squats1"])
@@ -48,16 +51,15 @@ def test_no_fixed_base_is_refused(trial, name: str) -> None:
     assert not (done.folder / "segments.parquet").exists()
 
 
-@pytest.mark.parametrize(("name", "mass"), [("c3dfile1", None), ("Sample_Static", 79.6)])
-def test_standing_is_refused_with_what_the_plates_show(trial, name: str, mass: float | None) -> None:
+@pytest.mark.parametrize(("name", "mass"), [("c3dfile1", 61.97), ("Sample_Static", 79.6)])
+def test_standing_is_refused_with_what_the_plates_show(trial, name: str, mass: float) -> None:
     done = trial(f"c3d/{name}.c3d", protocol="free")
     assert done.outcome.refused is not None
     assert done.outcome.refused.code == "no-motion"
+    assert done.summary["dynamics"]["mass_kg"] == pytest.approx(mass, rel=0.01)
+    assert done.summary["dynamics"]["cop_mean_m"] is not None
     wrench = done.table("wrench")
-    shown = wrench["Fy"].mean() / 9.81
-    assert 30 < shown < 150
-    if mass is not None:
-        assert shown == pytest.approx(mass, rel=0.01)
+    assert wrench["Fy"].mean() / 9.81 == pytest.approx(mass, rel=0.01)
     assert np.isfinite(wrench["cop_x"]).mean() > 0.9
 
 

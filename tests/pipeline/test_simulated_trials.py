@@ -88,7 +88,9 @@ def test_rotated_plate(trial) -> None:
     inside = late <= late[-1] - 0.01
     off = wrench[["Fx", "Fy", "tauz"]].to_numpy()[inside] - done.true("wrench", late)[inside]
     noise = off - plate_bias(done.truth)
-    assert (np.sqrt(np.mean(noise**2, axis=0)) < (4, 4, 1.5)).all()  # measured 0.43, 0.43, 0.13
+    assert (np.sqrt(np.mean(noise**2, axis=0)) < (0.5, 0.5, 0.15)).all()  # measured 0.43, 0.43, 0.13
+    # what is left is the plate's own bias: 5.2 N along x, where the identification finds it, and 2.3 N upwards
+    assert done.facts("dynamics.h5")["plate_bias_N"] == pytest.approx(plate_bias(done.truth)[0], abs=0.1)
 
 
 def plate_bias(truth) -> np.ndarray:
@@ -98,9 +100,7 @@ def plate_bias(truth) -> np.ndarray:
     sense = -1 if plate["sense"] == "action" else 1
     axes = np.array(plate["axes_lab_columns"])
     force = sense * axes @ channels[:3]
-    # moments are about the transducer; the working surface's centre is the plane's origin
-    origin = np.array(plate["origin_mm"]) / 1e3
-    moment = sense * axes @ (channels[3:] / 1e3 - np.cross(origin, channels[:3]))
+    moment = sense * axes @ channels[3:] / 1e3  # about the centre of the working surface, the plane's origin
     across = np.array(plane["z_axis_lab"])
     return np.array([force @ plane["x_axis_lab"], force[2], moment @ across])
 
@@ -113,5 +113,6 @@ def test_robot(trial) -> None:
     assert 1e3 * np.hypot(*(done.centres()[0] - true)) < 0.5
     states = done.table("states")
     got, true_angle = states["theta_1"].to_numpy(), done.true("q", states["time"].to_numpy())[:, 0]
-    errors = [np.degrees(sign * got - true_angle) for sign in (1, -1)]
-    assert min(np.sqrt(np.mean((error - error.mean()) ** 2)) for error in errors) < 0.1
+    mirrored = np.cos(np.radians(done.summary["plane"]["yaw_deg"] - done.truth["plane"]["yaw_deg"])) < 0
+    error = np.degrees((-got if mirrored else got) - true_angle)
+    assert np.sqrt(np.mean((error - error.mean()) ** 2)) < 0.1

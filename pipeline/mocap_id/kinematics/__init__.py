@@ -5,6 +5,7 @@ from mocap_id.kinematics.chain_fit import ChainFit, fix_gauge, joint_angles
 from mocap_id.kinematics.hypotheses import Hypothesis, SegmentationRules
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers
+from mocap_id.kinematics.symmetry import asymmetry
 from mocap_id.kinematics.window import propose_window
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "PlaneFit",
     "Segmentation",
     "SegmentationRules",
+    "asymmetry",
     "fit_chain",
     "fit_plane",
     "fix_gauge",

@@ -11,7 +11,7 @@ from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ChainFit:
-    """The chain as recovered from the markers; segment frames as METHOD says only after :func:`fix_gauge`.
+    """The chain as recovered from the markers; segment frames are final only after :func:`fix_gauge`.
 
     Parameters
     ----------

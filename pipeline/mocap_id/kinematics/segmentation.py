@@ -21,7 +21,8 @@ from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_bo
 
 _ADOPT = 2.0  # a marker left over is adopted by a segment that holds it within this multiple of its own residual
 _PREFER_MOVING = 1.25  # a still marker goes to segment 1 unless that holds it worse than the base by this factor
-_SURE_RATIO = 3.5  # skipping a segment fits this much worse where it is right (4.0 and more) than where not (3.0)
+_SURE_SKIPPED = 3.5  # skipping a segment fits this much worse: between what right (4.0) and wrong ones (3.0) show
+_SURE_FIXED = 1.5  # fixing the last segment to its parent fits this much worse: beyond what soft tissue makes of one
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,10 @@ class Segmentation:
         rms distance of each marker from its place on its segment, m; NaN for none.
     count : int
         Segments with the base.
-    confidence : float
-        0 … 1, from the weakest joint's ``ratios``; 0.5 where a runner-up fits 3.5 times worse.
+    confidences : tuple of float
+        0 … 1 for each joint, from its ratio: 0.5 where leaving its segment out fits 3.5 times worse, the last 1.5.
     ratios : tuple of float
-        For each joint but the last, the residual of skipping its segment over its own.
+        For each joint, the residual without its segment (skipped, the last one fixed to its parent) over its own.
     base : Base
         The still markers and the noise floor.
     hypotheses : tuple of Hypothesis
@@ -49,10 +50,15 @@ class Segmentation:
     segment: IntArray
     residual: FloatArray
     count: int
-    confidence: float
+    confidences: tuple[float, ...]
     ratios: tuple[float, ...]
     base: Base
     hypotheses: tuple[Hypothesis, ...] = field(repr=False)
+
+    @property
+    def confidence(self) -> float:
+        """That of the weakest joint."""
+        return min(self.confidences)
 
 
 def segment_markers(points: ComplexArray, lateral: FloatArray, rules: SegmentationRules) -> Segmentation:
@@ -104,26 +110,26 @@ def _require_base_and_motion(base: Base, markers: int, rules: SegmentationRules)
 
 
 def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
-    """Give every marker, still ones near a joint included, to the segment of the best hypothesis that holds it best."""
+    """Bodies of the best hypothesis keep their markers; those left over, and some still ones, find theirs."""
     points, best = scene.points, considered[0]
     links = (scene.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
-    for marker, on_segment in _on_first_axis(points, scene.ground, best.chain[0]).items():
-        residuals[:, marker] = np.inf
-        residuals[1, marker] = on_segment
     own = np.array([body.residual for body in links])
-    segment = np.argmin(residuals, axis=0)
+    nearest = np.argmin(residuals, axis=0)
+    adopted = np.min(residuals, axis=0) <= _ADOPT * own[nearest]
+    segment = np.where(adopted & ~np.isin(np.arange(points.shape[1]), scene.base.markers), nearest, -1)
+    for k, body in enumerate(links):
+        segment[body.markers] = k
     residual = residuals[segment, np.arange(points.shape[1])]
-    member = np.isin(np.arange(points.shape[1]), np.concatenate([body.markers for body in links]))
-    kept = member | (residual <= _ADOPT * own[segment])
-    kept &= np.isfinite(residual)
-    ratios = _ratios(links, best.joints)
-    weakest = min(ratios, default=np.inf)
+    for marker, on_segment in _on_first_axis(points, scene.ground, best.chain[0]).items():
+        segment[marker], residual[marker] = 1, on_segment
+    ratios = _ratios(points, links, best.joints)
+    sure = [_SURE_SKIPPED] * (len(ratios) - 1) + [_SURE_FIXED]
     return Segmentation(
-        np.where(kept, segment, -1),
-        np.where(kept, residual, np.nan),
+        segment,
+        np.where(segment >= 0, residual, np.nan),
         len(links),
-        float(weakest / (weakest + _SURE_RATIO)) if np.isfinite(weakest) else 1.0,
+        tuple(ratio / (ratio + limit) for ratio, limit in zip(ratios, sure, strict=True)),
         ratios,
         scene.base,
         considered,
@@ -152,11 +158,17 @@ def _on_first_axis(points: ComplexArray, ground: Body, first: Body) -> dict[int,
     return taken
 
 
-def _ratios(links: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
-    """For every joint but the last: the residual of skipping its segment over the joint's own."""
-    return tuple(
+def _ratios(points: ComplexArray, links: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
+    """How much worse the trial is explained without each joint's segment, as a ratio of residuals.
+
+    A segment between two others is tried by skipping it; the last one by fixing it to its parent.
+    """
+    skipped = [
         fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
-    )
+    ]
+    parent, last = links[-2:]
+    fixed = np.sqrt(np.mean(marker_residuals(parent, points[:, last.markers]) ** 2))
+    return (*skipped, float(fixed / max(np.hypot(joints[-1].residual, last.residual), FLOOR)))
 
 
 def _no_chain(scene: Scene) -> Refused:

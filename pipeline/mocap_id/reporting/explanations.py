@@ -59,6 +59,12 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "lengths those of the projection, with lengths somewhat short; much of it (refused) leaves nothing to fit.",
         "Leave out the part that turns, steps or leans sideways (`window:`), or record the movement facing one way.",
     ),
+    "encoder-unused": Explanation(
+        ("ok",),
+        "The encoder is not read",
+        "The configuration names an encoder's file. This version estimates the states from the markers alone.",
+        "Nothing; the file can stay named.",
+    ),
     "segments-unsure": Explanation(
         ("caution",),
         "The segments are doubtful",

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, Refused
-from mocap_id.kinematics import Hypothesis, Segmentation, SegmentationRules, segment_markers
+from mocap_id.kinematics import Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.trajectories import Trajectories
@@ -32,6 +32,9 @@ class SegmentSettings(Settings):
     max_body_residual_m: float = Field(0.015, gt=0, description="markers of one body stay this close to it, m")
     planarity_caution: float = Field(0.03, ge=0, le=1, description="out-of-plane share of the chain's motion to report")
     planarity_limit: float = Field(0.15, ge=0, le=1, description="out-of-plane share of the chain's motion to refuse")
+    asymmetry_deg: float = Field(
+        4.0, ge=0, description="left and right that turn more differently are reported, degrees"
+    )
     frames: int = Field(500, ge=50, description="frames looked at, evenly over the trial")
 
 
@@ -49,7 +52,9 @@ def segment(context: Context) -> Outputs:
         count=settings.count,
         longest=longest,
     )
-    found = segment_markers(trajectories.plane, _lateral(trajectories.points), rules)
+    lateral = _lateral(trajectories.points)
+    found = segment_markers(trajectories.plane, lateral, rules)
+    asymmetries = np.degrees(asymmetry(trajectories.plane, lateral, found.segment))
     planarity = _planarity(trajectories.points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     names, joint_names = body_names(trial.protocol, found.count)
@@ -69,12 +74,15 @@ def segment(context: Context) -> Outputs:
         "joint_names": list(joint_names),
         "confidence": found.confidence,
         "planarity": planarity,
+        "joint_confidences": list(found.confidences),
         "joint_ratios": list(found.ratios),
+        "asymmetry_deg": [float(a) if np.isfinite(a) else None for a in asymmetries],
         "noise_floor_m": found.base.noise,
         "static_gap": found.base.gap if np.isfinite(found.base.gap) else None,
         "hypotheses": [_hypothesis(h, trajectories.labels) for h in found.hypotheses],
     }
-    return (Table(SEGMENTS, frame, facts, not_planar + _doubts(found, joint_names)),)
+    doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
+    return (Table(SEGMENTS, frame, facts, not_planar + doubts),)
 
 
 def _planarity(points: FloatArray) -> float:
@@ -87,7 +95,7 @@ def _planarity(points: FloatArray) -> float:
 
 
 def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ...]:
-    """Refuse a chain that moves out of its plane (A1), or say how much it does."""
+    """Refuse a chain that moves out of its plane, or say how much it does."""
     found = f"{100 * planarity:.1f} % of the chain's motion leaves the plane"
     if planarity > settings.planarity_limit:
         raise Refused(
@@ -156,15 +164,32 @@ def _hypothesis(hypothesis: Hypothesis, labels: tuple[str, ...]) -> dict[str, An
 def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:
     if found.confidence >= _UNSURE:
         return ()
-    weakest = int(np.argmin(found.ratios))
+    weakest = int(np.argmin(found.confidences))
     return (
         Reason(
             "segments-unsure",
-            f"the segments are doubtful: skipping the segment beyond the {joint_names[weakest]} fits only "
-            f"{found.ratios[weakest]:.1f} times worse (3.5 or more is sure). Look at the skeleton, and give "
+            f"the segments are doubtful: without the one beyond the {joint_names[weakest]} the markers fit only "
+            f"{found.ratios[weakest]:.1f} times worse. Look at the skeleton, and give "
             "`segment: {count: …}` if it is wrong.",
             found.confidence,
             _UNSURE,
+        ),
+    )
+
+
+def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -> tuple[Reason, ...]:
+    """A doubt for sides that do not move together: one sagittal segment stands for both."""
+    apart = np.flatnonzero(asymmetries > limit)
+    if not len(apart):
+        return ()
+    worst = int(apart[np.argmax(asymmetries[apart])])
+    return (
+        Reason(
+            "segments-unsure",
+            f"left and right do not move together: the two sides of the {names[worst + 1]} turn differently by "
+            f"{asymmetries[worst]:.1f}° rms. One segment stands for both; its angle is their mean.",
+            float(asymmetries[worst]),
+            limit,
         ),
     )
 

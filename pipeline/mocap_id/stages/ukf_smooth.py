@@ -63,6 +63,8 @@ def ukf_smooth(context: Context) -> Outputs:
     )
     residual = np.linalg.norm(observed - states.predicted, axis=-1)
     reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
+    if context.trial.encoder is not None:
+        reasons += (_encoder_unused(context.trial.encoder.name),)
     facts = _facts(states, residual[:, segment > 0], states.used[:, segment > 0], settings)
     return (
         Table(STATES, _state_table(states, trajectories.time), facts, reasons),
@@ -154,6 +156,14 @@ def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoot
     return tuple(reasons)
 
 
+def _encoder_unused(name: str) -> Reason:
+    return Reason(
+        "encoder-unused",
+        f"the encoder's {name} is not read yet: states come from the markers alone.",
+        level="ok",
+    )
+
+
 def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
     """First samples, and samples after the last, of the runs of true."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int64))
@@ -165,7 +175,7 @@ STAGE = Stage(
     version=1,
     inputs=("planar.parquet", "chain.h5"),
     outputs=("states.parquet", "markers.parquet"),
-    uses=(),
+    uses=("encoder",),
     settings=UkfSmoothSettings,
     function=ukf_smooth,
     help="Estimate joint angles, velocities and accelerations with their uncertainty.",

@@ -83,9 +83,19 @@ STATES = TableSchema(
         Column("dtheta_{k}", "float64", "rad/s", "velocity"),
         Column("ddtheta_{k}", "float64", "rad/s^2", "acceleration"),
         Column("dddtheta_{k}", "float64", "rad/s^3", "jerk"),
-        Column("sd_theta_{k}", "float64", "rad", "standard deviation of the angle"),
-        Column("sd_dtheta_{k}", "float64", "rad/s", "standard deviation of the velocity"),
-        Column("sd_ddtheta_{k}", "float64", "rad/s^2", "standard deviation of the acceleration"),
+        Column(
+            "sd_theta_{k}",
+            "float64",
+            "rad",
+            "standard deviation of the angle from camera noise; slipping skin is not in it",
+        ),
+        Column(
+            "sd_dtheta_{k}",
+            "float64",
+            "rad/s",
+            "standard deviation of the velocity from camera noise; slipping skin is not in it",
+        ),
+        Column("sd_ddtheta_{k}", "float64", "rad/s^2", "standard deviation of the acceleration, likewise"),
         Column("observed_{k}", "bool", "", "the angle rests on markers in this frame; false = bridged"),
     ),
 )

@@ -1,0 +1,43 @@
+"""Whether left and right move together, as one sagittal segment takes for granted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.joint import continuous_angle
+from mocap_id.kinematics.rigid import fit_body
+
+_ASIDE = 0.03  # m from the mid-plane: nearer markers belong to neither side
+
+
+def asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
+    """How differently the two sides of each segment turn.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    lateral : (M,) array
+        Mean out-of-plane coordinate of every marker, m.
+    segment : (M,) int array
+        Segment of each marker, 0 = base, -1 = none.
+
+    Returns
+    -------
+    (n,) array
+        For segments 1 … n, the rms difference of the sides' angles after its mean, rad; NaN where a side has fewer
+        than two markers.
+    """
+    middle = np.nanmean(lateral[segment > 0])
+    return np.array([_one(points, lateral - middle, np.flatnonzero(segment == k)) for k in range(1, segment.max() + 1)])
+
+
+def _one(points: ComplexArray, lateral: FloatArray, members: IntArray) -> float:
+    sides = members[lateral[members] < -_ASIDE], members[lateral[members] > _ASIDE]
+    if min(len(side) for side in sides) < 2:
+        return np.nan
+    left, right = (fit_body(points, side) for side in sides)
+    difference = continuous_angle(left.rotation * np.conj(right.rotation))
+    known = difference[np.isfinite(difference)]
+    return float(np.std(known)) if len(known) else np.nan
