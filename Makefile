@@ -1,5 +1,5 @@
 # Two commands set up everything: `make demo` and `make test`. Both work in a virtual environment of their own (.venv)
-# with the versions of requirements.lock, and need GNU make, git and Python 3.11 to 3.14 only.
+# with the versions of requirements.lock, and need GNU make, git and Python 3.11 or later only.
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,8 +7,9 @@ LOCK := requirements.lock
 PACKAGE := pipeline/mocap_id/__init__.py pyproject.toml
 
 # The first Python on the path that will do; `make demo PYTHON=/path/to/python` chooses another.
-SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))
-PYTHON ?= $(firstword $(foreach name,python3 python3.14 python3.13 python3.12 python3.11 python,$(shell $(name) -c '$(SUITABLE)' 2>/dev/null && echo $(name))))
+SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
+NAMES := python3 python $(sort $(notdir $(wildcard $(addsuffix /python3.[1-9][0-9],$(subst :, ,$(PATH))))))
+PYTHON ?= $(firstword $(foreach name,$(NAMES),$(shell $(name) -c '$(SUITABLE)' 2>/dev/null && echo $(name))))
 
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(LOCK)
 DEMO := sample_trials/sit-to-stand
@@ -65,7 +66,7 @@ $(VENV)/installed-dev: $(VENV)/installed
 
 .PHONY: require-python
 require-python:
-	@test -n '$(PYTHON)' || { echo 'No Python 3.11 to 3.14 with venv was found: make … PYTHON=/path/to/python' >&2; exit 1; }
+	@test -n '$(PYTHON)' || { echo 'No Python 3.11 or later with venv was found: make … PYTHON=/path/to/python' >&2; exit 1; }
 
 clean:
 	rm -rf $(VENV) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -16,13 +16,18 @@ from mocap_id import recording
 
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="C3D or TRC file.", show_default=False)],
+    *,
     forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground's forces.")] = None,
     units: Annotated[str | None, typer.Option(help="Length unit, where the file does not declare it.")] = None,
     vertical: Annotated[str | None, typer.Option(help="Axis that points up, such as Z or -Y; found otherwise.")] = None,
+    force_unit: Annotated[str | None, typer.Option(help="Unit of the plates' forces, such as N or lbf.")] = None,
+    moment_unit: Annotated[str | None, typer.Option(help="Unit of the plates' moments, such as Nmm.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Print what a recording holds: markers, rates, gaps, force plates, oddities."""
-    found = recording.describe(recording.read(file, forces, units=units, vertical=vertical))
+    found = recording.describe(
+        recording.read(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
+    )
     if as_json:
         typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
         return

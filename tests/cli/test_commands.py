@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from swinging_link import pendulum
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
@@ -47,6 +48,19 @@ def test_a_wrong_command_line(cli, arguments: tuple[str, ...]) -> None:
     assert said.code == 2
     assert said.out == ""
     assert "--help" in said.err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("units", "furlong"), ("vertical", "up"), ("force-unit", "furlong"), ("moment-unit", "N")],
+)
+def test_a_wrong_option_is_a_wrong_command_line(cli, trial, option: str, value: str) -> None:
+    trial.trc(pendulum())
+    said = cli("inspect", trial.folder / "trial.trc", f"--{option}", value)
+    assert (said.code, said.out) == (2, "")
+    assert option.replace("-", "_") in said.err
+    assert value in said.err
+    assert cli("inspect", trial.folder / "trial.trc").code == 0
 
 
 def test_a_wrong_configuration_writes_nothing(cli, trial) -> None:

@@ -38,6 +38,11 @@ def waves(time: np.ndarray, joints: int, seed: int = 0) -> tuple[np.ndarray, np.
     return q, dq, ddq
 
 
+def independent(recorded: Recorded) -> np.ndarray:
+    """Acceleration errors that know nothing of each other, (T, n, n)."""
+    return np.broadcast_to(np.eye(recorded.q.shape[1]), (*recorded.q.shape, recorded.q.shape[1]))
+
+
 def moving_body(
     seconds: float = 12.0, rate: float = 100.0, seed: int = 0, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Recorded:

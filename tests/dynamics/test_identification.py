@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dynamics_cases import BODY, CENTRES, moving_body
+from dynamics_cases import BODY, CENTRES, independent, moving_body
 
 from mocap_id.dynamics.base import base_names
 from mocap_id.dynamics.fit import determined, fit, select
@@ -18,7 +18,7 @@ from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.predict import agreement, predict
 from mocap_id.dynamics.prepare import FitSettings, Recorded, arcs, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
 GRID = segment_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
@@ -95,9 +95,11 @@ def test_gaps_in_states_and_wrench_stay_out_of_the_fit() -> None:
         assert not used[low - reach : high + reach].any()
     assert used.sum() > 1000
     assert (np.abs(found.base - truth()) < 4 * found.base_sd).all()
-    model = predict(prepared, found, 20.0)
+    model = predict(prepared, found, independent(holed), 20.0)
     assert np.isnan(model.wrench[320]).all()
     assert np.isfinite(model.wrench[905]).all()
+    assert np.isfinite(model.wrench_sd[905]).all()
+    assert model.untold == ()
 
 
 def test_garbage_outside_the_gate_does_not_leak_in() -> None:
@@ -148,9 +150,72 @@ def test_agreement() -> None:
 def test_judgement() -> None:
     prepared, found = identified(moving_body(noise=NOISE))
     mass = float(BODY[:, 0].sum())
-    assert judge(prepared, found, mass) == ()
-    assert [reason.code for reason in judge(prepared, found, 0.9 * mass)] == ["mass-contradiction"]
+
+    def codes(given: float | None, standing: float | None) -> list[str]:
+        return [reason.code for reason in judge(prepared, found, given=given, standing=standing)]
+
+    assert codes(mass, mass) == codes(mass, None) == codes(None, mass) == codes(None, None) == []
+    assert codes(0.9 * mass, None) == codes(0.9 * mass, mass) == ["mass-contradiction"]
     assert weak_parameters(prepared, found) == ()
+
+
+def test_a_load_that_something_else_shares_is_said() -> None:
+    """The identified mass against the standing one; the given one goes with the standing one."""
+    prepared, found = identified(moving_body(noise=NOISE))
+    mass = float(BODY[:, 0].sum())
+    (reason,) = judge(prepared, found, given=1.2 * mass, standing=1.2 * mass)
+    assert reason.code == "load-shared"
+    assert "protocol: sit-to-stand" in reason.message
+    assert f"{mass:.1f} kg" in reason.message
+    assert f"{1.2 * mass:.1f} kg" in reason.message
+    (contradiction,) = judge(prepared, found, given=1.2 * mass, standing=None)
+    assert contradiction.code == "mass-contradiction"
+    assert "sit-to-stand" in contradiction.message
+
+
+def test_without_Fy_no_mass_is_judged() -> None:
+    prepared, found = identified(moving_body(noise=NOISE), FitSettings(components=(2,)))
+    mass = float(BODY[:, 0].sum())
+
+    def cautions(given: float | None, standing: float | None) -> list[str]:
+        reasons = judge(prepared, found, given=given, standing=standing)
+        return [reason.code for reason in reasons if reason.level == "caution"]
+
+    assert cautions(None, mass) == []
+    assert cautions(mass, 0.8 * mass) == ["mass-contradiction"]
+
+
+@pytest.mark.parametrize(
+    ("components", "untold"),
+    [
+        ((0, 1, 2), ()),
+        ((1, 2), ()),
+        ((2,), ("Fy", "cop_x")),
+        ((0, 2), ("Fy", "cop_x")),
+        ((0, 1), ("tauz", "cop_x", "tau_1", "tau_2", "tau_3")),
+        ((1,), ("tauz", "cop_x", "tau_1", "tau_2", "tau_3")),
+    ],
+)
+def test_what_the_components_do_not_tell_is_not_given(components: tuple[int, ...], untold: tuple[str, ...]) -> None:
+    """Wrench, centre of pressure and torques: right where there are values, and no values where there is no right."""
+    recorded = moving_body(noise=NOISE)
+    prepared, found = identified(recorded, FitSettings(components=components))
+    model = predict(prepared, found, independent(recorded), 20.0)
+    assert model.untold == untold
+    torque = planar_torque_regressor(CENTRES, recorded.q, prepared.regressor) @ BODY.ravel()
+    wrench = prepared.regressor @ BODY.ravel()
+    got = {
+        name: (model.wrench[:, k], model.wrench_sd[:, k], wrench[:, k]) for k, name in enumerate(("Fx", "Fy", "tauz"))
+    }
+    got |= {f"tau_{j + 1}": (model.torque[:, j], model.torque_sd[:, j], torque[:, j]) for j in range(3)}
+    got["cop_x"] = (model.cop, model.cop_sd, centre_of_pressure(wrench, 20.0))
+    for name, (value, sd, true) in got.items():
+        if name in untold:
+            assert np.isnan(value).all(), name
+            assert np.isnan(sd).all(), name
+        else:
+            assert np.sqrt(np.nanmean((value - true) ** 2)) < 0.01 * np.nanstd(true), name
+            assert np.isfinite(sd[np.isfinite(value)]).all(), name
 
 
 def test_weak_excitation_is_said() -> None:
@@ -163,7 +228,7 @@ def test_weak_excitation_is_said() -> None:
     assert len(prepared.base.kept) == 11
     found = identify(prepared, np.ones(1200, dtype=bool), GRID, NO_REFERENCE, NO_ERROR)
     assert "I4" in weak_parameters(prepared, found)
-    assert "parameters-weak" in [reason.code for reason in judge(prepared, found, None)]
+    assert "parameters-weak" in [reason.code for reason in judge(prepared, found, given=None, standing=None)]
 
 
 def simulated(folder: Path, noise: float) -> tuple[Recorded, dict, dict]:

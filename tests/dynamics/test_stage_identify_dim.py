@@ -11,6 +11,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
 
 from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import StoreError
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
@@ -28,6 +29,8 @@ def context(
     protocol: Any = "free",
     subject: Subject | None = None,
     why: str | None = None,
+    standing: float | None = MASS,
+    cop_threshold: float = 20.0,
     **settings: Any,
 ) -> Context:
     joints = recorded.q.shape[1]
@@ -45,8 +48,8 @@ def context(
     }
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), protocol=protocol, subject=subject or Subject())
     inputs = {
-        "states.parquet": Table(STATES, states),
-        "wrench.parquet": Table(WRENCH, wrench, {"mass_kg": None, "why": why}),
+        "states.parquet": Table(STATES, states, {"sigma_v": [300.0] * joints}),
+        "wrench.parquet": Table(WRENCH, wrench, {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold}),
         "chain.h5": Tree(CHAIN, chain),
     }
     return Context(keys, IdentifyDimSettings(**settings), inputs)
@@ -142,13 +145,70 @@ def test_no_plate() -> None:
     assert "no force plate" in tree.facts["why"]
 
 
-def test_standing_still_gives_the_mass_alone() -> None:
+def resting() -> Recorded:
     recorded = moving_body()
     states = {name: 1e-3 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
-    wrench = np.tile([0.0, 9.81 * MASS, -12.0], (len(recorded.time), 1))
-    _, table, tree = run(with_(recorded, **states, wrench=wrench))
+    return with_(recorded, **states, wrench=np.tile([0.0, 9.81 * MASS, -12.0], (len(recorded.time), 1)))
+
+
+@pytest.mark.parametrize(("protocol", "standing"), [("free", MASS), ("robot-joint", None)])
+def test_standing_still_gives_the_mass_alone(protocol: str, standing: float | None) -> None:
+    _, table, tree = run(resting(), protocol=protocol, standing=standing)
     assert_nothing_known(table, tree, "standing-still", mass=MASS)
     np.testing.assert_allclose(table.frame["cop_x"], -12.0 / (9.81 * MASS))
+
+
+def test_a_resting_load_that_nothing_shows_to_be_the_whole_weight_is_no_mass() -> None:
+    _, table, tree = run(resting(), standing=None)
+    assert_nothing_known(table, tree, "standing-still")
+
+
+def seated() -> Recorded:
+    """Trunk and legs move a little on a chair that carries three quarters of the weight: nobody rises."""
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    states = {name: 0.15 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
+    wrench = planar_regressor(CENTRES, **states) @ BODY.ravel()
+    return with_(recorded, **states, wrench=wrench - np.array([0.0, 0.75 * 9.81 * MASS, 0.0]))
+
+
+def test_a_sit_to_stand_in_which_nobody_is_seen_to_stand_is_not_identified() -> None:
+    _, table, tree = run(seated(), protocol="sit-to-stand", standing=None)
+    assert_nothing_known(table, tree, "not-free")
+    assert codes(tree) == ["no-repetitions", "not-free"]
+
+
+def test_a_free_movement_whose_mass_nothing_confirms_says_so() -> None:
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    assert codes(run(recorded, standing=None, why="nobody stands")[2]) == ["mass-unchecked"]
+    assert codes(run(recorded, standing=None, subject=Subject(mass=MASS))[2]) == []
+    assert codes(run(recorded, standing=None, protocol="robot-joint")[2]) == []
+
+
+def test_a_mass_that_is_not_the_standing_one_is_said() -> None:
+    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), standing=1.3 * MASS)
+    assert codes(tree) == ["load-shared"]
+
+
+def test_components_that_do_not_tell_all_leave_the_rest_empty() -> None:
+    _, table, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), components=("Fx", "Fy"))
+    assert "components-short" in codes(tree)
+    assert tree.facts["untold"] == ["tauz", "cop_x", "tau_1", "tau_2", "tau_3"]
+    assert "tau_2" in tree.facts["why"]
+    assert tree.facts["wrench"]["tauz"] is None
+    assert tree.facts["cop_rms_m"] is None
+    assert tree.facts["wrench"]["Fy"]["r2"] > 0.999
+    empty = ["tauz_model", "sd_tauz_model", "cop_x_model", "sd_cop_x_model", "tau_2", "sd_tau_2"]
+    assert table.frame[empty].isna().all().all()
+    assert table.frame[["Fy_model", "sd_Fy_model"]].notna().all().all()
+    assert table.frame["tauz"].notna().sum() > 1000
+
+
+def test_the_threshold_of_the_centre_of_pressure_is_the_plates_own() -> None:
+    recorded = moving_body()
+    threshold = float(np.median(recorded.wrench[:, 1]))
+    _, table, _ = run(recorded, cop_threshold=threshold)
+    np.testing.assert_array_equal(table.frame["cop_x"].notna(), table.frame["Fy"] > threshold)
+    np.testing.assert_array_equal(table.frame["cop_x_model"].notna(), table.frame["Fy_model"] > threshold)
 
 
 def test_plate_and_markers_that_hardly_overlap() -> None:
@@ -156,7 +216,7 @@ def test_plate_and_markers_that_hardly_overlap() -> None:
     wrench = recorded.wrench.copy()
     wrench[60:] = np.nan
     _, table, tree = run(with_(recorded, wrench=wrench))
-    assert_nothing_known(table, tree, "no-common-samples")
+    assert_nothing_known(table, tree, "no-common-samples", mass=MASS)
 
 
 def test_too_little_between_the_gaps() -> None:
@@ -164,18 +224,18 @@ def test_too_little_between_the_gaps() -> None:
     wrench = recorded.wrench.copy()
     wrench[::40] = np.nan
     _, table, tree = run(with_(recorded, wrench=wrench))
-    assert_nothing_known(table, tree, "too-few-samples")
+    assert_nothing_known(table, tree, "too-few-samples", mass=MASS)
 
 
 def test_angles_that_are_never_known() -> None:
     recorded = moving_body()
     unknown = {name: np.full_like(getattr(recorded, name), np.nan) for name in ("q", "dq", "ddq")}
     _, table, tree = run(with_(recorded, **unknown))
-    assert_nothing_known(table, tree, "no-common-samples")
+    assert_nothing_known(table, tree, "no-common-samples", mass=MASS)
 
 
 def test_a_contradicting_mass_is_said() -> None:
-    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), subject=Subject(mass=60.0))
+    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), subject=Subject(mass=60.0), standing=None)
     assert codes(tree) == ["mass-contradiction"]
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dynamics_cases import BODY, CENTRES, moving_body, waves
-from scipy.signal import lfilter
+from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from mocap_id.dynamics.base import structural_base
 from mocap_id.dynamics.fit import fit
@@ -137,16 +137,19 @@ def test_the_plate_s_zero_is_in_the_mass_and_nowhere_else() -> None:
     np.testing.assert_array_equal(with_zero[2:], without[2:])
 
 
-def test_predictions_are_as_far_off_as_they_say() -> None:
-    """Accelerations with white noise: the stated sd of wrench, CoP and torques is that of the actual errors."""
-    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+@pytest.mark.parametrize("told", [1.0, 3.0], ids=["states right", "states three times too uncertain"])
+def test_predictions_are_as_far_off_as_they_say(told: float) -> None:
+    """Smooth errors of the accelerations: the stated sd is that of the actual errors, whatever the states claim."""
+    recorded = moving_body(seconds=30.0, noise=(0.5, 0.5, 0.15))
     noise = 0.2
-    noisy = recorded.ddq + noise * np.random.default_rng(0).normal(size=recorded.ddq.shape)
-    states = {"ddq": noisy, "ddq_sd": np.full_like(noisy, noise)}
+    sections = butter(4, 8.0, fs=recorded.rate, output="sos")
+    smooth = sosfiltfilt(sections, np.random.default_rng(0).normal(size=recorded.ddq.shape), axis=0)
+    noisy = recorded.ddq + noise * smooth / smooth.std()
+    states = {"ddq": noisy, "ddq_sd": np.full_like(noisy, told * noise)}
     prepared = prepare(Recorded(**{**recorded.__dict__, **states}), FitSettings(cutoff=3.0))
     grid = segment_grid(CENTRES, np.repeat([1, 2, 3], 2), np.tile([[-0.1, 0.0], [0.1, 0.8]], (3, 1)))
-    found = identify(prepared, EVERYTHING, grid, np.full(16, np.nan), NO_ERROR)
-    model = predict(prepared, found, 20.0)
+    found = identify(prepared, np.ones(len(noisy), dtype=bool), grid, np.full(16, np.nan), NO_ERROR)
+    model = predict(prepared, found, independent(recorded), 20.0)
     truth = planar_regressor(CENTRES, recorded.q, recorded.dq, recorded.ddq) @ BODY.ravel()
     for error, sd in (
         (model.wrench - truth, model.wrench_sd),

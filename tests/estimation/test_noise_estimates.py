@@ -85,3 +85,12 @@ def test_a_chain_that_stands_still_is_estimated_too() -> None:
     assert np.all(states.noise.sigma_v <= 1.1 * SIGMA_V_BOUNDS[0])
     np.testing.assert_allclose(states.mean[..., 0], np.broadcast_to(moving.truth[0, :, 0], (200, 2)), atol=1e-5)
     np.testing.assert_allclose(states.mean[..., 1], 0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("rate", [20.0, 25.0])
+def test_slow_cameras_do_not_drive_the_process_noise_to_its_bound(rate: float) -> None:
+    moving = swinging(seconds=30.0, rate=rate)
+    states = moving.smoothed()
+    assert (states.noise.sigma_v < 1e-2 * SIGMA_V_BOUNDS[1]).all()
+    off = states.mean[..., 2] - moving.truth[..., 2]
+    assert (1 - np.mean(off**2, axis=0) / np.var(moving.truth[..., 2], axis=0) > 0.9).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.errors import NumericalError
+from mocap_id.errors import Refused
 from mocap_id.kinematics import bundle as room
 from mocap_id.kinematics import fit_chain, fix_gauge, joint_angles
 
@@ -92,9 +92,10 @@ def test_turning_the_segment_frames_changes_no_length(chain) -> None:
     assert np.angle(tip) == pytest.approx(np.pi / 2)
 
 
-def test_a_segment_that_is_hardly_seen_is_an_error_that_says_so(chain) -> None:
+def test_a_segment_that_is_hardly_seen_is_refused(chain) -> None:
     truth = chain(14)
     points = truth.points.copy()
     points[20:, truth.segment == 2] = np.nan
-    with pytest.raises(NumericalError, match="frames show at least two markers"):
+    with pytest.raises(Refused, match="20 of 400 frames show at least two markers") as refused:
         fit_chain(points, truth.segment)
+    assert refused.value.code == "too-few-frames"

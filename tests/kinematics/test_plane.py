@@ -84,3 +84,43 @@ def test_steps_are_no_window() -> None:
     motion[:, :2, 0] = left[:, None]
     motion[:, 2:, 0] = right[:, None]
     assert propose_window(motion, rate) == (0, frames)
+
+
+def held_then_waved(frames: int, rate: float, waved: slice) -> np.ndarray:
+    """Two markers at rest that, for a while, swing once a second and so are back where they were a second later."""
+    motion = np.zeros((frames, 4, 3))
+    motion[:, 2:] = np.linspace(0, 5, frames)[:, None, None]
+    swing = 0.2 * np.sin(2 * np.pi * np.arange(frames) / rate)
+    motion[waved, :2, 0] = swing[waved, None]
+    return motion
+
+
+def test_markers_that_come_back_after_a_second_are_not_still() -> None:
+    rate = 100.0
+    first, stop = propose_window(held_then_waved(1500, rate, slice(0, 1000)), rate)
+    assert 1000 <= first <= 1060
+    assert stop == 1500
+
+
+def test_stillness_outlasts_gaps_but_not_blindness() -> None:
+    rate = 100.0
+    motion = held_then_waved(1500, rate, slice(0, 900))
+    motion[1100:1130, :2] = np.nan
+    motion[1000:1020, 0] = np.nan
+    assert propose_window(motion, rate)[1] == 1500
+    motion[1250:, :2] = np.nan
+    assert 1240 <= propose_window(motion, rate)[1] <= 1260
+
+
+def test_a_wait_before_the_movement_is_no_window() -> None:
+    rate = 100.0
+    motion = planar_motion(0.1)[np.linspace(0, 299, 800).astype(int)]
+    wait = np.repeat(motion[:1], 1200, axis=0)
+    walk = motion[:1] + np.linspace(0, 2, 200)[:, None, None] * [1.0, 0.0, 0.0]
+    body = np.concatenate([wait, walk, motion + np.array([2.0, 0.0, 0.0])])
+    feet = np.zeros((2200, 2, 3))
+    feet[1200:1400] = np.linspace(0, 2, 200)[:, None, None] * [1.0, 0.0, 0.0]
+    feet[1400:, :, 0] = 2.0
+    first, stop = propose_window(np.concatenate([body, feet], axis=1), rate)
+    assert 1390 <= first <= 1460
+    assert stop == 2200

@@ -11,16 +11,17 @@ from protocol_cases import BODY, CENTRES, WEIGHT, sit_to_stand
 
 from mocap_id.dynamics.lowpass import runs
 from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
+from mocap_id.protocols import sit_to_stand as protocol
 from mocap_id.protocols.contact import standing_weight, touching, uses_chair
 from mocap_id.protocols.movement import Movement, facing, read_movement
-from mocap_id.protocols.posture import posture
+from mocap_id.protocols.posture import Posture, posture
 
 RULES = {"weight_share": 0.72, "knee_bend": 0.8}
 
 
-def read(recorded: Recorded, rule: str = "seat-force", plate: bool = True) -> Movement:
-    prepared = prepare(recorded, FitSettings()) if plate else None
-    return read_movement("sit-to-stand", recorded, prepared, rule, **RULES)
+def read(recorded: Recorded, rule: str = "seat-force", *, plate: bool = True, stands: bool = True, **fit) -> Movement:
+    prepared = prepare(recorded, FitSettings(**fit)) if plate else None
+    return read_movement("sit-to-stand", recorded, prepared, rule, **RULES, stands=stands)
 
 
 @pytest.mark.parametrize("count", [1, 3, 7])
@@ -100,12 +101,82 @@ def test_gaps_in_the_angles_do_not_add_repetitions() -> None:
     assert len(read(Recorded(**{**recorded.__dict__, "q": q, "dq": dq})).repetitions) == 3
 
 
-def test_somebody_who_only_sways_does_not_rise() -> None:
+@pytest.mark.parametrize("stands", [True, False])
+def test_somebody_who_only_sways_does_not_rise(stands: bool) -> None:
+    """And is identified on only if shown to stand: a seated person sways as well."""
     recorded, _ = sit_to_stand(2)
     still = {name: 0.05 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
-    movement = read(Recorded(**{**recorded.__dict__, **still}))
+    movement = read(Recorded(**{**recorded.__dict__, **still}), stands=stands)
     assert movement.repetitions == ()
     assert [reason.code for reason in movement.reasons] == ["no-repetitions"]
+    assert movement.free.all() == stands
+    assert movement.free.any() == stands
+
+
+def without_plate(recorded: Recorded, upright: bool) -> Recorded:
+    """The plate has no reading in the upright, or in the low, phases."""
+    body = posture(recorded.q, recorded.dq, CENTRES)
+    wrench = recorded.wrench.copy()
+    wrench[body.upright == upright] = np.nan
+    return Recorded(**{**recorded.__dict__, "wrench": wrench})
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_without_the_plate_in_a_phase_the_chair_is_unknown_and_not_absent(upright: bool) -> None:
+    recorded, _ = sit_to_stand(4)
+    movement = read(without_plate(recorded, upright))
+    assert movement.contact.chair is None
+    assert movement.contact.touching is None
+    assert movement.contact.rule == "knee"
+    assert [reason.code for reason in movement.reasons] == ["contact-unknown"]
+    bent = np.abs(recorded.q[:, 1]) >= RULES["knee_bend"]
+    assert not movement.free[bent].any()
+    assert len(movement.repetitions) == 4
+    assert not any(rep.complete for rep in movement.repetitions)
+
+
+def test_without_Fy_in_the_fit_the_seat_force_is_not_used() -> None:
+    recorded, _ = sit_to_stand(4)
+    movement = read(recorded, components=(0, 2))
+    assert movement.contact.rule == "weight"
+    assert [reason.code for reason in movement.reasons] == ["contact-rule"]
+
+
+def test_contact_settles_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded, _ = sit_to_stand(4)
+    settled = read(recorded)
+    assert settled.contact.converged is True
+    assert settled.reasons == ()
+    monkeypatch.setattr(protocol, "_ROUNDS", 1)
+    cut = read(recorded)
+    assert cut.contact.converged is False
+    assert [reason.code for reason in cut.reasons] == ["contact-unsettled"]
+    assert cut.free.sum() < settled.free.sum()  # both rounds' contact is out: it errs on the side of the chair
+
+
+def test_contact_that_flickers_is_left_out_either_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded, _ = sit_to_stand(4)
+    steady, thresholds = protocol.contact.seat_force_threshold, iter([1.0, 60.0] * 10)
+    monkeypatch.setattr(protocol.contact, "seat_force_threshold", lambda *given: next(thresholds) * steady(*given))
+    flickering = read(recorded)
+    assert flickering.contact.converged is False
+    monkeypatch.setattr(protocol.contact, "seat_force_threshold", steady)
+    assert np.mean(flickering.free & ~read(recorded).free) < 0.005
+
+
+def test_a_round_that_leaves_too_little_keeps_the_contact_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded, _ = sit_to_stand(4)
+    before = read(recorded, "weight").contact
+    rules = iter([protocol.contact.touching, lambda body, signs: np.ones(len(signs), dtype=bool)])
+
+    def in_turn(body: Posture, signs: np.ndarray) -> np.ndarray:
+        return next(rules)(body, signs)
+
+    monkeypatch.setattr(protocol.contact, "touching", in_turn)
+    found = read(recorded).contact
+    assert found.converged is False
+    assert found.free.sum() > 100
+    assert not (found.free & before.touching).any()
 
 
 def test_too_little_off_the_chair_falls_back_to_the_weight_and_says_so() -> None:
@@ -124,7 +195,10 @@ def test_standing_weight_and_chair() -> None:
     assert weight == pytest.approx(9.81 * BODY[:, 0].sum(), rel=2e-3)
     assert uses_chair(body, vertical, weight)
     assert not uses_chair(body, np.full_like(vertical, weight), weight)
-    assert np.isnan(standing_weight(body, np.full_like(vertical, np.nan)))
+    unknown = np.full_like(vertical, np.nan)
+    assert np.isnan(standing_weight(body, unknown))
+    assert uses_chair(body, vertical, float("nan")) is None
+    assert uses_chair(body, unknown, weight) is None
 
 
 def test_contact_is_one_stretch_a_low_phase_and_lasts_to_the_recording_s_ends() -> None:

@@ -177,6 +177,46 @@ def test_left_out_frames_are_refused(tmp_path: Path) -> None:
         write(tmp_path, "\n".join(lines[:12] + lines[15:]))
 
 
+def test_uneven_times_are_refused(tmp_path: Path) -> None:
+    jittered = trc(POSITIONS @ TO_Y_UP.T).replace("\n21\t0.2\t", "\n21\t0.204\t")
+    with pytest.raises(RecordingError, match=r"trial.trc: the time column is uneven: at 0.204 s it is off by 0.39"):
+        write(tmp_path, jittered)
+    forces = mot(force_columns()).replace("\n0.2\t", "\n0.204\t")
+    with pytest.raises(RecordingError, match=r"trial_grf.mot: the time column is uneven"):
+        write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), forces)
+
+
+def test_rounded_times_become_even(tmp_path: Path) -> None:
+    lines = trc(POSITIONS @ TO_Y_UP.T, rate=240.0).splitlines()
+    rows = [line.split("\t") for line in lines[6:]]
+    rounded = ["\t".join([row[0], f"{float(row[1]):.3f}", *row[2:]]) for row in rows]
+    found = write(tmp_path, "\n".join([*lines[:6], *rounded]))
+    assert found.rate == 240
+    np.testing.assert_allclose(np.diff(found.time), 1 / 240, rtol=1e-9)
+    assert any("rounded" in oddity for oddity in found.oddities)
+
+
+def test_spikes_do_not_turn_a_plate_over(tmp_path: Path) -> None:
+    columns = force_columns()
+    columns["ground_force_1_vy"] = columns["ground_force_1_vy"].copy()
+    columns["ground_force_1_vy"][[3, 20]] = -20e3
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(columns))
+    np.testing.assert_allclose(np.delete(found.plates[0].force, [3, 20], 0), np.delete(FORCE, [3, 20], 0), atol=1e-5)
+    assert not any("reversed" in oddity for oddity in found.oddities)
+
+
+def test_configured_units_of_force(tmp_path: Path) -> None:
+    """A table in lbf and lbf·ft; points are in m all the same."""
+    pound, foot = 4.4482216152605, 0.3048
+    scales = {"v": pound, "m": pound * foot, "p": 1.0}
+    columns = {name: values / scales[name[-2]] for name, values in force_columns().items()}
+    (tmp_path / "trial.trc").write_text(trc(POSITIONS @ TO_Y_UP.T))
+    (tmp_path / "trial.mot").write_text(mot(columns))
+    found = recording.read(tmp_path / "trial.trc", tmp_path / "trial.mot", force_unit="lbf", moment_unit="lbf.ft")
+    np.testing.assert_allclose(found.plates[0].force, FORCE, atol=1e-5)
+    np.testing.assert_allclose(found.plates[0].moment, MOMENT, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("forces", "reason"),
     [

@@ -15,6 +15,8 @@ from toy_stages import STAGES
 from mocap_id.config import load
 from mocap_id.runner import Outcome, make_rules, run
 
+ROOT = Path(__file__).resolve().parents[2]
+
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 
 # The command line of the toy stages: `python toy.py STAGE TRIAL.yaml`, each call noted. The real stages, which take a
@@ -38,6 +40,13 @@ run_stage(load(Path(file), STAGES), name, STAGES)
 """
 
 
+def call(command: list[str], folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a command as no child of another make."""
+    inherited = {key: value for key, value in os.environ.items() if not key.startswith(("MAKE", "MFLAGS"))}
+    environment = inherited | variables
+    return subprocess.run(command, cwd=folder, env=environment, check=False, capture_output=True, text=True)
+
+
 class Workshop:
     """Two trials of the toy stages, and make."""
 
@@ -54,9 +63,7 @@ class Workshop:
 
     def make(self, *options: str) -> int:
         command = ["make", "-f", "rules.mk", f"MOCAP_ID={sys.executable} toy.py", *options, "all"]
-        environment = {key: value for key, value in os.environ.items() if not key.startswith("MAKE")}
-        result = subprocess.run(command, cwd=self.folder, env=environment, check=False, capture_output=True, text=True)
-        return result.returncode
+        return call(command, self.folder).returncode
 
     def calls(self) -> list[str]:
         log = self.folder / "calls"
@@ -112,3 +119,50 @@ def test_one_of_several_outputs_is_made_again(workshop: Workshop) -> None:
     assert workshop.make() == 0
     assert workshop.calls() == ["tell"]
     assert (workshop.folder / "one/runs/toy/report.html").exists()
+
+
+@pytest.mark.slow
+def test_the_real_stages_by_make_leave_nothing_to_run(tmp_path: Path) -> None:
+    """Every stage by its own command, as the rules say, is as one run of all."""
+    shutil.copytree(ROOT / "sample_trials" / "robot-joint", tmp_path / "trial", ignore=shutil.ignore_patterns("runs"))
+    file = tmp_path / "trial" / "trial.yaml"
+    (tmp_path / "rules.mk").write_text(make_rules([load(file)], "$(MOCAP_ID)"))
+    program = f"MOCAP_ID={sys.executable} -m mocap_id_cli"
+    made = call(["make", "-f", "rules.mk", program, "all"], tmp_path)
+    assert made.returncode == 0, made.stderr
+    assert call(["make", "-q", "-f", "rules.mk", program, "all"], tmp_path).returncode == 0
+    outcome = run(load(file))
+    assert actions(outcome) == {"reused"}
+    assert outcome.summary()["segments"]["count"] == 2
+
+
+def executable(path: Path, text: str) -> None:
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+
+
+def test_any_later_python_will_do(tmp_path: Path) -> None:
+    """The first on the path is too old, the next one is younger than this test."""
+    executable(tmp_path / "python3", "exit 1")
+    executable(tmp_path / "python3.27", f'exec {sys.executable} "$@"')
+    make = shutil.which("make")
+    assert make is not None
+    said = call([make, "-n", "require-python"], ROOT, PATH=str(tmp_path))
+    assert "test -n 'python3.27'" in said.stdout
+    (tmp_path / "python3.27").unlink()
+    assert "test -n ''" in call([make, "-n", "require-python"], ROOT, PATH=str(tmp_path)).stdout
+
+
+@pytest.mark.parametrize(("without", "code"), [("", 1), ("0", 1), ("1", 0)])
+def test_continuous_integration_does_not_pass_by_skipping(tmp_path: Path, without: str, code: int) -> None:
+    executable(tmp_path / "make", 'echo "make $*"')
+    said = call(
+        [str(ROOT / ".ci" / "run")],
+        tmp_path,
+        PATH=f"{tmp_path}:{os.environ['PATH']}",
+        MOCAP_ID_RECORDINGS=str(tmp_path / "nowhere"),
+        MOCAP_ID_WITHOUT_RECORDINGS=without,
+    )
+    assert said.returncode == code
+    assert said.stdout == ("make test\n" if code == 0 else "")
+    assert ("no recordings at" in said.stderr) is (code != 0)

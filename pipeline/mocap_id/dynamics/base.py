@@ -15,6 +15,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
 
 _UNITS = ("kg", "kg*m", "kg*m", "kg*m^2")
+_OUTSIDE = 1e-6  # of the largest entry: rows are outside the span by tenths, or by rounding
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,21 @@ def base_set(regressor: FloatArray) -> BaseSet:
     largest = np.max(np.abs(regrouping), axis=0)
     regrouping[np.abs(regrouping) <= 1e-9 * np.maximum(largest, 1.0)] = 0.0
     return BaseSet(index, regrouping)
+
+
+def spanned(rows: FloatArray, base: BaseSet) -> bool:
+    """Whether the base parameters decide what these rows predict.
+
+    Parameters
+    ----------
+    rows : (r, p) array
+        Rows of a full regressor, such as one joint's torque; NaN where unknown.
+    base : BaseSet
+        Of other rows. What lies outside their row space depends on parameters that they do not tell.
+    """
+    known = rows[np.isfinite(rows).all(axis=1)]
+    off = known[:, base.kept] @ base.regrouping - known
+    return float(np.max(np.abs(off), initial=0.0)) <= _OUTSIDE * float(np.max(np.abs(known), initial=0.0))
 
 
 def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)) -> BaseSet:

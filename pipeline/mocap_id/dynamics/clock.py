@@ -18,6 +18,7 @@ from mocap_id.dynamics.lowpass import known, runs
 
 _COARSE = 5e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
 _FINE = 1e-6  # s
+_EDGE = 1e-5  # s: this close to the end of the search, the least residual is beyond it
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def profile_offset(
     time: FloatArray,
     weights: FloatArray,
     limit: float,
-) -> float:
+) -> tuple[float, bool]:
     """Offset at which the best-fitting parameters leave the least residual.
 
     For every offset the parameters are solved for anew, at the price of one projection: the regressor does not depend
@@ -88,8 +89,10 @@ def profile_offset(
 
     Returns
     -------
-    float
-        δ in s. At ± ``limit`` the search found no minimum inside.
+    offset : float
+        δ in s.
+    at_edge : bool
+        The least residual lies at an end of the search: there is no minimum inside.
     """
     basis, _ = np.linalg.qr((regressor * weights[:, None]).reshape(-1, regressor.shape[-1]))
 
@@ -98,9 +101,10 @@ def profile_offset(
         rest = target - basis @ (basis.T @ target)
         return float(rest @ rest)
 
-    grid = np.arange(-limit, limit + _COARSE / 2, _COARSE)
+    grid = np.linspace(-limit, limit, 2 * int(np.ceil(limit / _COARSE)) + 1)
     best = int(np.argmin([cost(float(offset)) for offset in grid]))
-    if best in (0, len(grid) - 1):
-        return float(grid[best])
-    found = minimize_scalar(cost, bounds=(grid[best - 1], grid[best + 1]), method="bounded", options={"xatol": _FINE})
-    return float(found.x)
+    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": _FINE})
+    if abs(found.x) > limit - _EDGE:
+        return float(np.copysign(limit, found.x)), True
+    return float(found.x), False

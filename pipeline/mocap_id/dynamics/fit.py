@@ -103,13 +103,15 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     samples = np.flatnonzero(in_fit)[:: prepared.step]
     time = prepared.recorded.time[samples]
     design = _design(prepared, samples)
-    weights, found = np.ones(len(settings.components)), 0.0
+    weights, found, at_edge = np.ones(len(settings.components)), 0.0, True
     for _ in range(_ROUNDS):
-        found = profile_offset(design, lambda times: _measured(prepared, times), time, weights, settings.offset_limit)
+        found, at_edge = profile_offset(
+            design, lambda times: _measured(prepared, times), time, weights, settings.offset_limit
+        )
         weights = _weights(design, _measured(prepared, time - found), weights)
     extended, covariance = _covariance(prepared, time, found, design, weights)
     offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
-    known = abs(found) < settings.offset_limit and offset_sd < _SHARP
+    known = not at_edge and offset_sd < _SHARP
     if not (known and settings.apply_offset):
         offset = 0.0
         weights = _weights(design, _measured(prepared, time), weights)

@@ -11,27 +11,37 @@ from mocap_id.verdict import Reason
 
 _BOUNDED = 0.05  # of the least cost: what physical consistency may cost
 _WEAK = 0.2  # of a parameter's size: its standard deviation
-_MASS_APART = 0.05
+_MASS_APART = 0.05  # of the other one
 
 
-def judge(prepared: Prepared, found: Identification, given_mass: float | None) -> tuple[Reason, ...]:
+def judge(
+    prepared: Prepared, found: Identification, *, given: float | None, standing: float | None
+) -> tuple[Reason, ...]:
     """Reasons for the verdict.
 
     Parameters
     ----------
     prepared : Prepared
     found : Identification
-    given_mass : float or None
+    given : float or None
         The subject's mass as the user gave it, kg.
+    standing : float or None
+        What the plates show while the person stands, kg.
     """
     reasons = (
         _clock(prepared, found),
         _solver(found),
         _bounded(found),
         _weakly_known(prepared, found),
-        _mass(found, given_mass),
+        _load_shared(prepared, found, standing),
+        _mass(prepared, found, given, standing),
     )
     return tuple(reason for reason in reasons if reason is not None)
+
+
+def identified_mass(prepared: Prepared, found: Identification) -> float | None:
+    """The body's mass, kg; None where Fy was not fitted, without which the wrench says nothing of it."""
+    return float(found.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
 def weak_parameters(prepared: Prepared, found: Identification) -> tuple[str, ...]:
@@ -42,7 +52,7 @@ def weak_parameters(prepared: Prepared, found: Identification) -> tuple[str, ...
     """
     kept = prepared.base.kept
     segment, kind = kept // 4, kept % 4
-    mass = float(found.full[::4].sum())
+    mass = identified_mass(prepared, found) or 0.0
     weak = []
     for i, name in enumerate(base_names(prepared.base, prepared.recorded.centres)):
         size = abs(float(found.base[i]))
@@ -104,14 +114,30 @@ def _weakly_known(prepared: Prepared, found: Identification) -> Reason | None:
     )
 
 
-def _mass(found: Identification, given: float | None) -> Reason | None:
-    total = float(found.full[::4].sum())
-    if given is None or abs(total / given - 1) <= _MASS_APART:
+def _load_shared(prepared: Prepared, found: Identification, standing: float | None) -> Reason | None:
+    """The mass that moves on the plates is not the one that stands on them: something else carries a part."""
+    total = identified_mass(prepared, found)
+    if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
+        return None
+    return Reason(
+        "load-shared",
+        f"the movement gives a mass of {total:.1f} kg and the plates show {standing:.1f} kg while the person stands: "
+        "something else than the plates carries a part of the body in samples that were identified on. If a chair is "
+        "used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look for a hand on a support, or "
+        "give the `window:` without it",
+        value=total,
+        limit=standing,
+    )
+
+
+def _mass(prepared: Prepared, found: Identification, given: float | None, standing: float | None) -> Reason | None:
+    shown = standing if standing is not None else identified_mass(prepared, found)
+    if given is None or shown is None or abs(shown / given - 1) <= _MASS_APART:
         return None
     return Reason(
         "mass-contradiction",
-        f"the plates show {total:.1f} kg and `subject: {{mass: …}}` says {given:g} kg: check the plates' calibration, "
-        "what else stands on them, or the mass",
-        value=total,
+        f"the plates show {shown:.1f} kg and `subject: {{mass: …}}` says {given:g} kg: check the plates' calibration, "
+        "what else stands on them or carries a part of the body (a chair needs `protocol: sit-to-stand`), or the mass",
+        value=shown,
         limit=given,
     )

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.base import spanned
 from mocap_id.dynamics.identify import Identification
+from mocap_id.dynamics.model_error import ModelError, model_error
 from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor, planar_torque_regressor
 from mocap_id.dynamics.uncertainty import variance
 
 
@@ -26,6 +28,9 @@ class Prediction:
         Centre of pressure, m; NaN where the body does not load the plate.
     torque, torque_sd : (T, n) arrays
         Joint torques, N·m.
+    untold : tuple of str
+        Columns (Fx, Fy, tauz, cop_x, tau_1 …) that depend on parameters which the fitted components do not tell:
+        they are NaN.
     """
 
     wrench: FloatArray
@@ -34,6 +39,7 @@ class Prediction:
     cop_sd: FloatArray
     torque: FloatArray
     torque_sd: FloatArray
+    untold: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -53,36 +59,53 @@ class Agreement:
     r2: float
 
 
-def predict(prepared: Prepared, found: Identification, threshold: float) -> Prediction:
+def predict(prepared: Prepared, found: Identification, correlation: FloatArray, threshold: float) -> Prediction:
     """Wrench, centre of pressure and joint torques of a model at every sample.
 
-    The joint torques are combinations of the base parameters too: what the wrench does not feel, the joints do not.
-    Standard deviations hold the parameters' covariance and the noise of the accelerations, which no parameter can
-    improve; those of angles and velocities are small beside it. The wrench was fitted with this geometry, whose
+    With Fy and tauz fitted, all of them are combinations of the base parameters: what the wrench does not feel, the
+    joints do not. What is outside the span of the fitted components is NaN and named.
+
+    Standard deviations hold the parameters' covariance and the noise of the accelerations; those of angles and
+    velocities are small beside it. The noise has its shape, over time and between the joints, from the states, and
+    its size from the plate (:mod:`mocap_id.dynamics.model_error`), which also shows the part of the wrench's error that
+    does not follow it. The wrench was fitted with this geometry, whose
     errors the parameters make up for: there the covariance from the residuals counts. The torques were not.
 
     Parameters
     ----------
     prepared : Prepared
     found : Identification
+    correlation : (T, n, n) array
+        Of the joint accelerations' errors.
     threshold : float
-        Vertical force under which there is no centre of pressure, N.
+        Vertical force up to which there is no centre of pressure, N.
     """
-    recorded, kept, base = prepared.recorded, prepared.base.kept, found.base
-    rows = prepared.rows
-    torque_rows = planar_torque_regressor(recorded.centres, recorded.q, prepared.regressor)[:, :, kept]
-    wrench = rows @ base
+    recorded, base = prepared.recorded, found.base
+    torque_regressor = planar_torque_regressor(recorded.centres, recorded.q, prepared.regressor)
+    told, torque_told = _told(prepared.regressor, prepared), _told(torque_regressor, prepared)
+    rows = np.where(told[:, None], prepared.rows, np.nan)
+    torque_rows = np.where(torque_told[:, None], torque_regressor[:, :, prepared.base.kept], np.nan)
+    wrench, torque = rows @ base, torque_rows @ base
+    noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
     wrench_gain, torque_gain = _acceleration_gains(recorded, base, prepared)
+    errors = _model_errors(prepared, found, wrench, _variance_of(wrench_gain, noise))
+    steady = np.diag([error.steady for error in errors])
+    wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
+    torque_gain *= np.sqrt(max(error.overall for error in errors))
     cop_gain = centre_of_pressure_rows(wrench_gain, wrench, threshold)
+    cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
-    noise = recorded.ddq_sd**2
+    own = found.residual_covariance
     return Prediction(
         wrench=wrench,
-        wrench_sd=np.sqrt(variance(rows, found.residual_covariance) + np.einsum("tij,tj->ti", wrench_gain**2, noise)),
+        wrench_sd=np.sqrt(variance(rows, own) + _variance_of(wrench_gain, noise) + np.diag(steady)),
         cop=centre_of_pressure(wrench, threshold),
-        cop_sd=np.sqrt(variance(cop_rows, found.residual_covariance) + np.einsum("tj,tj->t", cop_gain**2, noise)),
-        torque=torque_rows @ base,
-        torque_sd=np.sqrt(variance(torque_rows, found.covariance) + np.einsum("tij,tj->ti", torque_gain**2, noise)),
+        cop_sd=np.sqrt(
+            variance(cop_rows, own) + _variance_of(cop_gain[:, None], noise)[:, 0] + variance(cop_own, steady)
+        ),
+        torque=torque,
+        torque_sd=np.sqrt(variance(torque_rows, found.covariance) + _variance_of(torque_gain, noise)),
+        untold=_untold(told, torque_told),
     )
 
 
@@ -95,6 +118,36 @@ def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Ag
     spread = float(np.sum((reference - reference.mean()) ** 2))
     r2 = 1.0 - float(np.sum(error**2)) / spread if spread > 0.0 else float("nan")
     return Agreement(float(error.mean()), float(error.std()), r2)
+
+
+def _told(regressor: FloatArray, prepared: Prepared) -> BoolArray:
+    """Rows (k,) of a full regressor (T, k, p) that the base parameters decide."""
+    return np.array([spanned(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_)
+
+
+def _untold(told: BoolArray, torque_told: BoolArray) -> tuple[str, ...]:
+    lost = [name for name, known in zip(WRENCH_COMPONENTS, told, strict=True) if not known]
+    if {"Fy", "tauz"} & set(lost):
+        lost.append("cop_x")
+    return (*lost, *(f"tau_{j}" for j, known in enumerate(torque_told, start=1) if not known))
+
+
+def _model_errors(
+    prepared: Prepared, found: Identification, wrench: FloatArray, noise: FloatArray
+) -> tuple[ModelError, ...]:
+    """Size of the model's error in each component; as the states say where the plate does not show it."""
+    recorded = prepared.recorded
+    residual = prepared.wrench(recorded.time - found.fit.offset) - wrench
+    shown = [model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]
+    known = [error for error in shown if error is not None]
+    usual = ModelError(0.0, 1.0, max((error.overall for error in known), default=1.0))
+    return tuple(usual if error is None else error for error in shown)
+
+
+def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
+    values: FloatArray = np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True)
+    return np.maximum(values, 0.0)
 
 
 def _acceleration_gains(recorded: Recorded, base: FloatArray, prepared: Prepared) -> tuple[FloatArray, FloatArray]:

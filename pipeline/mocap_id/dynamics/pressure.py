@@ -15,15 +15,15 @@ def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
     wrench : (..., 3) array
         (Fx, Fy, tauz) about the plane-frame origin, N, N·m.
     threshold : float
-        Under this vertical force, N, there is no meaningful centre of pressure.
+        Up to this vertical force, N, there is no meaningful centre of pressure.
 
     Returns
     -------
     (...) array
-        tauz / Fy, m; NaN under the threshold.
+        tauz / Fy, m; NaN up to the threshold.
     """
     vertical = wrench[..., 1]
-    loaded = vertical >= threshold
+    loaded = vertical > threshold
     return np.where(loaded, wrench[..., 2] / np.where(loaded, vertical, 1.0), np.nan)
 
 
@@ -42,7 +42,7 @@ def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: flo
     Returns
     -------
     (..., b) array
-        m per unit of the parameter; NaN under the threshold.
+        m per unit of the parameter; NaN up to the threshold.
     """
     cop = centre_of_pressure(wrench, threshold)
     vertical = np.where(np.isfinite(cop), wrench[..., 1], np.nan)

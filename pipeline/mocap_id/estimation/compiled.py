@@ -17,7 +17,7 @@ import numpy as np
 
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.kernels import Filtered, Measured, Model, run_filter, run_smoother
-from mocap_id.estimation.problem import ANCHOR_SD, START_SD, Problem, Track
+from mocap_id.estimation.problem import ANCHOR_SD, Problem, Track, start_sd
 from mocap_id.estimation.process import noise_shape, transition
 
 
@@ -70,7 +70,7 @@ def _model(problem: Problem) -> Model:
         step=transition(problem.dt)[0],
         shape=noise_shape(problem.dt),
         density=np.ascontiguousarray(problem.density),
-        start=np.array(START_SD) ** 2,
+        start=start_sd(problem.dt) ** 2,
         anchor_limit=ANCHOR_SD**2,
         centres=np.ascontiguousarray(problem.centres),
         segment=np.ascontiguousarray(problem.segment),

@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.compiling import compiled
 from mocap_id.estimation.inverse import FrameAngles
-from mocap_id.estimation.problem import START_SD, Anchors
+from mocap_id.estimation.problem import Anchors, start_sd
 from mocap_id.estimation.process import noise_shape, transition
 
 SIGMA_V_BOUNDS = (1.0, 1e6)
@@ -71,7 +71,7 @@ def process_noise(anchors: Anchors, dt: float) -> FloatArray:
     dt : float
         Time step, s.
     """
-    step, shape, start = transition(dt)[0], noise_shape(dt), np.array(START_SD) ** 2
+    step, shape, start = transition(dt)[0], noise_shape(dt), start_sd(dt) ** 2
     low, high = np.log(SIGMA_V_BOUNDS)
     found = np.empty(anchors.angles.shape[1])
     for j in range(len(found)):

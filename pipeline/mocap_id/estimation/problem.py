@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.sigma_points import SigmaPoints
 
@@ -15,6 +17,18 @@ START_SD = (1.0, 10.0, 200.0, 1e4)
 the angle lies cannot be told any more. The derivatives are those of very fast movements; the velocity's must stay
 below 1 rad a frame, or a joint is lost as soon as it is found.
 """
+
+_START_STEP = 0.3
+"""What velocity, acceleration and jerk may each add to a lost joint's angle within a frame, rad.
+
+At low rates very fast movements would: the angle would count as lost again one frame after it was found.
+"""
+
+
+def start_sd(dt: float) -> FloatArray:
+    """(4,) :data:`START_SD` at a time step, s: derivatives held to what a frame can tell from a turn."""
+    return np.minimum(START_SD, (np.inf, _START_STEP / dt, _START_STEP / dt**2, _START_STEP / dt**3))
+
 
 PATIENCE = 0.1
 """Time, s, after which a joint is lost if more than half of its segment's markers keep failing the gate.

@@ -14,7 +14,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
-from mocap_id.estimation.problem import ANCHOR_SD, START_SD, Problem, Track
+from mocap_id.estimation.problem import ANCHOR_SD, START_SD, Problem, Track, start_sd
 from mocap_id.estimation.process import joint_noise, joint_transition
 from mocap_id.geometry.planar import marker_positions
 
@@ -39,7 +39,7 @@ def filter_forwards(problem: Problem) -> Track:
                 ukf.predict()
             restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | (failing > problem.patience)
             failing[restarted[k]] = 0
-            _restart(ukf, held, restarted[k])
+            _restart(ukf, held, restarted[k], problem.dt)
             gained, used[k] = _measure(ukf, problem, k)
         except np.linalg.LinAlgError as error:
             raise NumericalError(
@@ -56,7 +56,7 @@ def smooth_backwards(problem: Problem, track: Track) -> Track:
     """Run the Rauch–Tung–Striebel smoother over a filtered track."""
     n = problem.joints
     f, q = joint_transition(problem.dt, n), joint_noise(problem.dt, problem.density)
-    start = np.repeat(np.array(START_SD) ** 2, n)
+    start = np.repeat(start_sd(problem.dt) ** 2, n)
     mean, covariance = track.mean.copy(), track.covariance.copy()
     for k in range(len(mean) - 2, -1, -1):
         predicted = f @ covariance[k] @ f.T + q
@@ -95,12 +95,12 @@ def _forward(problem: Problem, states: FloatArray, markers: BoolArray) -> FloatA
     return marker_positions(angles, problem.centres, problem.segment[markers], problem.local[markers])
 
 
-def _restart(ukf: UnscentedKalmanFilter, held: FloatArray, lost: BoolArray) -> None:
+def _restart(ukf: UnscentedKalmanFilter, held: FloatArray, lost: BoolArray, dt: float) -> None:
     """Start over the joints that are lost, at the angle that they were last seen at."""
     rows = np.tile(lost, 4)
     ukf.P[rows, :] = 0.0
     ukf.P[:, rows] = 0.0
-    ukf.P[rows, rows] = np.repeat(np.array(START_SD) ** 2, len(lost))[rows]
+    ukf.P[rows, rows] = np.repeat(start_sd(dt) ** 2, len(lost))[rows]
     ukf.x[rows] = np.concatenate([held, np.zeros(3 * len(lost))])[rows]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
 

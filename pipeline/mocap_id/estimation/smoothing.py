@@ -135,10 +135,17 @@ def smooth(
     mean, sd = _by_joint(track, problem.joints)
     own = angle_covariance(information(mean[..., 0], track.used, chain), noise.marker_sd)
     mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
+    mean[..., 0] -= _turns(mean[..., 0])
     predicted = marker_positions(mean[..., 0], centres, segment, local)
     used = np.zeros(observed.shape[:2], dtype=np.bool_)
     used[:, moves] = track.used
     return States(mean, sd, observed_angles(own), used, noise, predicted, track.log_likelihood)
+
+
+def _turns(angles: FloatArray) -> FloatArray:
+    """Whole turns (n,), rad, that bring the first angle given of each joint (F, n) into (-pi, pi]."""
+    first = angles[np.isfinite(angles).argmax(axis=0), np.arange(angles.shape[1])]
+    return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
 
 
 def _noise(frames: FrameAngles, dt: float, settings: FilterSettings) -> Noise:

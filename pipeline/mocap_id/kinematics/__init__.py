@@ -1,6 +1,7 @@
 """From trajectories to a chain: plane, window, rigid bodies, segments, joints (ch. 3.2.3-3.2.5)."""
 
 from mocap_id.kinematics.bundle import fit_chain
+from mocap_id.kinematics.bursts import find_bursts
 from mocap_id.kinematics.chain_fit import ChainFit, fix_gauge, joint_angles
 from mocap_id.kinematics.hypotheses import Hypothesis, SegmentationRules
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
@@ -15,6 +16,7 @@ __all__ = [
     "Segmentation",
     "SegmentationRules",
     "asymmetry",
+    "find_bursts",
     "fit_chain",
     "fit_plane",
     "fix_gauge",

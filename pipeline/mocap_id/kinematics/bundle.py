@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.errors import NumericalError
+from mocap_id.errors import NumericalError, Refused
 from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.joint import arc, fit_joint
 from mocap_id.kinematics.rigid import Body, fit_body, still_body
@@ -29,6 +29,7 @@ _ITERATIONS = 60
 _CONVERGED = 1e-7  # relative fall of the cost
 _HUBER = 3.0  # scales beyond which a residual is a burst
 _UNSEEN = 4.5  # slip along the angle over the slip that shows in the residuals
+_FRAMES_A_JOINT = 10
 _BLOCKS = 20  # stretches of time taken as independent for the covariance
 
 
@@ -65,16 +66,22 @@ def fit_chain(points: ComplexArray, segment: IntArray) -> ChainFit:
 
     Raises
     ------
+    Refused
+        ``too-few-frames`` show every segment.
     NumericalError
-        Too few frames hold every segment, or the iteration does not settle.
+        The iteration does not settle.
     """
     moving = np.flatnonzero(segment > 0)
     joints = int(segment.max())
     start = _start(points, segment, joints)
     used = np.flatnonzero(np.isfinite(start.angles).all(axis=1))
-    if len(used) < 10 * joints:
-        raise NumericalError(
-            f"only {len(used)} of {len(points)} frames show at least two markers of each of {joints} moving segments"
+    if len(used) < _FRAMES_A_JOINT * joints:
+        raise Refused(
+            "too-few-frames",
+            f"{len(used)} of {len(points)} frames show at least two markers of each of {joints} moving segments; "
+            f"{_FRAMES_A_JOINT * joints} are needed to place their joints. Use a longer `window:`, or fill the gaps.",
+            float(len(used)),
+            float(_FRAMES_A_JOINT * joints),
         )
     seen = np.isfinite(points[np.ix_(used, moving)])
     problem = _Problem(

@@ -22,6 +22,7 @@ from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_bo
 _ADOPT = 2.0  # a marker left over is adopted by a segment that holds it within this multiple of its own residual
 _PREFER_MOVING = 1.25  # a still marker goes to segment 1 unless that holds it worse than the base by this factor
 _SURE_SKIPPED = 3.5  # skipping a segment fits this much worse: between what right (4.0) and wrong ones (3.0) show
+_TALLEST = 5.0  # m
 _SURE_FIXED = 1.5  # fixing the last segment to its parent fits this much worse: beyond what soft tissue makes of one
 
 
@@ -77,7 +78,7 @@ def segment_markers(points: ComplexArray, lateral: FloatArray, rules: Segmentati
         ``no-fixed-base``, ``no-motion`` or ``no-chain``, with the numbers.
     """
     base = find_base(points, rules.still_limit)
-    _require_base_and_motion(base, points.shape[1], rules)
+    _require_base_and_motion(base, points, rules)
     moving = np.setdiff1d(np.flatnonzero(np.isfinite(base.scatter)), base.markers)
     scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules)
     considered = tuple(sorted(hypotheses(scene), key=lambda hypothesis: hypothesis.cost))
@@ -86,15 +87,17 @@ def segment_markers(points: ComplexArray, lateral: FloatArray, rules: Segmentati
     return _assign(scene, considered)
 
 
-def _require_base_and_motion(base: Base, markers: int, rules: SegmentationRules) -> None:
-    seen = np.isfinite(base.scatter)
+def _require_base_and_motion(base: Base, points: ComplexArray, rules: SegmentationRules) -> None:
+    markers, seen = points.shape[1], np.isfinite(base.scatter)
+    extent = float(np.ptp(points.imag[np.isfinite(points)])) if seen.any() else 0.0
     least = float(np.min(base.scatter, initial=np.inf))
     if len(base.markers) < 2:
         raise Refused(
             "no-fixed-base",
             f"{len(base.markers)} of {markers} markers stay where they are (the stillest moves by "
             f"{1e3 * least:.0f} mm rms); a chain needs a base with at least 2 markers within "
-            f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stay put, or record such a part.",
+            f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stay put, or record such a part."
+            + _unit_doubt(extent),
             least if np.isfinite(least) else None,
             rules.still_limit,
         )
@@ -107,6 +110,13 @@ def _require_base_and_motion(base: Base, markers: int, rules: SegmentationRules)
             largest,
             rules.still_limit,
         )
+
+
+def _unit_doubt(extent: float) -> str:
+    """A hint where the markers reach higher than any body does."""
+    if extent <= _TALLEST:
+        return ""
+    return f" The markers span {extent:.0f} m in height: is the unit of length right (`planarise: {{units: …}}`)?"
 
 
 def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
@@ -175,9 +185,9 @@ def _no_chain(scene: Scene) -> Refused:
     """Why no body turns about a point fixed to the base."""
     rules = scene.rules
     bodies = [body for level in (1, 2, 3) for body in cluster(scene.points, scene.moving, level)]
-    joints = [fit_joint(scene.ground, body) for body in bodies]
-    best = min(joints, key=lambda joint: joint.residual, default=None)
-    if best is None:
+    pairs = [(fit_joint(scene.ground, body), body) for body in bodies]
+    joint, body = min(pairs, key=lambda pair: np.hypot(pair[0].residual, pair[1].residual), default=(None, None))
+    if joint is None or body is None:
         return Refused(
             "no-motion",
             f"{len(scene.moving)} moving markers do not make a rigid body of two or more, so no joint moves.",
@@ -186,10 +196,11 @@ def _no_chain(scene: Scene) -> Refused:
         )
     return Refused(
         "no-chain",
-        "no body turns about a joint on the fixed base: the best one misses its joint by "
-        f"{1e3 * best.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
-        f"{np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
+        f"no body turns about a joint on the fixed base: the best one ({len(body.markers)} markers) holds them to "
+        f"{1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}) and its joint to "
+        f"{1e3 * joint.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
+        f"{np.degrees(joint.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
         "Does the chain stand on the markers that stay still?",
-        best.residual,
+        joint.residual,
         rules.max_residual,
     )

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from mocap_id.arrays import BoolArray, FloatArray
 
 STILL_RADIUS = 0.015
-"""A base marker stays within this distance of its median (m): skin, toes and heels move by a few millimetres."""
+"""A base marker stays within this distance of where it rests (m): skin, toes and heels move by a few millimetres."""
+
+_TRAVEL = 5.0  # still radii that a moving marker travels
+_TRIED = 200  # stretches looked at, the longest first
 
 MIN_SECONDS = 2.0
 """Shorter stretches of stillness are steps of a gait, not a base."""
 
 
 def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
-    """The longest stretch over which at least two markers stay where they are.
+    """The longest stretch over which at least two markers stay where they are and at least two others travel.
 
     Parameters
     ----------
@@ -32,14 +38,20 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     frames = len(positions)
     if _still_throughout(positions).sum() >= 2:
         return 0, frames
-    runs = [run for still in _still(positions, rate).T for run in _runs(still) if run[1] - run[0] >= MIN_SECONDS * rate]
-    best = (0, 0)
-    for index, run in enumerate(runs):
-        for other in runs[index + 1 :]:
-            shared = max(run[0], other[0]), min(run[1], other[1])
-            if shared[1] - shared[0] > best[1] - best[0]:
-                best = shared
-    return best if best[1] - best[0] >= MIN_SECONDS * rate else (0, frames)
+    least = MIN_SECONDS * rate
+    runs = [run for still in _still(positions, rate).T for run in _runs(still) if run[1] - run[0] >= least]
+    shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
+    longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
+    return next((s for s in longest_first[:_TRIED] if _moves(positions[s[0] : s[1]])), (0, frames))
+
+
+def _moves(positions: FloatArray) -> bool:
+    """Whether at least two markers travel far beyond the still radius: a wait before the movement is no window."""
+    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    low = np.where(seen[..., None], positions, np.inf).min(axis=0)
+    high = np.where(seen[..., None], positions, -np.inf).max(axis=0)
+    extent = np.linalg.norm(np.where(high >= low, high - low, 0), axis=1)
+    return int(np.sum(extent > _TRAVEL * STILL_RADIUS)) >= 2
 
 
 def _still_throughout(positions: FloatArray) -> BoolArray:
@@ -57,13 +69,18 @@ def _per_marker(positions: FloatArray, seen: BoolArray) -> list[tuple[FloatArray
 
 
 def _still(positions: FloatArray, rate: float) -> BoolArray:
-    """(F, M) whether a marker stays within the still radius over the second around each frame."""
-    half = max(1, round(rate / 2))
-    index = np.arange(len(positions))
-    before, after = np.maximum(index - half, 0), np.minimum(index + half, len(positions) - 1)
-    with np.errstate(invalid="ignore"):
-        near = np.linalg.norm(positions[after] - positions[before], axis=2) < STILL_RADIUS
-    return np.asarray(near)
+    """(F, M) whether a marker stays within the still radius of one point over the second around each frame.
+
+    The point is the middle of the box of its positions there, no corner of which is farther away. Unseen samples do
+    not count, but half of the second has to be seen.
+    """
+    size = 2 * max(1, round(rate / 2)) + 1
+    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    low = minimum_filter1d(np.where(seen[..., None], positions, np.inf), size, axis=0, mode="nearest")
+    high = maximum_filter1d(np.where(seen[..., None], positions, -np.inf), size, axis=0, mode="nearest")
+    often = uniform_filter1d(seen.astype(np.float64), size, axis=0, mode="nearest") > 0.5 - 1e-9
+    extent = np.where(often[..., None], high - low, np.inf)
+    return np.asarray(np.linalg.norm(extent, axis=2) / 2 < STILL_RADIUS)
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:

@@ -8,7 +8,8 @@ The chair's force is not measured. It is what is missing under the feet, and thr
 - ``weight``: the chair is released when the feet carry 72 % of the standing weight. In simulated trials the chair
   still carries up to a quarter of the weight then.
 - ``knee``: off the chair is where the knee is straighter than 0.8 rad, as in the thesis (6.4.2). It leaves out a
-  third of the samples that could be used, and the most exciting ones.
+  third of the samples that could be used, and the most exciting ones. It needs no plate, and is what is left where
+  the plates miss the standing phases, whose weight the other two rules compare with, or all of the low ones.
 """
 
 from __future__ import annotations
@@ -39,8 +40,10 @@ def standing_weight(posture: Posture, vertical: FloatArray) -> float:
     return float(np.median(vertical[quiet if quiet.any() else upright]))
 
 
-def uses_chair(posture: Posture, vertical: FloatArray, weight: float) -> bool:
+def uses_chair(posture: Posture, vertical: FloatArray, weight: float) -> bool | None:
     """Whether the feet are relieved of weight in the low phases; in a squat they never are.
+
+    None where the plates do not tell: without the standing weight, or without a reading in any low phase.
 
     Parameters
     ----------
@@ -48,9 +51,11 @@ def uses_chair(posture: Posture, vertical: FloatArray, weight: float) -> bool:
     vertical : (T,) array
         Vertical force under the feet, N; NaN where unknown.
     weight : float
-        Standing weight, N.
+        Standing weight, N; NaN where unknown.
     """
     low = [run for run in runs(~posture.upright) if np.isfinite(vertical[run]).any()]
+    if not low or np.isnan(weight):
+        return None
     return any(float(np.nanmedian(vertical[run])) < _CHAIR_SHARE * weight for run in low)
 
 

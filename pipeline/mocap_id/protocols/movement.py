@@ -50,6 +50,7 @@ def read_movement(
     *,
     weight_share: float,
     knee_bend: float,
+    stands: bool,
 ) -> Movement:
     """Find the repetitions and the samples to identify on.
 
@@ -61,6 +62,9 @@ def read_movement(
         None where no plate gives a wrench: the repetitions are then found from the posture alone.
     rule, weight_share, knee_bend
         See :func:`mocap_id.protocols.sit_to_stand.find_contact`.
+    stands : bool
+        The recording shows that the person stands. It decides where nobody rises in a sit-to-stand: without it the
+        person may be seated throughout, and no sample is free.
     """
     everything = np.ones(len(recorded.time), dtype=bool)
     if protocol == "robot-joint":
@@ -69,7 +73,7 @@ def read_movement(
         return Movement(everything, (), None, None, ())
     body = posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:
-        return Movement(everything, (), None, body, (_no_repetition(body),))
+        return Movement(everything & stands, (), None, body, (_no_repetition(body, stands),))
     if prepared is None:
         repetitions = sit_to_stand_repetitions(recorded.time, body, None, chair=True)
         return Movement(everything, repetitions, None, body, ())
@@ -84,17 +88,32 @@ def facing(recorded: Recorded) -> int:
     return -1 if not np.nanmean(knee) > 0.0 else 1
 
 
-def _no_repetition(body: Posture) -> Reason:
+def _no_repetition(body: Posture, stands: bool) -> Reason:
+    consequence = (
+        "the person stands, and every sample is identified on"
+        if stands
+        else "nothing shows that the person stands, so a chair may carry part of the body in every sample"
+    )
     return Reason(
         "no-repetitions",
         f"nobody rises here: the highest joint moves {100 * body.rise:.1f} cm up and down, too little for a "
-        "sit-to-stand; if the movement is another, set `protocol: free`",
+        f"sit-to-stand; {consequence}. If the window holds only a part of the movement, widen it; if the movement is "
+        "another and without a chair, set `protocol: free`",
         value=body.rise,
         level="caution",
     )
 
 
 def _notes(contact: Contact, asked: ContactRule) -> tuple[Reason, ...]:
+    if contact.chair is None:
+        return (
+            Reason(
+                "contact-unknown",
+                "the plates do not show where a chair carries part of the body: they have no reading while the person "
+                "stands, or none in any low phase. What is identified on was chosen by the knee alone (`knee`), as if "
+                "a chair were used",
+            ),
+        )
     if not contact.chair:
         return (
             Reason(
@@ -107,8 +126,17 @@ def _notes(contact: Contact, asked: ContactRule) -> tuple[Reason, ...]:
         return (
             Reason(
                 "contact-rule",
-                f"too few samples are surely off the chair for the rule `{asked}`; the chair's contact was found from "
-                f"the weight under the feet instead (`{contact.rule}`), which lets some contact through",
+                f"the rule `{asked}` needs Fy among the fitted components and enough samples that are surely off the "
+                "chair; the chair's contact was found from the weight under the feet instead "
+                f"(`{contact.rule}`), which lets some contact through",
+            ),
+        )
+    if contact.converged is False:
+        return (
+            Reason(
+                "contact-unsettled",
+                "the model and the chair's contact that it shows did not come to agree with each other; what either of "
+                "the last two rounds calls contact was left out, as far as enough is left to identify on",
             ),
         )
     return ()

@@ -18,7 +18,8 @@ from mocap_id.protocols.repetitions import Repetition
 
 _STILL = 0.05  # of the peak speed: slower than this is a pause …
 _PAUSE = 0.2  # … if it lasts this long, s: at seat-off trunk and legs may both be slow for an instant
-_ROUNDS = 4
+_ROUNDS = 8
+_SETTLED = 0.02  # s: contact that moves by no more does not matter, the filter's reach is ten times that
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,10 @@ class Contact:
 
     Parameters
     ----------
-    chair : bool
-        A chair is used; False for squats.
-    touching : (T,) bool array
-        Samples with contact, on the markers' clock.
+    chair : bool or None
+        A chair is used; False for squats, None where the plates do not tell.
+    touching : (T,) bool array or None
+        Samples with contact, on the markers' clock; None where the plates do not tell.
     free : (T,) bool array
         Samples to identify on.
     weight : float
@@ -38,15 +39,18 @@ class Contact:
     threshold : float or None
         Missing vertical force that counted as contact, N; None where the rule was another.
     rule : ContactRule
-        The rule that decided; another than asked for where that one had too few samples.
+        The rule that decided; another than asked for where that one had too little to go by.
+    converged : bool or None
+        The contact and the model that shows it agree with each other; None where the rule was another.
     """
 
-    chair: bool
-    touching: BoolArray
+    chair: bool | None
+    touching: BoolArray | None
     free: BoolArray
     weight: float
     threshold: float | None
     rule: ContactRule
+    converged: bool | None = None
 
 
 def find_contact(
@@ -67,23 +71,26 @@ def find_contact(
     """
     vertical = prepared.recorded.wrench[:, 1]
     weight = contact.standing_weight(posture, vertical)
-    if not contact.uses_chair(posture, vertical, weight):
+    chair = contact.uses_chair(posture, vertical, weight)
+    if chair is False:
         nowhere = np.zeros(len(vertical), dtype=bool)
         return Contact(False, nowhere, ~nowhere, weight, None, rule)
     with np.errstate(invalid="ignore"):
         by_weight = contact.touching(posture, vertical < weight_share * weight)
         straight = np.abs(prepared.recorded.q[:, min(1, prepared.recorded.q.shape[1] - 1)]) < knee_bend
+    if chair is None:
+        return Contact(None, None, straight, weight, None, "knee")
     if rule == "knee":
         return Contact(True, by_weight, straight, weight, None, rule)
     first = contact.surely_free(posture) & ~by_weight
-    if rule == "weight" or not determined(prepared, first):
+    # the seat's force is what the feet lack in Fy: a model that was not fitted to it does not know that
+    if rule == "weight" or 1 not in prepared.settings.components or not determined(prepared, first):
         return Contact(True, by_weight, ~by_weight, weight, None, "weight")
-    touching, threshold = _by_seat_force(prepared, posture, first, weight)
-    return Contact(True, touching, ~touching, weight, threshold, "seat-force")
+    return _by_seat_force(prepared, posture, first, weight)
 
 
 def sit_to_stand_repetitions(
-    time: FloatArray, posture: Posture, touching: BoolArray | None, *, chair: bool
+    time: FloatArray, posture: Posture, touching: BoolArray | None, *, chair: bool | None
 ) -> tuple[Repetition, ...]:
     """Repetitions of rising from a chair and sitting down again, or of squatting.
 
@@ -94,22 +101,26 @@ def sit_to_stand_repetitions(
     posture : Posture
     touching : (T,) bool array or None
         Contact with the chair; None where no plate tells.
-    chair : bool
-        A chair is used.
+    chair : bool or None
+        A chair is used; None counts as one.
     """
     if not posture.moves:
         return ()
-    if chair:
+    if chair is not False:
         return tuple(_rising(time, posture, touching, up) for up in runs(posture.upright))
     down = [run for run in runs(~posture.upright) if run.start > 0 and run.stop < len(time)]
     return tuple(_squatting(time, posture, run) for run in down)
 
 
-def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weight: float) -> tuple[BoolArray, float]:
-    """Alternate between a model of what is surely free and the contact that it shows, until neither changes."""
+def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weight: float) -> Contact:
+    """Alternate between a model of what is surely free and the contact that it shows, until neither changes.
+
+    Where they do not settle, what either of the last two rounds calls contact is left out. A round whose free samples
+    would not determine a model ends the search too, with the contact before it.
+    """
     rate = prepared.recorded.rate
     smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)
-    free, touching, threshold = first, ~first, 0.0
+    free, before, touching, threshold, converged = first, ~first, ~first, 0.0, False
     for _ in range(_ROUNDS):
         found = fit(prepared, free)
         base = found.problem.free_solution()[: found.base]
@@ -117,11 +128,16 @@ def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weigh
         seat_force = smooth((prepared.rows[:, 1] @ base - measured)[:, None])[:, 0]
         threshold = contact.seat_force_threshold(seat_force, found.in_fit, weight)
         with np.errstate(invalid="ignore"):
-            before, touching = touching, contact.touching(posture, seat_force > threshold)
-        free = ~touching
-        if np.array_equal(before, touching):
+            shown = contact.touching(posture, seat_force > threshold)
+        if not determined(prepared, ~shown):
             break
-    return touching, threshold
+        before, touching, free = touching, shown, ~shown
+        converged = all(run.stop - run.start <= _SETTLED * rate for run in runs(before ^ touching))
+        if converged:
+            break
+    if not converged and determined(prepared, ~(touching | before)):
+        touching = touching | before
+    return Contact(True, touching, ~touching, weight, threshold, "seat-force", converged)
 
 
 def _rising(time: FloatArray, posture: Posture, touching: BoolArray | None, up: slice) -> Repetition:

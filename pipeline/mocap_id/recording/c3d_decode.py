@@ -191,7 +191,7 @@ def _analog_fault(file: C3DFile, layout: Layout, analog: FloatArray) -> str:
     for index in _checked_frames(layout):
         stored = (raw_frame(file, layout, index)[1] - use.offset) * use.scale
         decoded = analog[index * layout.per_frame : (index + 1) * layout.per_frame]
-        span = np.nanmax(np.abs(stored), initial=1e-9)
+        span = np.abs(stored[np.isfinite(stored)]).max(initial=1e-9)
         if not np.allclose(decoded, stored, rtol=1e-4, atol=1e-4 * span, equal_nan=True):
             return f"the analog samples of frame {index} are decoded otherwise than they are stored"
     return ""

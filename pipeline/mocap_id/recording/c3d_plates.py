@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.c3d_decode import calibration
 from mocap_id.recording.c3d_file import C3DFile
 from mocap_id.recording.c3d_layout import Layout
-from mocap_id.recording.plate_types import CHANNELS, PlateSignals
+from mocap_id.recording.channel_units import ForceUnits, channel_scales
+from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.saturation import saturated
-from mocap_id.recording.units import force_scale, moment_scale
+
+_SPIKE = 7
+"""Samples of a median filter: no load is as short as half of it, a spike is."""
 
 
 @dataclass(frozen=True)
@@ -40,25 +44,25 @@ class StoredPlate:
     ok: BoolArray
     problem: str
     oddities: tuple[str, ...]
+    assumptions: tuple[str, ...] = ()
 
 
-class _UnusableError(Exception):
-    """This plate cannot be decoded; the message says why."""
-
-
-def stored_plates(file: C3DFile, layout: Layout, analog: FloatArray, metres: float) -> list[StoredPlate]:
+def stored_plates(
+    file: C3DFile, layout: Layout, analog: FloatArray, metres: float, units: ForceUnits
+) -> list[StoredPlate]:
     """Collect every plate's signals.
 
     Parameters
     ----------
     analog : (K, channels) array
-        Scaled by the ANALOG parameters.
+        Scaled by the ANALOG parameters; what is not finite is NaN.
     metres : float
         Metres per POINT unit, which CORNERS and ORIGIN share.
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
-    return [_PlateReader(file, layout, analog, metres, kinds, index).read() for index in range(1, used + 1)]
+    analog = np.where(np.isfinite(analog), analog, np.nan)
+    return [_PlateReader(file, layout, analog, metres, units, kinds, index).read() for index in range(1, used + 1)]
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,11 @@ class _PlateReader:
     layout: Layout
     analog: FloatArray
     metres: float
+    units: ForceUnits
     kinds: tuple[int, ...]
     index: int
     oddities: list[str] = field(default_factory=list)
+    assumptions: list[str] = field(default_factory=list)
 
     @property
     def kind(self) -> int:
@@ -82,16 +88,15 @@ class _PlateReader:
             columns = self._columns()
             corners = self._parameter("CORNERS", (3, 4)).T * self.metres
             origin = self._origin()
-            clipped = self._clipped(columns)
+            ok = self._good(columns)
             channels = self._in_si(self._without_baseline(self.analog[:, columns]), columns)
-        except _UnusableError as why:
+        except UnusablePlateError as why:
             nothing = np.zeros(len(self.analog), bool)
             return StoredPlate(self.index, self.kind, None, nothing, str(why), tuple(self.oddities))
-        ok = np.asarray(~clipped & np.isfinite(channels).all(axis=1))
         if not ok.all():
             self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
         signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
-        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities))
+        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), tuple(self.assumptions))
 
     def _note(self, oddity: str) -> None:
         self.oddities.append(f"plate {self.index}: {oddity}")
@@ -99,27 +104,27 @@ class _PlateReader:
     def _columns(self) -> list[int]:
         """Analog columns of the channels, from 0."""
         if self.kind not in CHANNELS:
-            raise _UnusableError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
+            raise UnusablePlateError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
         if not self.layout.channels:
-            raise _UnusableError("the file holds no analog channels")
+            raise UnusablePlateError("the file holds no analog channels")
         channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
         if channel_map is None:
-            raise _UnusableError("FORCE_PLATFORM:CHANNEL is missing")
+            raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing")
         channel_map = channel_map.reshape(channel_map.shape[0], -1, order="F")
         needed = max(CHANNELS.get(kind, 0) for kind in self.kinds)
         rows, plates = channel_map.shape
         if rows < needed:  # then the columns of all plates are shifted
-            raise _UnusableError(f"FORCE_PLATFORM:CHANNEL has {rows} rows, a plate of this file needs {needed}")
+            raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL has {rows} rows, a plate of this file needs {needed}")
         if plates < self.index:
-            raise _UnusableError(f"FORCE_PLATFORM:CHANNEL describes only {plates} plates")
+            raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL describes only {plates} plates")
         channels = [int(channel) for channel in channel_map[: CHANNELS[self.kind], self.index - 1]]
         for channel in channels:
             if not 1 <= channel <= self.layout.channels:
-                raise _UnusableError(
+                raise UnusablePlateError(
                     f"FORCE_PLATFORM:CHANNEL points to channel {channel}, the file has {self.layout.channels}"
                 )
         if len(set(channels)) < len(channels):
-            raise _UnusableError(f"FORCE_PLATFORM:CHANNEL points to one channel twice: {channels}")
+            raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL points to one channel twice: {channels}")
         return [channel - 1 for channel in channels]
 
     def _parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:
@@ -127,10 +132,10 @@ class _PlateReader:
         value = self.file.numbers(f"FORCE_PLATFORM:{name}")
         size = int(np.prod(shape))
         if value is None or value.size < size * self.index:
-            raise _UnusableError(f"FORCE_PLATFORM:{name} is missing or too short")
+            raise UnusablePlateError(f"FORCE_PLATFORM:{name} is missing or too short")
         part = value.ravel(order="F")[size * (self.index - 1) : size * self.index]
         if not np.isfinite(part).all():
-            raise _UnusableError(f"FORCE_PLATFORM:{name} is not finite")
+            raise UnusablePlateError(f"FORCE_PLATFORM:{name} is not finite")
         return part.reshape(shape, order="F")
 
     def _origin(self) -> FloatArray:
@@ -144,21 +149,25 @@ class _PlateReader:
         if self.kind == 3:
             origin = np.abs(origin) * [1, 1, -1]
             if not np.all(np.abs(origin[:2]) > 0):
-                raise _UnusableError("ORIGIN gives no sensor distances, which a type 3 plate needs")
+                raise UnusablePlateError("ORIGIN gives no sensor distances, which a type 3 plate needs")
         return np.asarray(origin)
 
-    def _clipped(self, columns: list[int]) -> BoolArray:
-        """(K,) samples at which the converter was at its limits."""
+    def _good(self, columns: list[int]) -> BoolArray:
+        """(K,) samples of which every channel is a number, away from the converter's limits."""
         use = calibration(self.file, self.layout)
         offset, scale = use.offset[columns], use.scale[columns]
         if not np.isfinite(scale).all():
-            raise _UnusableError("ANALOG:SCALE does not cover its channels")
-        if not np.isfinite(self.analog[:, columns]).any():
-            raise _UnusableError("none of its samples is a number")
+            raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
+        finite = np.isfinite(self.analog[:, columns]).all(axis=1)
+        if not finite.any():
+            raise UnusablePlateError("in none of its samples are all of its channels numbers")
         with np.errstate(divide="ignore", invalid="ignore"):
             counts = self.analog[:, columns] / scale + offset
         bits = self.file.words("ANALOG:BITS")
-        return saturated(counts, offset, bits[0] if bits else None)
+        ok = np.asarray(finite & ~saturated(counts, offset, bits[0] if bits else None))
+        if not ok.any():
+            raise UnusablePlateError("all of its samples are saturated or not finite")
+        return ok
 
     def _without_baseline(self, channels: FloatArray) -> FloatArray:
         """Subtract the mean over the frames that ZERO names, if the plate was unloaded then."""
@@ -166,13 +175,22 @@ class _PlateReader:
         first, last = max(zero[0], 1), zero[-1]
         if self.kind == 1 or len(zero) < 2 or last <= first or last > self.layout.frames:
             return channels
-        per_frame = self.layout.per_frame
-        baseline = channels[(first - 1) * per_frame : last * per_frame].mean(axis=0)
+        part = slice((first - 1) * self.layout.per_frame, last * self.layout.per_frame)
+        finite: BoolArray = np.asarray(np.isfinite(channels).all(axis=1))
+        good = channels[part][finite[part]]
+        if 2 * len(good) < len(channels[part]):
+            self._note(
+                f"only {len(good)} of {len(channels[part])} samples of the baseline frames {first} to {last} (ZERO) "
+                "are numbers: not subtracted"
+            )
+            return channels
+        baseline = good.mean(axis=0)
         parts = slice(4, 8) if self.kind == 3 else slice(2, 3)
-        vertical, level = channels[:, parts].sum(axis=1), float(baseline[parts].sum())
+        vertical = median_filter(channels[finite, parts].sum(axis=1), _SPIKE, mode="nearest")
+        level = float(baseline[parts].sum())
         if _is_offset(level, vertical):
             return np.asarray(channels - baseline)
-        share = 100 * abs(level) / np.nanmax(np.abs(vertical))
+        share = 100 * abs(level) / np.abs(vertical).max()
         self._note(
             f"the baseline frames {first} to {last} (ZERO) are loaded ({share:.0f} % of the peak): not subtracted"
         )
@@ -181,30 +199,16 @@ class _PlateReader:
     def _in_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
         """Calibrated channels in N, m and N·m."""
         if self.kind == 4:
+            if self.units.given:
+                self._note("its CAL_MATRIX gives N and N·mm: the configuration's units of force were not applied")
             return self._calibrated(channels, calibration(self.file, self.layout).scale[columns])
         units = self.file.strings("ANALOG:UNITS")
         declared = [units[column] if column < len(units) else "" for column in columns]
-        forces = declared if self.kind == 3 else declared[:3]
-        newtons = self._scale("force", forces, [force_scale(unit) for unit in forces])
-        if self.kind == 3:
-            return np.asarray(channels * newtons)
-        moments = declared[5:6] if self.kind == 1 else declared[3:6]
-        newton_metres = self._scale("moment", moments, [moment_scale(unit) for unit in moments])
-        rest = [self.metres, self.metres, newton_metres] if self.kind == 1 else [newton_metres] * 3
-        return np.asarray(channels * np.array([newtons] * 3 + rest))
-
-    def _scale(self, what: str, declared: list[str], scales: list[float | None]) -> float:
-        """The one unit of some channels; where they declare none, N, and N·mm in files in millimetres."""
-        known = {scale for scale in scales if scale is not None}
-        if len(known) == 1:
-            return known.pop()
-        if what == "force":
-            unit, default = "N", 1.0
-        else:
-            unit, default = ("N·mm", 1e-3) if self.metres == 1e-3 else ("N·m", 1.0)
-        names = ", ".join(sorted({name.strip() or "none" for name in declared}))
-        self._note(f"the {what} channels declare the unit {names}: {unit} was assumed")
-        return default
+        found = channel_scales(self.kind, declared, self.metres, self.units)
+        self.assumptions.extend(found.assumptions)
+        for oddity in found.oddities:
+            self._note(oddity)
+        return np.asarray(channels * found.factors)
 
     def _calibrated(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
         """Type 4: the 6 × 6 matrix turns the channels into N and N·mm; in SI.
@@ -214,7 +218,7 @@ class _PlateReader:
         """
         matrix = self._parameter("CAL_MATRIX", (6, 6))
         if np.linalg.matrix_rank(matrix) < 6:
-            raise _UnusableError("CAL_MATRIX is singular")
+            raise UnusablePlateError("CAL_MATRIX is singular")
         to_si = np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
         diagonal = np.diag(matrix)
         ratio = np.abs(scale) / np.maximum(np.abs(diagonal), 1e-12)
@@ -229,8 +233,8 @@ class _PlateReader:
 
 def _is_offset(level: float, vertical: FloatArray) -> bool:
     """Whether a baseline level is an offset: small, or of the other sign than the loads, which have only one."""
-    if abs(level) <= 0.1 * float(np.nanmax(np.abs(vertical))):
+    if abs(level) <= 0.1 * float(np.abs(vertical).max()):
         return True
     excursion = vertical - level
-    largest = float(excursion[np.nanargmax(np.abs(excursion))])
+    largest = float(excursion[np.argmax(np.abs(excursion))])
     return level * largest < 0 and abs(largest) > 1.5 * abs(level)

@@ -13,6 +13,7 @@ from mocap_id.recording.c3d_decode import decode
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
 from mocap_id.recording.c3d_layout import Layout, encoding, establish
 from mocap_id.recording.c3d_plates import StoredPlate, stored_plates
+from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import place
 from mocap_id.recording.labels import name_markers
 from mocap_id.recording.markers import clean, metres_per_unit
@@ -27,7 +28,7 @@ _BELOW_M = 0.2
 """Markers that far under a plate show that its corners run the wrong way round, not that people hang from it."""
 
 
-def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None) -> Recording:
+def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None, force_units: ForceUnits) -> Recording:
     """Read a C3D file; see :func:`mocap_id.recording.read`."""
     file = open_c3d(path, data)
     layout = establish(file)
@@ -38,7 +39,7 @@ def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None) -
     naming = name_markers(_labels(file, layout), _outputs(file))
     oddities += naming.oddities
     positions = clean(path, decoded.points[:, list(naming.keep)] * metres, unit, oddities)
-    stored = stored_plates(file, layout, decoded.analog, metres)
+    stored = stored_plates(file, layout, decoded.analog, metres, force_units)
     up = _vertical(file, stored, positions, vertical, oddities)
     frames = layout.first + np.arange(layout.frames)
     time = (frames - min(layout.first, 1)) / layout.rate

@@ -13,7 +13,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.recording.decimation import PlateSamples
 from mocap_id.recording.lab_plates import LOADED_N
 from mocap_id.recording.model import Plate
-from mocap_id.recording.posture import body_height, upright
+from mocap_id.recording.posture import body_height, shows_standing, upright
 
 Use: TypeAlias = Literal["feet", "seat", "unloaded", "ignored"]
 
@@ -107,6 +107,8 @@ def choose_plates(
     for plate, each in zip(plates, samples, strict=True):
         if not plate.usable or not each.ok.any():
             chosen.append(("ignored", plate.problem or "no good sample in these frames"))
+        elif plate.index in feet and _peak(each) < LOADED_N:
+            chosen.append(("unloaded", f"named as the feet's, but its load stays under {LOADED_N:.0f} N"))
         elif feet or seat:
             use: Use = "feet" if plate.index in feet else "seat" if plate.index in seat else "ignored"
             chosen.append((use, "by the configuration"))
@@ -120,6 +122,9 @@ def choose_plates(
 
 def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
     """Mass from the feet's force while the person stands still or nearly.
+
+    Without a rise the load alone cannot tell standing from sitting: the posture must show it
+    (:func:`mocap_id.recording.posture.shows_standing`).
 
     Parameters
     ----------
@@ -146,6 +151,11 @@ def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> t
         still = tall & (np.abs(speed) < _STILL_M_S) & np.isfinite(vertical)
     if still.sum() < max(2, _ENOUGH_S * rate):
         return None, "the person never stands still on the plates"
+    if not shows_standing(positions, still):
+        return None, (
+            "nothing shows that the person stands where the body is highest and still: its markers are as broad as "
+            "those of somebody seated, or lie in one line, and a chair may carry part of the weight"
+        )
     mass = float(np.median(vertical[still])) / GRAVITY
     return (mass, None) if mass > _LEAST_KG else (None, "the plates carry no weight while the person stands")
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.c3d_plates import StoredPlate
 from mocap_id.recording.model import Plate
 from mocap_id.recording.plate_types import plate_axes, surface_wrench
@@ -14,6 +16,7 @@ LOADED_N = 20.0
 
 _ON_PLATE_M = 0.05
 _MOSTLY = 0.8
+_SPIKE = 5.0
 
 
 def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> tuple[Plate, list[str]]:
@@ -35,17 +38,19 @@ def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> t
     plate : Plate
     oddities : list of str
     """
-    oddities = list(stored.oddities)
+    oddities = [*stored.oddities, *(f"plate {stored.index}: {text}" for text in stored.assumptions)]
     problem = stored.problem
     if stored.signals is not None:
         corners = stored.signals.corners @ turn.T
         axes = plate_axes(corners)
         problem = _pose_problem(axes)
         if not problem:
-            force, moment, reversed_ = _reaction(*surface_wrench(stored.signals), axes, corners.mean(axis=0))
+            force, moment = surface_wrench(stored.signals)
+            force, moment, reversed_ = _reaction(force, moment, axes, corners.mean(axis=0), stored.ok)
             if reversed_:
                 oddities.append(f"plate {stored.index} holds the force of the body on the plate: reversed")
             plate = Plate(stored.index, f"type {stored.kind}", corners, force, moment, stored.ok, rate, start)
+            plate = replace(plate, assumptions=tuple(f"plate {stored.index}: {text}" for text in stored.assumptions))
             return plate, oddities + _off_plate(plate)
     nothing = np.full((len(stored.ok), 3), np.nan)
     none = np.zeros(len(stored.ok), bool)
@@ -65,16 +70,30 @@ def _pose_problem(axes: FloatArray) -> str:
 
 
 def _reaction(
-    force: FloatArray, moment: FloatArray, axes: FloatArray, centre: FloatArray
+    force: FloatArray, moment: FloatArray, axes: FloatArray, centre: FloatArray, ok: BoolArray
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Wrench on the body in lab axes about the lab origin, and whether the channels held the opposite one."""
     force, moment = force @ axes.T, moment @ axes.T
-    vertical = force[np.isfinite(force[:, 2]), 2]
-    loaded = vertical[np.abs(vertical) > max(LOADED_N, np.abs(vertical).max(initial=0.0) / 2)]
-    reversed_ = bool(loaded.size and loaded.mean() < 0)
+    reversed_ = is_load(force[ok, 2])
     if reversed_:
         force, moment = -force, -moment
     return force, moment + np.cross(centre, force), reversed_
+
+
+def is_load(vertical: FloatArray) -> bool:
+    """Whether upward forces are those of the body on the plate, which mostly point down under load.
+
+    Parameters
+    ----------
+    vertical : (K,) array
+        Good samples, N. What counts is the mean of those over 20 N, each at most five times as large as their median:
+        a few spikes do not outvote a person, nor does an offset of the unloaded plate outvote a short contact.
+    """
+    loaded = vertical[np.abs(vertical) > LOADED_N]
+    if not loaded.size:
+        return False
+    most = _SPIKE * float(np.median(np.abs(loaded)))
+    return bool(np.clip(loaded, -most, most).mean() < 0)
 
 
 def centre_of_pressure(plate: Plate) -> FloatArray:
@@ -88,7 +107,8 @@ def centre_of_pressure(plate: Plate) -> FloatArray:
 def _off_plate(plate: Plate) -> list[str]:
     """A load that does not act on its plate gives a wrong unit, origin or corner away."""
     assert plate.corners is not None
-    good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * np.nanmax(plate.force[:, 2], initial=0.0)))
+    most = plate.force[plate.ok, 2].max(initial=0.0)
+    good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * most))
     if not good.any():
         return []
     point = centre_of_pressure(plate)[good]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.errors import RecordingError
+from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.units import LENGTHS, length_scale
 
 _FAR_M = 1000.0
@@ -31,12 +31,14 @@ def metres_per_unit(path: Path, declared: str, override: str | None, oddities: l
     ------
     RecordingError
         The unit is missing, unknown or ambiguous.
+    ConfigError
+        ``override`` is no unit of length.
     """
     name = declared.strip().strip("\x00").strip()
     if override is not None:
         scale = length_scale(override)
         if scale is None:
-            raise RecordingError(f"{path}: units: {override!r} is no length unit; expected one of {', '.join(LENGTHS)}")
+            raise ConfigError(f"units: {override!r} is no unit of length; expected one of {', '.join(LENGTHS)}")
         if length_scale(name) not in (None, scale):
             oddities.append(f"the file declares lengths in {name!r}, the configuration says {override}: that was taken")
         return override, scale

@@ -34,6 +34,9 @@ class Plate:
         Time of sample 0 in the recording's clock, s: sample k was taken at ``start + k / rate``.
     problem : str
         Why the plate cannot be used (its samples are NaN then), or empty.
+    assumptions : tuple of str
+        What the file does not say about the plate and was assumed, on which its forces rest; also among the oddities
+        of the recording.
     """
 
     index: int
@@ -45,6 +48,7 @@ class Plate:
     rate: float
     start: float = 0.0
     problem: str = ""
+    assumptions: tuple[str, ...] = ()
 
     @property
     def centre(self) -> FloatArray | None:

@@ -10,7 +10,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.lab_plates import LOADED_N
+from mocap_id.recording.channel_units import ForceUnits
+from mocap_id.recording.clock import Clock, even_clock
+from mocap_id.recording.lab_plates import is_load
 from mocap_id.recording.model import Plate
 from mocap_id.recording.tables import MotionTable
 
@@ -72,41 +74,48 @@ def _columns(path: Path, name: str, parts: dict[str, dict[str, int]]) -> ForceCo
 
 
 def mot_plates(
-    path: Path, table: MotionTable, columns: list[ForceColumns], turn: FloatArray, oddities: list[str]
+    path: Path,
+    table: MotionTable,
+    columns: list[ForceColumns],
+    oddities: list[str],
+    *,
+    turn: FloatArray,
+    units: ForceUnits,
 ) -> tuple[Plate, ...]:
-    """Plates of a MOT table in the lab: m, N, N·m as the format has it.
+    """Plates of a MOT table in the lab: m, N, N·m as the format has it, unless the configuration says otherwise.
 
     Parameters
     ----------
     turn : (3, 3) array
         From the table's axes to the lab's (Z up).
+    units : ForceUnits
+        Of force and moment, where the configuration declares them.
     """
-    steps = np.diff(table.time)
-    if steps.max() > 1.5 * np.median(steps):
-        raise RecordingError(f"{path}: the time column is uneven ({np.median(steps):.4g} and {steps.max():.4g} s)")
-    rate = (len(table.time) - 1) / float(table.time[-1] - table.time[0])
+    clock = even_clock(path, table.time)
+    if clock.coarse:
+        oddities.append(f"{path.name}: {clock.coarse}")
     plates = []
     for index, each in enumerate(columns, start=1):
-        plate, found = _plate(table, each, index, turn, rate)
+        plate, found = _plate(table, each, index, clock, turn=turn, units=units)
         plates.append(plate)
         oddities += found
     return tuple(plates)
 
 
 def _plate(
-    table: MotionTable, columns: ForceColumns, index: int, turn: FloatArray, rate: float
+    table: MotionTable, columns: ForceColumns, index: int, clock: Clock, *, turn: FloatArray, units: ForceUnits
 ) -> tuple[Plate, list[str]]:
     oddities = []
-    force = table.values[:, columns.force] @ turn.T
+    newtons, newton_metres = units.factor("force"), units.factor("moment")
+    force = table.values[:, columns.force] @ turn.T * newtons
     if columns.point is None:
         moment, problem = np.full_like(force, np.nan), "the table has no point of application"
     else:
-        free = 0.0 if columns.moment is None else table.values[:, columns.moment] @ turn.T
+        free = 0.0 if columns.moment is None else table.values[:, columns.moment] @ turn.T * newton_metres
         moment, problem = np.cross(table.values[:, columns.point] @ turn.T, force) + free, ""
         if columns.moment is None:
             oddities.append(f"plate {index} ({columns.name}): no moment columns, a free moment of 0 was assumed")
-    loaded = force[np.abs(force[:, 2]) > LOADED_N, 2]
-    if loaded.size and loaded.mean() < 0:
+    if is_load(force[np.isfinite(force[:, 2]), 2]):
         force, moment = -force, -moment
         oddities.append(f"plate {index} holds the force of the body on the plate: reversed")
     if not np.any(force):
@@ -115,4 +124,4 @@ def _plate(
         oddities.append(f"plate {index} is not used: {problem}")
         force = np.full_like(force, np.nan)
     ok = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
-    return Plate(index, "mot", None, force, moment, ok, rate, float(table.time[0]), problem), oddities
+    return Plate(index, "mot", None, force, moment, ok, clock.rate, clock.start, problem), oddities

@@ -16,6 +16,10 @@ CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 """Channels by type."""
 
 
+class UnusablePlateError(Exception):
+    """A plate cannot be decoded; the message says why. It is left out, and the recording goes on without it."""
+
+
 @dataclass(frozen=True)
 class PlateSignals:
     """One plate's channels with what is needed to read them, SI.

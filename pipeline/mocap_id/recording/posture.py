@@ -20,6 +20,17 @@ _KNEE = 0.26
 _TRUNK_M, _PELVIS_SHARE = 1.15, 0.6
 """Where no marker stands higher than this, the set ends at the pelvis, at this share of the trunk's height."""
 
+_LEGS, _LEGS_THIN = (0.2, 0.55), 0.16
+"""Between these shares of the markers' height the legs of somebody who stands are thin in some horizontal direction:
+0.02 … 0.11 of the height, and 0.21 … 0.48 of somebody who sits, whose thighs lie level there."""
+
+_BODY_THIN = 0.3
+"""All markers off the floor of somebody who stands: up to 0.28 with the arms forwards. It tells where the markers end
+at the pelvis, so that the thighs of who sits are the top."""
+
+_FLAT = 0.005
+"""Thinner than this are markers in one line or projected into one plane, which show nothing."""
+
 _SWEEPS = 8
 """Alternating fits of heights with gaps: each takes out most of what the gaps still bias."""
 
@@ -80,6 +91,31 @@ def upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
         return height > low + 0.85 * (high - low), height < low + 0.15 * (high - low)
 
 
+def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
+    """Whether the markers are arranged as those of somebody who stands.
+
+    The weight on the plates does not tell: a seated person's is as steady. Who stands has upright legs, which some
+    horizontal direction sees thin against the height; the level thighs of who sits, kneels or squats are broad in
+    every direction. Markers that are flat show neither; they are taken as standing only where the body rises and
+    falls within the recording.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        m, lab axes with Z up; NaN where unseen.
+    samples : (F,) bool array
+        Frames in question, one posture.
+    """
+    seen = np.isfinite(positions[samples]).all(axis=2).any(axis=0)
+    if not seen.any():
+        return False
+    middle = np.nanmedian(positions[samples][:, seen], axis=0)
+    legs, body = _thinness(middle, *_LEGS), _thinness(middle, _LEGS[0], 1.0)
+    if legs > _LEGS_THIN or body > _BODY_THIN:
+        return False
+    return legs > _FLAT or bool(upright(positions)[1].any())
+
+
 def facing(positions: FloatArray, direction: FloatArray) -> Facing:
     """Tell front from back along a horizontal line.
 
@@ -126,6 +162,17 @@ def _knees(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolA
         thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
         thighs &= (drop > 0) & (drop < (share - _KNEE) * trunk)  # hands hang there too, but fall or rise farther
     return float(np.median(shanks) - np.median(shift[thighs])) if shanks.size and thighs.any() else 0.0
+
+
+def _thinness(points: FloatArray, low: float, high: float) -> float:
+    """Least horizontal width of points (M, 3) between two shares of their height, by that height; 0 of fewer than 2."""
+    height = float(np.ptp(points[:, 2]))
+    share = (points[:, 2] - points[:, 2].min()) / max(height, 1e-9)
+    inside = points[(share >= low) & (share <= high), :2]
+    if len(inside) < 2:
+        return 0.0
+    angles = np.radians(np.arange(0.0, 180.0, 3.0))
+    return float(np.ptp(inside @ np.stack([np.cos(angles), np.sin(angles)]), axis=0).min()) / height
 
 
 def _means(values: FloatArray) -> FloatArray:

@@ -7,13 +7,20 @@ from pathlib import Path
 from mocap_id.errors import ConfigError
 from mocap_id.recording.axes import parse_axis
 from mocap_id.recording.c3d_reader import read_c3d
+from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.model import Recording
 from mocap_id.recording.tables import read_bytes
 from mocap_id.recording.trc_reader import read_trc
 
 
 def read(
-    markers: Path, forces: Path | None = None, *, units: str | None = None, vertical: str | None = None
+    markers: Path,
+    forces: Path | None = None,
+    *,
+    units: str | None = None,
+    vertical: str | None = None,
+    force_unit: str | None = None,
+    moment_unit: str | None = None,
 ) -> Recording:
     """Read one trial; the files are opened for reading only.
 
@@ -28,6 +35,9 @@ def read(
     vertical : str, optional
         The file's axis that points up (``"X"``, ``"Y"``, ``"Z"``, with a minus where it points down); found from the
         force plates or the file where not given.
+    force_unit, moment_unit : str, optional
+        Units of the force plates' channels, where the file does not declare them or declares them wrong (``"N"``,
+        ``"Nmm"``). Plates of type 4 have theirs by their calibration matrix.
 
     Returns
     -------
@@ -39,17 +49,19 @@ def read(
     RecordingError
         A file is missing, unreadable, truncated, of unknown units, without markers, or contradicts itself.
     ConfigError
-        ``vertical`` is no axis, or ``forces`` stands beside a C3D file.
+        ``units``, ``force_unit`` or ``moment_unit`` is no such unit, ``vertical`` is no axis, or ``forces`` stands
+        beside a C3D file.
     """
     axis = None if vertical is None else parse_axis(vertical)
     if vertical is not None and axis is None:
         raise ConfigError(f"vertical: {vertical!r} is no axis; expected X, Y or Z, with a minus where it points down")
+    plate_units = ForceUnits(force_unit, moment_unit)
     markers = Path(markers)
     if markers.suffix.lower() == ".trc":
-        return read_trc(markers, None if forces is None else Path(forces), units, axis)
+        return read_trc(markers, None if forces is None else Path(forces), units, axis, plate_units)
     data = read_bytes(markers)
     if data[:12].lower() == b"pathfiletype":
-        return read_trc(markers, None if forces is None else Path(forces), units, axis)
+        return read_trc(markers, None if forces is None else Path(forces), units, axis, plate_units)
     if forces is not None:
         raise ConfigError(f"{forces}: a C3D file holds its own force plates; `forces` belongs to a TRC file")
-    return read_c3d(markers, data, units, axis)
+    return read_c3d(markers, data, units, axis, plate_units)

@@ -33,7 +33,7 @@ def saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolA
     (K,) bool array
     """
     flags = np.zeros(len(counts), bool)
-    for column, zero in zip(counts.T, offset, strict=True):
+    for column, zero in zip(np.where(np.isfinite(counts), counts, np.nan).T, offset, strict=True):
         finite = column[np.isfinite(column)]
         if finite.size == 0 or np.ptp(finite) == 0:
             continue

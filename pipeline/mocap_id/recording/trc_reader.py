@@ -13,11 +13,15 @@ import pandas as pd
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import nearest_axis, to_z_up
+from mocap_id.recording.channel_units import ForceUnits
+from mocap_id.recording.clock import even_clock
 from mocap_id.recording.labels import name_markers
 from mocap_id.recording.markers import clean, metres_per_unit
-from mocap_id.recording.model import Recording
+from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.mot_plates import ForceColumns, find_forces, mot_plates
 from mocap_id.recording.tables import MotionTable, parse_table, read_text
+
+_RATES_APART = 0.02  # beyond rounding (59.94 written as 60) one of the two is wrong
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,9 @@ class _Trc:
     units: str
 
 
-def read_trc(path: Path, forces: Path | None, units: str | None, vertical: str | None) -> Recording:
+def read_trc(
+    path: Path, forces: Path | None, units: str | None, vertical: str | None, force_units: ForceUnits
+) -> Recording:
     """Read a TRC file, with its MOT file where there is one; see :func:`mocap_id.recording.read`."""
     oddities: list[str] = []
     trc = _parse(path, read_text(path), oddities)
@@ -44,8 +50,9 @@ def read_trc(path: Path, forces: Path | None, units: str | None, vertical: str |
     columns = [] if table is None or forces is None else find_forces(forces, table)
     up = _vertical(table, columns, vertical, oddities)
     turn = to_z_up(up)
-    plates = () if table is None or forces is None else mot_plates(forces, table, columns, turn, oddities)
+    plates: tuple[Plate, ...] = ()
     if table is not None and forces is not None:
+        plates = mot_plates(forces, table, columns, oddities, turn=turn, units=force_units)
         _compare_spans(path, forces, trc.time, table.time, oddities)
     return Recording(
         files=(path,) if forces is None else (path, forces),
@@ -83,7 +90,7 @@ def _parse(path: Path, text: str, oddities: list[str]) -> _Trc:
     time = rows[:, 1]
     if len(time) < 2 or not np.all(np.diff(time) > 0):
         raise RecordingError(f"{path}: the Time column does not increase from frame to frame; export it again")
-    rate = _rate(path, header.get("datarate", ""), time, oddities)
+    time, rate = _even(path, header.get("datarate", ""), time, oddities)
     positions = rows[:, 2:].reshape(len(rows), -1, 3)
     return _Trc(labels, rows[:, 0].astype(np.int64), time, positions, rate, header.get("units", ""))
 
@@ -131,23 +138,23 @@ def _rows(path: Path, lines: list[str], markers: int) -> FloatArray:
     return rows
 
 
-def _rate(path: Path, declared: str, time: FloatArray, oddities: list[str]) -> float:
-    """Frames per second by the Time column, which must be even."""
-    steps = np.diff(time)
-    rate = (len(time) - 1) / float(time[-1] - time[0])
-    if steps.max() > 1.5 * np.median(steps):
-        raise RecordingError(
-            f"{path}: frames are left out: the Time column steps by {np.median(steps):.4g} s and once by "
-            f"{steps.max():.4g} s; export every frame, with missing markers blank"
-        )
+def _even(path: Path, declared: str, time: FloatArray, oddities: list[str]) -> tuple[FloatArray, float]:
+    """Even times behind the Time column, which must be even, and frames per second."""
     try:
         stated = float(declared)
     except ValueError:
-        return rate
-    if stated > 0 and abs(stated - rate) <= 2e-3 * stated:
-        return stated
-    oddities.append(f"DataRate is {declared} Hz, the Time column runs at {rate:.6g} Hz: that was taken")
-    return rate
+        stated = None
+    clock = even_clock(path, time, stated)
+    if stated is not None and abs(clock.rate / stated - 1) > _RATES_APART:
+        raise RecordingError(
+            f"{path}: DataRate is {declared} Hz, the Time column runs at {clock.rate:.6g} Hz; time is in seconds in a "
+            "TRC file: export it again, or correct the one that is wrong"
+        )
+    if stated is not None and clock.rate != stated:
+        oddities.append(f"DataRate is {declared} Hz, the Time column runs at {clock.rate:.6g} Hz: that was taken")
+    if clock.coarse:
+        oddities.append(f"{path.name}: {clock.coarse}")
+    return clock.times(len(time)), clock.rate
 
 
 def _vertical(table: MotionTable | None, columns: list[ForceColumns], override: str | None, oddities: list[str]) -> str:

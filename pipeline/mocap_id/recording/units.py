@@ -12,6 +12,19 @@ LENGTHS: dict[str, float] = {
 }
 """Length units by name, in metres."""
 
+FORCES: dict[str, float] = {
+    **dict.fromkeys(("n", "nt", "newt", "newto", "newton", "newtons"), 1.0),
+    **dict.fromkeys(("kn", "kilonewton", "kilonewtons"), 1e3),
+    **dict.fromkeys(("dan", "decanewton", "decanewtons"), 10.0),
+    **dict.fromkeys(("millinewton", "millinewtons"), 1e-3),
+    **dict.fromkeys(("lb", "lbs", "lbf", "pound", "pounds"), 4.4482216152605),
+    **dict.fromkeys(("kgf", "kp", "kilopond"), 9.80665),
+}
+"""Force units by name without case, in newtons; files cut ``newton`` after four letters."""
+
+_FEET = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
+_ARMS: dict[str, float] = {**LENGTHS, **_FEET}
+
 _SHORTEST_PREFIX = 3
 
 
@@ -26,7 +39,7 @@ def length_scale(declared: str) -> float | None:
     >>> length_scale("MM"), length_scale("mete"), length_scale("furlong")
     (0.001, 1.0, None)
     """
-    name = declared.strip().strip("\x00").strip("()").lower()
+    name = bare(declared).strip("()").lower()
     if name in LENGTHS:
         return LENGTHS[name]
     if len(name) < _SHORTEST_PREFIX:
@@ -35,23 +48,54 @@ def length_scale(declared: str) -> float | None:
     return meanings.pop() if len(meanings) == 1 else None
 
 
-_NEWTON = r"(?:n|nt|newton|newtons)"
-_METRE = r"(?:m|meter|meters|metre|metres)"
-_MILLIMETRE = r"(?:mm|millimeter|millimeters|millimetre|millimetres)"
-_TIMES = r"[\s.*·x-]*"
-
-
 def force_scale(declared: str) -> float | None:
-    """Newtons per declared unit of a plate's force channel; None where the unit is not a force."""
-    name = declared.strip().strip("\x00").lower()
-    if re.fullmatch(_NEWTON, name):
-        return 1.0
-    return 1e3 if name in ("kn", "kilonewton") else None
+    """Newtons per declared unit of a force; None where the name is empty or no force.
+
+    Examples
+    --------
+    >>> force_scale("N"), force_scale("lbf"), force_scale("V")
+    (1.0, 4.4482216152605, None)
+    """
+    return FORCES.get(_folded(declared))
 
 
 def moment_scale(declared: str) -> float | None:
-    """Newton metres per declared unit of a plate's moment channel; None where the unit is not a moment."""
-    name = declared.strip().strip("\x00").lower()
-    if re.fullmatch(_NEWTON + _TIMES + _MILLIMETRE, name):
-        return 1e-3
-    return 1.0 if re.fullmatch(_NEWTON + _TIMES + _METRE, name) else None
+    """Newton metres per declared unit of a moment; None where the name is empty or no moment.
+
+    A force times a length, with or without a sign between them, or the other way round: where nothing stands between
+    them then, only with feet and inches (``mN`` is a millinewton).
+
+    Examples
+    --------
+    >>> moment_scale("N.mm"), round(moment_scale("ft-lb"), 4), moment_scale("N")
+    (0.001, 1.3558, None)
+    """
+    match = _MOMENT.fullmatch(_folded(declared))
+    if match is None:
+        return None
+    force = match["force"] or match["second_force"] or match["last_force"]
+    arm = match["arm"] or match["first_arm"] or match["feet"]
+    return FORCES[force] * _ARMS[arm]
+
+
+def bare(declared: str) -> str:
+    """A declared unit without the padding of its field."""
+    return declared.strip().strip("\x00").strip()
+
+
+def _folded(declared: str) -> str:
+    """Without case, except that mN is a millinewton and MN is none."""
+    return re.sub("^mN", "millinewton", bare(declared)).lower()
+
+
+def _any_of(names: dict[str, float]) -> str:
+    return "|".join(sorted(names, key=len, reverse=True))
+
+
+_TIMES = r"[\s.*·x-]"
+_IMPERIAL = _any_of({**_FEET, **dict.fromkeys(("in", "inch", "inches"), 0.0254)})
+_MOMENT = re.compile(
+    rf"(?P<force>{_any_of(FORCES)}){_TIMES}*(?P<arm>{_any_of(_ARMS)})"
+    rf"|(?P<first_arm>{_any_of(_ARMS)}){_TIMES}+(?P<second_force>{_any_of(FORCES)})"
+    rf"|(?P<feet>{_IMPERIAL})(?P<last_force>{_any_of(FORCES)})"
+)

@@ -59,6 +59,26 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "lengths those of the projection, with lengths somewhat short; much of it (refused) leaves nothing to fit.",
         "Leave out the part that turns, steps or leans sideways (`window:`), or record the movement facing one way.",
     ),
+    "bursts": Explanation(
+        ("ok",),
+        "Markers jump",
+        "Some samples jump away from their marker's track and back within 0.4 s: a wrong reconstruction, not a "
+        "movement. They are left out before the segments are sought.",
+        "Nothing, if they are few. Otherwise look at that marker in the cameras' own software.",
+    ),
+    "upside-down": Explanation(
+        ("caution",),
+        "The chain hangs below its base",
+        "The moving segments are lower than the markers that stay still. For a person that means a wrong vertical "
+        "axis, and then gravity, forces and mass are wrong too. A robot may hang.",
+        "Set `planarise: {vertical: …}`, or ignore this for a chain that really hangs.",
+    ),
+    "too-few-frames": Explanation(
+        ("refused",),
+        "Too few frames",
+        "The joints are fitted to frames that show at least two markers of every segment, and there are not enough.",
+        "Use a longer `window:`, or fill the gaps of the segment that is seen least.",
+    ),
     "encoder-unused": Explanation(
         ("ok",),
         "The encoder is not read",
@@ -93,6 +113,15 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "Skeleton and joint states do not need one and hold. Masses, moments of inertia and torques need the ground's "
         "wrench, so they are null.",
         "Record with a force plate; where there is one, say which carries the feet: `plates: {feet: [1]}`.",
+    ),
+    "plate-unit-assumed": Explanation(
+        ("caution",),
+        "The unit of a force plate was assumed",
+        "The file does not say in which unit the plate under the feet measures, so that of the format's custom was "
+        "taken: N, and the file's unit of length. If it is another, every force, mass or moment is wrong by a constant "
+        "factor, and nothing else shows it.",
+        "Compare the mass in the report with the person's. Then give `planarise: {force_unit: …, moment_unit: …}`, "
+        "which also settles the matter where the assumption is right.",
     ),
     "no-wrench": Explanation(
         ("caution",),
@@ -163,16 +192,55 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     "contact-rule": Explanation(
         ("caution",),
         "The chair's contact is a rough guess",
-        "Too few samples are surely off the chair to find its contact from its force, so a cruder rule was used. Some "
-        "contact may have slipped into the identification and bias it.",
-        "Record longer standing phases, or choose the rule with `identify-dim: {contact: …}`.",
+        "The chair's contact could not be found from its force: too few samples are surely off it, or Fy, in which "
+        "that force shows, is not fitted. A cruder rule was used. Some contact may have slipped into the "
+        "identification and bias it.",
+        "Record longer standing phases, fit Fy, or choose the rule with `identify-dim: {contact: …}`.",
+    ),
+    "contact-unknown": Explanation(
+        ("caution",),
+        "The plates do not show the chair",
+        "The plates have no reading while the person stands, or none while the person is low, so it is not known "
+        "whether a chair carries part of the body. Only samples with a straight knee were identified on, which is safe "
+        "and leaves out the most telling part of the movement.",
+        "Record so that the plates are read throughout, or choose a `window:` where they are.",
+    ),
+    "contact-unsettled": Explanation(
+        ("caution",),
+        "The chair's contact did not settle",
+        "The contact is found with a model and the model without the contact, in turns, until neither changes. Here "
+        "they kept changing: some contact may have slipped into the identification, or free samples were left out.",
+        "Compare seat-off and seat-on with the figure of the repetitions; try `identify-dim: {contact: weight}`.",
+    ),
+    "not-free": Explanation(
+        ("caution",),
+        "A chair may carry part of the body throughout",
+        "In a sit-to-stand without a rise the person may be seated all the time, and what the chair carries is not "
+        "measured. Parameters from the rest of the weight would be far too small, so none are given.",
+        "Use a `window:` in which the person rises and stands.",
+    ),
+    "components-short": Explanation(
+        ("caution",),
+        "The fitted components do not tell everything",
+        "Base parameters from a part of the wrench decide what that part feels. Other components, the centre of "
+        "pressure and some torques depend on parameters that stay open, so they are left empty.",
+        "Fit Fy and tauz at least, which decide all of them.",
+    ),
+    "load-shared": Explanation(
+        ("caution",),
+        "The body moves with less mass than it stands with",
+        "The mass that was identified is not the one that the plates show in standing. Most often a chair, or a hand "
+        "on a support, carried a part of the body in samples that were identified on, and all parameters are wrong "
+        "with it.",
+        "For a movement from a chair set `protocol: sit-to-stand`; otherwise give a `window:` without the support.",
     ),
     "no-repetitions": Explanation(
         ("caution",),
         "Nobody rises",
         "The trial is declared a sit-to-stand, yet the body does not go up and down as one does. There are no "
-        "repetitions, and every sample counts as free of a chair.",
-        "Set `protocol: free` if the movement is another; otherwise check the segments and the vertical axis.",
+        "repetitions. Only if the markers show that the person stands is anything identified.",
+        "Use a window that holds a whole rise. Set `protocol: free` if the movement is another and without a chair; "
+        "otherwise check the segments and the vertical axis.",
     ),
     "recording-oddity": Explanation(
         ("ok",),
@@ -192,6 +260,14 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "A plane has two sides. If the wrong one was taken, x, every angle, Fx, the moment and the centre of pressure "
         "have the other sign; sizes do not change.",
         "Compare the skeleton with the person; if it is mirrored, give `planarise: {facing: +x}`.",
+    ),
+    "mass-unchecked": Explanation(
+        ("caution",),
+        "The mass is not checked",
+        "A chair or a support that carries a part of the body shows when the identified mass is held against the "
+        "standing one. Here nobody is shown to stand, and no mass was given.",
+        "Give `subject: {mass: …}`, or record some quiet standing; for a movement from a chair set "
+        "`protocol: sit-to-stand`.",
     ),
     "no-chair": Explanation(
         ("ok",),

@@ -125,6 +125,8 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame) -> dict[str, Any]:
         },
         "cutoff_hz": result.prepared.lowpass.cutoff,
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
+        "untold": list(result.model.untold),
+        "why": _why_untold(result.model.untold),
         "arc_deg": np.degrees(arcs(result.prepared.recorded.q, samples)).tolist(),
         "contact": None if result.contact is None else _contact(result.contact),
     }
@@ -134,9 +136,15 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     """Facts of dynamics.h5 where nothing is known, and why."""
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
-        "samples", "reference_table", "solver", "cutoff_hz", "plate_bias_N", "arc_deg", "contact",
+        "samples", "reference_table", "solver", "cutoff_hz", "plate_bias_N", "untold", "arc_deg", "contact",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
+
+
+def _why_untold(untold: tuple[str, ...]) -> str | None:
+    if not untold:
+        return None
+    return f"the fitted components of the wrench do not tell {', '.join(untold)}: see `identify-dim: {{components: …}}`"
 
 
 def _contact(contact: Contact) -> dict[str, Any]:
@@ -144,6 +152,7 @@ def _contact(contact: Contact) -> dict[str, Any]:
     return {
         "chair": contact.chair,
         "rule": contact.rule,
+        "converged": contact.converged,
         "standing_weight_N": weight,
         "threshold_N": contact.threshold,
     }

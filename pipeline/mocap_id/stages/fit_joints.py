@@ -25,7 +25,7 @@ class FitJointsSettings(Settings):
 def fit_joints(context: Context) -> Outputs:
     """Fit the chain to the markers of its segments."""
     settings: FitJointsSettings = context.settings
-    trajectories = Trajectories.of(context.table("planar.parquet")).thinned(settings.frames)
+    trajectories = Trajectories.of(context.table("planar.parquet")).without_bursts().thinned(settings.frames)
     segments = context.table("segments.parquet")
     assigned = segments.frame.dropna(subset="segment")
     labels = [str(label) for label in assigned["marker"]]

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.fit import LEAST_SECONDS, determined, select
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
@@ -48,7 +49,6 @@ class IdentifyDimSettings(Settings):
     reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table to compare with")
     grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
-    cop_threshold_n: float = Field(20.0, gt=0, description="no centre of pressure under this vertical force, N")
     still_arc_deg: float = Field(3.0, ge=0, description="if no joint turns more, only the mass is known, degrees")
     gravity: float = Field(9.81, gt=0, description="m/s^2")
 
@@ -62,6 +62,10 @@ class _Chain:
     local: FloatArray
     residual: FloatArray
     covariance: FloatArray
+
+    def correlation(self, q: FloatArray, snap: FloatArray) -> FloatArray:
+        """Of the errors of the joint accelerations, (T, n, n)."""
+        return acceleration_correlation(q, self.centres, self.segment, self.local, snap)
 
     @classmethod
     def of(cls, tree: Tree) -> _Chain:
@@ -110,6 +114,7 @@ def identify_dim(context: Context) -> Outputs:
         settings.contact,
         weight_share=settings.seat_off_share,
         knee_bend=settings.knee_bend_rad,
+        stands=context.table("wrench.parquet").facts.get("mass_kg") is not None,
     )
     events = artefacts.events_table(movement.repetitions)
     grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
@@ -117,36 +122,70 @@ def identify_dim(context: Context) -> Outputs:
         unknown = _not_excited(context, prepared, movement)
     if prepared is None or unknown is not None:
         assert unknown is not None
-        return (events, *_nothing(settings, recorded, grid, unknown, movement))
+        return (events, *_nothing(context, recorded, grid, unknown, movement))
     return (events, *_identified(context, chain, prepared, movement, grid))
 
 
 def _identified(
     context: Context, chain: _Chain, prepared: Prepared, movement: Movement, grid: PointGrid
 ) -> tuple[Table, Tree]:
-    settings: IdentifyDimSettings = context.settings
     body = _reference(context, prepared, movement)
-    found = identify(prepared, movement.free, grid, body.parameters, chain.error(prepared.recorded.q))
+    q, threshold = prepared.recorded.q, _cop_threshold(context)
+    found = identify(prepared, movement.free, grid, body.parameters, chain.error(q))
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
-        model=predict(prepared, found, settings.cop_threshold_n),
+        model=predict(prepared, found, chain.correlation(q, _snap(context, q.shape[1])), threshold),
         grid=grid,
         body=body,
         contact=movement.contact,
-        cop_threshold=settings.cop_threshold_n,
+        cop_threshold=threshold,
     )
     frame = artefacts.dynamics_frame(result)
-    reasons = (*movement.reasons, *body.reasons, *judge(prepared, found, context.trial.subject.mass))
+    reasons = (*movement.reasons, *body.reasons, *_judgement(context, result))
     facts = artefacts.dynamics_facts(result, frame)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
 
 
+def _judgement(context: Context, result: artefacts.Identified) -> tuple[Reason, ...]:
+    """What to know before believing the numbers, what the fitted components leave open included."""
+    facts = context.table("wrench.parquet").facts
+    standing, given = facts.get("mass_kg"), context.trial.subject.mass
+    reasons = judge(result.prepared, result.found, given=given, standing=standing)
+    if result.model.untold:
+        open_ = Reason(
+            "components-short",
+            f"fitted to {', '.join(context.settings.components)} alone, the base parameters do not tell "
+            f"{', '.join(result.model.untold)}: no values are given for these; fit Fy and tauz at least "
+            "(`identify-dim: {components: [Fy, tauz]}`)",
+        )
+        reasons = (*reasons, open_)
+    if context.trial.protocol == "free" and standing is None and given is None:
+        unchecked = Reason(
+            "mass-unchecked",
+            "the identified mass could not be held against that of the person standing "
+            f"({facts.get('why') or 'the plates do not show it'}) nor against `subject: {{mass: …}}`: if a chair or a "
+            "support carries a part of the body, the parameters are wrong and nothing shows it",
+        )
+        reasons = (*reasons, unchecked)
+    return reasons
+
+
+def _cop_threshold(context: Context) -> float:
+    """Vertical force up to which there is no centre of pressure, N: the one that planarise went by."""
+    return float(context.table("wrench.parquet").facts["cop_threshold_N"])
+
+
+def _snap(context: Context, joints: int) -> FloatArray:
+    """Standard deviation of each joint's process noise (n,), rad/s⁴."""
+    return np.broadcast_to(np.asarray(context.table("states.parquet").facts["sigma_v"], dtype=np.float64), (joints,))
+
+
 def _nothing(
-    settings: IdentifyDimSettings, recorded: Recorded, grid: PointGrid, unknown: _Unknown, movement: Movement
+    context: Context, recorded: Recorded, grid: PointGrid, unknown: _Unknown, movement: Movement
 ) -> tuple[Table, Tree]:
     """The artefacts of a trial whose parameters stay unknown."""
-    frame = artefacts.empty_frame(recorded, settings.cop_threshold_n)
+    frame = artefacts.empty_frame(recorded, _cop_threshold(context))
     data = artefacts.empty_data(recorded.centres, grid, unknown.mass)
     reasons = (*movement.reasons, Reason(unknown.code, unknown.why))
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, data, artefacts.empty_facts(unknown.why), reasons)
@@ -218,6 +257,13 @@ def _not_excited(context: Context, prepared: Prepared, movement: Movement) -> _U
     recorded = prepared.recorded
     chosen = select(prepared, movement.free)
     mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if not movement.free.any():
+        return _Unknown(
+            "not-free",
+            "in no sample is it known that the ground alone touches the body: what a chair carries is not measured. "
+            "Use a window in which the person rises and stands",
+            mass,
+        )
     if chosen.sum() < LEAST_SECONDS * recorded.rate:
         return _Unknown(
             "too-few-samples",
@@ -228,12 +274,14 @@ def _not_excited(context: Context, prepared: Prepared, movement: Movement) -> _U
         )
     arc = np.degrees(np.max(arcs(recorded.q, chosen)))
     if arc < settings.still_arc_deg:
-        vertical = float(np.nanmedian(recorded.wrench[chosen, 1]))
+        if mass is None and _known_to_be_free(context, movement):
+            mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
+        shown = "nothing" if mass is None else "only the mass"
         return _Unknown(
             "standing-still",
             f"no joint turns more than {arc:.1f}° where only the ground touches the body, expected at least "
-            f"{settings.still_arc_deg:g}°: only the mass is known; record a movement",
-            mass if mass is not None else vertical / settings.gravity,
+            f"{settings.still_arc_deg:g}°: {shown} is known; record a movement",
+            mass,
         )
     if not determined(prepared, movement.free):
         return _Unknown(
@@ -243,6 +291,13 @@ def _not_excited(context: Context, prepared: Prepared, movement: Movement) -> _U
             mass,
         )
     return None
+
+
+def _known_to_be_free(context: Context, movement: Movement) -> bool:
+    """Whether the samples to identify on are shown, not only taken, to have no contact but the ground's."""
+    if context.trial.protocol == "robot-joint":
+        return True
+    return movement.contact is not None and movement.contact.chair is not None
 
 
 def _reference(context: Context, prepared: Prepared, movement: Movement) -> ReferenceBody:
@@ -267,7 +322,7 @@ def _reference(context: Context, prepared: Prepared, movement: Movement) -> Refe
 
 STAGE = Stage(
     name="identify-dim",
-    version=1,
+    version=2,
     inputs=("wrench.parquet", "chain.h5", "states.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),

@@ -33,6 +33,12 @@ class PlanariseSettings(Settings):
     vertical: Literal["X", "Y", "Z", "-X", "-Y", "-Z"] | None = Field(
         None, description="the file's axis that points up; found from the force plates or the file where not given"
     )
+    force_unit: Literal["N", "kN", "mN", "lbf", "kgf"] | None = Field(
+        None, description="unit of the plates' force channels, where the file does not declare it or declares it wrong"
+    )
+    moment_unit: Literal["Nm", "Nmm", "Ncm", "kNm", "lbf.ft", "lbf.in", "kgf.m"] | None = Field(
+        None, description="unit of the plates' moment channels, where the file does not declare it or declares it wrong"
+    )
     facing: Literal["-x", "+x"] = Field(
         "-x", description="way along the plane's x that the subject should face; +x turns the plane around"
     )
@@ -65,7 +71,14 @@ def planarise(context: Context) -> Outputs:
     """Read the recording and express it in the plane of motion."""
     settings: PlanariseSettings = context.settings
     files = context.trial.recording
-    source = recording.read(files.markers, files.forces, units=settings.units, vertical=settings.vertical)
+    source = recording.read(
+        files.markers,
+        files.forces,
+        units=settings.units,
+        vertical=settings.vertical,
+        force_unit=settings.force_unit,
+        moment_unit=settings.moment_unit,
+    )
     part = _part(source, context.trial.window, settings.ignore)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     choice = recording.choose_plates(
@@ -76,11 +89,12 @@ def planarise(context: Context) -> Outputs:
         seat=context.trial.plates.seat,
     )
     frame, faced, planarity = _plane(part, source, choice, settings)
-    notes = _notes(part, None if context.trial.protocol == "robot-joint" else faced, settings)
+    doubted = tuple(text for index in choice.indexes("feet") for text in source.plates[index].assumptions)
+    notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
     planar = Table(PLANAR, _trajectories(part, frame), _planar_facts(part, frame, planarity, faced), notes)
     wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N)
     facts, reasons = _wrench_facts(part, samples, choice, settings.cop_threshold_N)
-    return planar, Table(WRENCH, wrench, facts, reasons)
+    return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons))
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
@@ -227,9 +241,23 @@ def _wrench_facts(
     return facts, reasons
 
 
-def _notes(part: _Part, faced: Facing | None, settings: PlanariseSettings) -> tuple[Reason, ...]:
+def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:
+    """Units that were assumed for the feet's plates: forces, mass and inertial parameters rest on them."""
+    return tuple(
+        Reason(
+            "plate-unit-assumed",
+            f"{assumption}; if the unit is another, give `planarise: {{force_unit: …, moment_unit: …}}`.",
+        )
+        for assumption in assumptions
+    )
+
+
+def _notes(
+    part: _Part, doubted: Sequence[str], faced: Facing | None, settings: PlanariseSettings
+) -> tuple[Reason, ...]:
     """What a reader should know about the reading, none of it a doubt about the results."""
-    notes = [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in part.source.oddities]
+    oddities = [oddity for oddity in part.source.oddities if oddity not in doubted]
+    notes = [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
     if part.proposed:
         notes.append(
             Reason(
@@ -254,7 +282,7 @@ def _notes(part: _Part, faced: Facing | None, settings: PlanariseSettings) -> tu
 
 STAGE = Stage(
     name="planarise",
-    version=1,
+    version=2,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates"),

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
@@ -42,7 +42,9 @@ def segment(context: Context) -> Outputs:
     """Sort the markers into base and segments."""
     settings: SegmentSettings = context.settings
     trial = context.trial
-    trajectories = Trajectories.of(context.table("planar.parquet")).thinned(settings.frames)
+    measured = Trajectories.of(context.table("planar.parquet"))
+    clean = measured.without_bursts()
+    trajectories = clean.thinned(settings.frames)
     longest = settings.count or LONGEST[trial.protocol]
     rules = SegmentationRules(
         still_limit=settings.still_limit_m,
@@ -82,7 +84,8 @@ def segment(context: Context) -> Outputs:
         "hypotheses": [_hypothesis(h, trajectories.labels) for h in found.hypotheses],
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
-    return (Table(SEGMENTS, frame, facts, not_planar + doubts),)
+    doubts += _upside_down(trajectories.points, found.segment)
+    return (Table(SEGMENTS, frame, facts, _bursts(measured, clean) + not_planar + doubts),)
 
 
 def _planarity(points: FloatArray) -> float:
@@ -125,6 +128,24 @@ def _lateral(points: FloatArray) -> FloatArray:
     return np.where(counts > 0, np.where(seen, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
 
 
+def _bursts(measured: Trajectories, clean: Trajectories) -> tuple[Reason, ...]:
+    """A note of the samples that were taken for jumps, and of where most of them are."""
+    out = np.isfinite(measured.plane) & ~np.isfinite(clean.plane)
+    if not out.any():
+        return ()
+    worst = int(np.argmax(out.sum(axis=0)))
+    first = measured.time[np.flatnonzero(out[:, worst])[0]]
+    return (
+        Reason(
+            "bursts",
+            f"{int(out.sum())} samples jump away and back and were left out of the segments and the joint fit, most of "
+            f"them of {measured.labels[worst]}, first at {first:.2f} s.",
+            float(out.sum() / np.isfinite(measured.plane).sum()),
+            level="ok",
+        ),
+    )
+
+
 def _given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     if len(names) != count:
         raise ConfigError(
@@ -159,6 +180,22 @@ def _hypothesis(hypothesis: Hypothesis, labels: tuple[str, ...]) -> dict[str, An
         "markers": [[labels[m] for m in body.markers] for body in hypothesis.chain],
         "left_out": [[labels[m] for m in body.markers] for body in hypothesis.left_out],
     }
+
+
+def _upside_down(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:
+    """A caution for a chain that hangs below its base, which no person on the ground does."""
+    height = np.array([np.nanmean(points[:, segment == k, 1]) for k in (0, int(segment.max()))])
+    if height[1] >= height[0]:
+        return ()
+    return (
+        Reason(
+            "upside-down",
+            f"the chain hangs {height[0] - height[1]:.2f} m below its base: if a person stands there, the vertical "
+            "axis is wrong (`planarise: {vertical: …}`).",
+            float(height[0] - height[1]),
+            0.0,
+        ),
+    )
 
 
 def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:

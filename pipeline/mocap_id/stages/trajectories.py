@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics import find_bursts
 from mocap_id.store import Table
 
 
@@ -54,9 +55,15 @@ class Trajectories:
         """(F, M) complex ``x + i y``, m."""
         return np.asarray(self.points[..., 0] + 1j * self.points[..., 1])
 
+    def without_bursts(self) -> Trajectories:
+        """The same with short jumps there and back taken for unseen."""
+        points = self.points.copy()
+        points[find_bursts(self.plane, self.rate)] = np.nan
+        return replace(self, points=points)
+
     def thinned(self, count: int) -> Trajectories:
         """At most ``count`` frames, evenly over the trial."""
         if len(self.frames) <= count:
             return self
         kept = np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(np.int64))
-        return Trajectories(self.frames[kept], self.time[kept], self.labels, self.points[kept], self.rate)
+        return replace(self, frames=self.frames[kept], time=self.time[kept], points=self.points[kept])

@@ -43,6 +43,22 @@ def test_an_offset_beyond_the_limit_is_not_known_and_not_applied() -> None:
     assert found.offset == 0.0
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("limit", [0.01, 0.012, 0.013, 0.043, 0.0449, 0.05])
+def test_no_minimum_within_any_limit_is_never_taken_for_one(limit: float, sign: int) -> None:
+    """Limits that are no multiple of the search's step: it must end at them, not short of or beyond them."""
+    prepared = prepare(late_plate(sign * 0.12), FitSettings(offset_limit=limit))
+    found = fit(prepared, np.ones(1500, dtype=bool))
+    assert found.found == pytest.approx(sign * limit)
+    assert not found.offset_known
+
+
+def test_an_offset_close_to_the_limit_is_known() -> None:
+    found = fit(prepare(late_plate(0.0425), FitSettings(offset_limit=0.043)), np.ones(1500, dtype=bool))
+    assert found.offset_known
+    assert found.offset == pytest.approx(0.0425, abs=2e-4)
+
+
 def test_it_can_be_found_and_left_in() -> None:
     prepared = prepare(late_plate(0.02), FitSettings(apply_offset=False))
     found = fit(prepared, np.ones(1500, dtype=bool))
@@ -82,5 +98,6 @@ def test_profile_needs_no_good_start() -> None:
     regressor = wave[:, None, None]
     sampled = SampledWrench.of(time, np.interp(time + 0.09, time, wave)[:, None])
     inner = slice(100, -100)
-    found = profile_offset(regressor[inner], sampled, time[inner], np.ones(1), 0.15)
+    found, at_edge = profile_offset(regressor[inner], sampled, time[inner], np.ones(1), 0.15)
     assert found == pytest.approx(0.09, abs=2e-3)
+    assert not at_edge
