@@ -242,6 +242,5 @@ def test_a_declared_rate_that_the_time_column_contradicts(tmp_path: Path) -> Non
     text = trc(POSITIONS @ TO_Y_UP.T)
     lines = text.splitlines()
     lines[2] = lines[2].replace("100\t100", "60\t60", 1)
-    found = write(tmp_path, "\n".join(lines))
-    assert found.rate == pytest.approx(100)
-    assert any("DataRate is 60" in oddity for oddity in found.oddities)
+    with pytest.raises(RecordingError, match="DataRate is 60 Hz, the Time column runs at 100 Hz"):
+        write(tmp_path, "\n".join(lines))

@@ -40,7 +40,7 @@ class Clock:
 
     def times(self, count: int) -> FloatArray:
         """(count,) s."""
-        return np.round(self.start + np.arange(count) / self.rate, 9)  # no sample is told apart by a nanosecond
+        return np.round(self.start + np.arange(count) / self.rate, 12) + 0.0  # a start of 1e-16 is 0, and not -0
 
     @property
     def coarse(self) -> str:
