@@ -46,10 +46,10 @@ def events_table(repetitions: tuple[Repetition, ...]) -> Table:
 
 
 def dynamics_frame(result: Identified) -> pd.DataFrame:
-    """dynamics.parquet: the measured wrench at the corrected clock beside the models'."""
+    """dynamics.parquet: the measured wrench, clock and constant error of Fx taken out, beside the models'."""
     prepared, model, threshold = result.prepared, result.model, result.cop_threshold
     time = prepared.recorded.time
-    measured = prepared.wrench(time - result.found.fit.offset)
+    measured = prepared.wrench(time - result.found.fit.offset) - [result.found.plate_bias or 0.0, 0.0, 0.0]
     reference = prepared.regressor @ result.body.parameters
     columns = {"time": time}
     columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold))

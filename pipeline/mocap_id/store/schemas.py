@@ -132,7 +132,7 @@ DYNAMICS_TABLE = TableSchema(
     1,
     (
         _TIME,
-        *_wrench("", "measured, at the corrected clock"),
+        *_wrench("", "measured, at the corrected clock, less the plate's constant error of Fx"),
         *_wrench("_model", "identified model"),
         *_wrench("_model", "standard deviation of the model", "sd_"),
         *_wrench("_reference", "allometric model"),
