@@ -49,12 +49,12 @@ better, because their normals meet there; Kåsa's bias shrinks with it, but stay
 
 A body of M markers at distances ρ from their centroid, r from the joint, shows its rotation, so that the arc counts
 once and not squared: sd = √12 σ √(1 + M r² / Σρ²) / (√(MN) arc) along the line to the centroid.
-`kinematics.joint.fit_joint` takes the rotations for exact and solves linearly; the noise in them draws the centre
-towards the markers by about 12 r σ² / (Σρ² arc²), less than the scatter for a wide body or a long arc, more for a tight
-body on a short one. `kinematics.bundle.fit_chain`, which starts there and has the last word in `fit-joints`, estimates
-rotations and centre together: it is unbiased and stands at the bound, on long arcs below it, since the bound counts no
-curvature. Skin is not in these tables; what slips with the angle moves a centre unseen, whatever the fit
-([kinematics](kinematics.md)).
+`kinematics.joint.fit_joint` solves linearly for the centre with the rotations given. Their noise would draw it towards
+the markers by about 12 r σ² / (Σρ² arc²), more than the scatter for a tight body on a short arc; so what the residual
+and the jitter of the angle say of that noise comes off the normal equations, and next to none of the bias is left.
+`kinematics.bundle.fit_chain`, which starts there and has the last word in `fit-joints`, estimates rotations and centre
+together: it is unbiased and stands at the bound, on long arcs below it, since the bound counts no curvature. Skin is
+not in these tables; what slips with the angle moves a centre unseen, whatever the fit ([kinematics](kinematics.md)).
 
 Each cell is bias / sd / rms: mean and standard deviation of the error along the line from the joint to the markers
 (positive: too near to them), and the root mean square of the distance. Starred: the bound exceeds a quarter of the

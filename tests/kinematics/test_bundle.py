@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import bundle as room
+from mocap_id.kinematics import chain_equations as room
 from mocap_id.kinematics import fit_chain, fix_gauge, joint_angles
+from mocap_id.kinematics.links import rigid_body_links
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3, 4])
@@ -26,14 +27,16 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int) -> Non
 def test_the_normal_equations_are_those_of_finite_differences(chain) -> None:
     truth = chain(3, frames=5)
     moving = np.flatnonzero(truth.segment > 0)
-    start = room._start(truth.points, truth.segment, 3)
+    start = rigid_body_links(truth.points, truth.segment)
     rng = np.random.default_rng(0)
     weights = rng.uniform(size=(5, len(moving)))
-    problem = room._Problem(truth.points[:, moving] + 0.01, weights, truth.segment[moving], 3)
-    state = room._State(start.centres, start.local[moving], start.angles)
+    problem = room.Problem(
+        truth.points[:, moving] + 0.01, weights, truth.segment[moving], np.zeros(len(moving), dtype=bool), 3
+    )
+    state = room.State(start.centres, start.local[moving], start.angles)
 
     def predicted(common: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        z = room._predicted(problem, room._moved(state, (common, turns)))
+        z = room.predicted(problem, room.moved(state, (common, turns)))
         return np.stack([z.real, z.imag], axis=2).reshape(5, -1)
 
     def slope(make) -> np.ndarray:
@@ -45,9 +48,9 @@ def test_the_normal_equations_are_those_of_finite_differences(chain) -> None:
     )
     swing = np.stack([slope(lambda h, k=k: (none, still + h * np.eye(3)[k])) for k in range(3)], axis=2)
     weight = np.repeat(weights, 2, axis=1)
-    z = problem.points - room._predicted(problem, state)
+    z = problem.points - room.predicted(problem, state)
     off = np.stack([z.real, z.imag], axis=2).reshape(5, -1)
-    normal = room._normal_equations(problem, state)
+    normal = room.normal_equations(problem, state)
     assert np.allclose(normal.common, np.einsum("tkp,tk,tkq->pq", common, weight, common), atol=1e-8)
     assert np.allclose(normal.cross, np.einsum("tkn,tk,tkq->tnq", swing, weight, common), atol=1e-8)
     assert np.allclose(normal.angles, np.einsum("tkn,tk,tkm->tnm", swing, weight, swing), atol=1e-8)

@@ -7,10 +7,38 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_id.kinematics.joint import fit_joint
-from mocap_id.kinematics.rigid import fit_body, marker_residuals, still_body
+from mocap_id.kinematics.joint import PairJoint, fit_joint
+from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_body
 
 SEEDS = st.integers(0, 1000)
+RADIUS, FRAMES, MARKERS = 0.35, 200, 3
+
+
+def swinging(seed: int, degrees: float, size: float, noise: float) -> tuple[Body, Body]:
+    """A still base, and three markers ``size`` from their centroid, that 350 mm above the joint in the origin."""
+    rng = np.random.default_rng([seed, round(10 * degrees), round(1e6 * size), round(1e6 * noise)])
+    angle = np.radians(degrees) * ((np.arange(FRAMES) + 0.5) / FRAMES - 0.5)
+    corners = size * np.exp(1j * (2 * np.pi * np.arange(MARKERS) / MARKERS + rng.uniform(0, 6)))
+    points = np.exp(1j * angle)[:, None] * (RADIUS * 1j + corners)
+    points = np.concatenate([np.tile([0.1 + 0j, -0.1, 0.05j], (FRAMES, 1)), points], axis=1)
+    points = points + noise * (rng.standard_normal(points.shape) + 1j * rng.standard_normal(points.shape))
+    return still_body(points, np.arange(3)), fit_body(points, np.arange(3, 6))
+
+
+def bound(degrees: float, size: float, noise: float) -> float:
+    """Standard deviation that the rotation allows along the line to the markers (METHOD, §3), m."""
+    lever = np.sqrt(1 + RADIUS**2 / size**2)
+    return float(np.sqrt(12) * noise * lever / (np.sqrt(MARKERS * FRAMES) * np.radians(degrees)))
+
+
+def linear(parent: Body, child: Body) -> tuple[complex, complex]:
+    """The oracle: what plain least squares gives with the rotations taken for exact."""
+    r, s = parent.rotation, child.rotation
+    design = np.block([[r.real, -r.imag, -s.real, s.imag], [r.imag, r.real, -s.imag, -s.real]])
+    design = design.reshape(2, 4, -1).transpose(0, 2, 1).reshape(-1, 4)
+    gap = child.position - parent.position
+    p = np.linalg.lstsq(design, np.concatenate([gap.real, gap.imag]), rcond=1e-8)[0]
+    return complex(*p[:2]), complex(*p[2:])
 
 
 @given(SEEDS)
@@ -76,3 +104,63 @@ def test_the_base_is_the_plane_frame(chain) -> None:
     base = still_body(points, np.arange(4))
     assert base.residual < 1e-12
     assert np.allclose(base.local(points), points)
+
+
+def test_the_noise_of_an_angle_is_that_of_repetition() -> None:
+    """Bodies of two, three and ten markers: what the pose takes from the residual is given back."""
+    rng = np.random.default_rng(4)
+    for markers in (2, 3, 10):
+        place = 0.1 * (rng.standard_normal(markers) + 1j * rng.standard_normal(markers))
+        noise = 1e-3 * (rng.standard_normal((4000, markers)) + 1j * rng.standard_normal((4000, markers)))
+        body = fit_body(place + noise, np.arange(markers))
+        spread = np.std(np.angle(body.rotation * np.conj(body.rotation.mean())))
+        assert body.angle_noise == pytest.approx(spread, rel=0.03)  # sd of 4000 is known to 1.1 %
+
+
+@pytest.mark.parametrize("size", [0.132, 0.05])
+@pytest.mark.parametrize("noise", [0.25e-3, 0.5e-3, 1e-3])
+def test_ten_degrees_place_a_joint_at_the_bound(size: float, noise: float) -> None:
+    """Within 1.3 times; plain least squares needs up to 3.2, most of it bias."""
+    error = np.array([fit_joint(*swinging(seed, 10, size, noise)).in_parent.imag for seed in range(150)])
+    assert np.sqrt(np.mean(error**2)) < 1.3 * bound(10, size, noise)
+    assert abs(error.mean()) < 0.4 * bound(10, size, noise)  # the mean of 150 is known to 0.08
+
+
+@given(seed=SEEDS)
+def test_without_noise_it_is_plain_least_squares(seed: int) -> None:
+    for degrees in (3.0, 40.0):
+        bodies = swinging(seed, degrees, 0.05, 0.0)
+        joint = fit_joint(*bodies)
+        assert (joint.in_parent, joint.in_child) == pytest.approx(linear(*bodies), abs=1e-6)
+
+
+@given(seed=SEEDS, degrees=st.floats(0.1, 4), size=st.floats(0.02, 0.2), noise=st.floats(1e-5, 3e-3))
+def test_no_noise_makes_the_correction_large(seed: int, degrees: float, size: float, noise: float) -> None:
+    """On the line on which plain least squares has the joint from a body's centroid, never more than twice as far."""
+    bodies = swinging(seed, degrees, size, noise)
+    ratio = fit_joint(*bodies).in_child / linear(*bodies)[1]
+    assert abs(ratio.imag) < 1e-6
+    assert 1 - 1e-6 < ratio.real < 2 + 1e-6
+
+
+def test_more_noise_changes_the_centre_without_a_jump() -> None:
+    """The same disturbance, larger and larger, until nothing of the 2 degrees is left to see."""
+    rng = np.random.default_rng(8)
+    rest, body = swinging(0, 2, 0.05, 0.0)
+    points = body.position[:, None] + body.rotation[:, None] * body.template
+    shaken = rng.standard_normal(points.shape) + 1j * rng.standard_normal(points.shape)
+    steps = np.linspace(0, 3e-3, 301)
+    found: list[PairJoint] = [fit_joint(rest, fit_body(points + size * shaken, np.arange(3))) for size in steps]
+    centre = np.array([joint.in_parent for joint in found])
+    assert np.abs(np.diff(centre)).max() < 0.012
+    assert np.abs(centre).max() < RADIUS
+
+
+def test_skin_that_slips_is_not_taken_for_noise() -> None:
+    """A slow error leaves a residual and no jitter: the centre stays where plain least squares has it."""
+    rest, body = swinging(0, 12, 0.05, 0.0)
+    points = body.position[:, None] + body.rotation[:, None] * body.template
+    slow = np.sin(np.linspace(0, 9, FRAMES))[:, None] * np.array([2e-3, -1e-3j, 1e-3 + 1e-3j])
+    slipped = fit_body(points + slow, np.arange(3))
+    assert slipped.residual > 5e-4
+    assert fit_joint(rest, slipped).in_parent == pytest.approx(linear(rest, slipped)[0], abs=1e-4)

@@ -10,6 +10,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.joint import fit_joint
 from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals
 
@@ -40,8 +41,11 @@ class Base:
     scatter: FloatArray
 
 
-def find_base(points: ComplexArray, limit: float) -> Base:
+def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
     """Split still from moving markers at the largest jump in their scatter.
+
+    A still marker that belongs together with a moving one is no base marker, nor is the one of two that must be apart
+    which moves more.
 
     Parameters
     ----------
@@ -58,23 +62,35 @@ def find_base(points: ComplexArray, limit: float) -> Base:
         return Base(np.array([], dtype=np.int64), 0.0, 1.0, scatter)
     jumps = np.append(floor[1:], np.inf if still == len(order) else floor[-1]) / floor
     last = int(np.argmax(jumps[:still]))
-    markers = np.sort(order[: last + 1])
+    markers = _permitted(order[: last + 1], order[last + 1 :], constraints)
     noise = float(np.median(scatter[markers]) / np.sqrt(2))
     return Base(markers, noise, float(jumps[last]), scatter)
 
 
-def cluster(points: ComplexArray, moving: IntArray, count: int) -> list[Body]:
+def _permitted(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
+    """The still markers, given in the order of their scatter, that may be the base together."""
+    if constraints is None:
+        return np.sort(still)
+    alone = still[~np.isin(constraints.unit[still], constraints.unit[moving])]
+    kept: list[int] = []
+    for marker in alone:
+        if not constraints.barred[marker, kept].any():
+            kept.append(int(marker))
+    return np.sort(np.array(kept, dtype=np.int64))
+
+
+def cluster(points: ComplexArray, moving: IntArray, count: int, constraints: Constraints) -> list[Body]:
     """Sort the moving markers into at most ``count`` rigid bodies of at least two markers.
 
     Average linkage on the variance of the mutual distances starts it; then every marker goes to the body that holds
     it best, until none changes.
     """
-    tree = linkage(squareform(_distance_variance(points[:, moving]), checks=False), "average")
-    labels = fcluster(tree, count, "maxclust")
-    return reassign(points, [moving[labels == label] for label in np.unique(labels)])
+    variance = constraints.shaped(_distance_variance(points[:, moving]), moving)
+    labels = fcluster(linkage(squareform(variance, checks=False), "average"), count, "maxclust")
+    return reassign(points, [moving[labels == label] for label in np.unique(labels)], constraints)
 
 
-def reassign(points: ComplexArray, groups: list[IntArray]) -> list[Body]:
+def reassign(points: ComplexArray, groups: list[IntArray], constraints: Constraints) -> list[Body]:
     """Move markers between bodies until each sits on the body that holds it best."""
     moving = np.sort(np.concatenate(groups))
     for _ in range(_REASSIGNMENTS):
@@ -82,7 +98,7 @@ def reassign(points: ComplexArray, groups: list[IntArray]) -> list[Body]:
         if len(bodies) < 2:
             break
         residuals = np.stack([marker_residuals(body, points[:, moving]) for body in bodies])
-        best = np.argmin(residuals, axis=0)
+        best = constraints.nearest(residuals**2, moving)
         regrouped = [moving[best == index] for index in range(len(bodies))]
         if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
             break
@@ -90,7 +106,9 @@ def reassign(points: ComplexArray, groups: list[IntArray]) -> list[Body]:
     return [fit_body(points, group) for group in groups if len(group) > 1]
 
 
-def merge_rigid_pairs(points: ComplexArray, bodies: list[Body], min_arc: float, tolerance: float) -> list[Body]:
+def merge_rigid_pairs(
+    points: ComplexArray, bodies: list[Body], min_arc: float, tolerance: float, constraints: Constraints
+) -> list[Body]:
     """Merge bodies that one rigid body fits nearly as well as two.
 
     Parameters
@@ -104,7 +122,10 @@ def merge_rigid_pairs(points: ComplexArray, bodies: list[Body], min_arc: float, 
     while len(bodies) > 1:
         candidates = []
         for (i, first), (j, second) in combinations(enumerate(bodies), 2):
-            merged = fit_body(points, np.sort(np.concatenate([first.markers, second.markers])))
+            markers = np.sort(np.concatenate([first.markers, second.markers]))
+            if not constraints.allow(markers):
+                continue
+            merged = fit_body(points, markers)
             growth = merged.residual / _pooled(first, second)
             wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
             if growth <= _AS_WELL or (growth <= tolerance and fit_joint(first, second).arc < max(min_arc, wobble)):

@@ -10,13 +10,17 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics.bodies import Base, cluster, merge_rigid_pairs
+from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid import Body
 
 FLOOR = 3e-4
 """No camera system resolves less (m), so fitting better than this is worth nothing."""
 
+_APART = 0.2  # m; what lies wider apart on either side of its parent is two limbs
+_MIDDLE = 0.03  # m; this near to the middle between two limbs lies what they hang on
 _ASIDE = 0.05  # m; a limb is this far to one side of its parent
+_SAME_PLACE = 0.15  # m; joints of a pair of limbs are this near to each other as seen from the side
 _NEEDED = 1.2  # a segment between two others is real if leaving it out fits this much worse
 _DEEPEST = 9  # segments with the base that the search goes through
 _LEVELS = 12  # levels of detail that are tried
@@ -73,6 +77,7 @@ class Scene:
     moving : int array
         The markers that are not still.
     rules : SegmentationRules
+    constraints : Constraints
     """
 
     points: ComplexArray
@@ -81,6 +86,7 @@ class Scene:
     ground: Body
     moving: IntArray
     rules: SegmentationRules
+    constraints: Constraints
 
 
 @dataclass(frozen=True)
@@ -102,8 +108,10 @@ def hypotheses(scene: Scene) -> Iterator[Hypothesis]:
     rules = scene.rules
     known: set[tuple[tuple[int, ...], ...]] = set()
     for level in range(1, min(_LEVELS, len(scene.moving) // 2) + 1):
-        bodies = cluster(scene.points, scene.moving, level)
-        bodies = merge_rigid_pairs(scene.points, bodies, rules.min_arc, rules.merge_tolerance)
+        bodies = cluster(scene.points, scene.moving, level, scene.constraints)
+        if not all(scene.constraints.allow(body.markers) for body in bodies):
+            continue
+        bodies = merge_rigid_pairs(scene.points, bodies, rules.min_arc, rules.merge_tolerance, scene.constraints)
         best = _best_chain(scene, bodies)
         if best is None:
             continue
@@ -123,7 +131,8 @@ def _best_chain(scene: Scene, bodies: list[Body]) -> tuple[tuple[Body, ...], tup
     real = {
         pair for pair, joint in joints.items() if joint.residual <= rules.max_residual and joint.arc >= rules.min_arc
     }
-    real -= _paired(real, np.array([np.nanmean(scene.lateral[body.markers]) for body in links]))
+    real -= _paired(real, joints, np.array([np.nanmean(scene.lateral[body.markers]) for body in links]))
+    real = {(i, j) for i, j in real if i == 0 or not _straddles(scene.lateral, links[j], links[i])}
     best: tuple[float, tuple[Body, ...], tuple[PairJoint, ...]] | None = None
     for path in _paths((0,), real, len(links), rules):
         if _skips_as_well(path, joints):
@@ -142,15 +151,32 @@ def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoin
     return any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
 
 
-def _paired(real: set[tuple[int, int]], lateral: FloatArray) -> set[tuple[int, int]]:
-    """Joints to one of two limbs on either side of the same parent: a serial chain cannot go on through one of them."""
+def _paired(
+    real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
+) -> set[tuple[int, int]]:
+    """Joints to one of two limbs on either side of the same place: a serial chain cannot go on through one of them."""
     aside = {(i, j): lateral[j] - lateral[i] for i, j in real}
     return {
         (i, j)
         for i, j in real
         for k in range(len(lateral))
-        if (i, k) in real and abs(aside[i, j]) > _ASIDE and abs(aside[i, k]) > _ASIDE and aside[i, j] * aside[i, k] < 0
+        if (i, k) in real
+        and min(abs(aside[i, j]), abs(aside[i, k])) > _ASIDE
+        and aside[i, j] * aside[i, k] < 0
+        and abs(joints[i, j].in_parent - joints[i, k].in_parent) < _SAME_PLACE
     }
+
+
+def _straddles(lateral: FloatArray, child: Body, parent: Body) -> bool:
+    """Whether a body is two limbs that move alike, on either side of a parent between them: arms on a trunk.
+
+    Legs are no such limbs: what they stand on and hang from is as two-sided as they are, up to the pelvis.
+    """
+    across = np.sort(lateral[child.markers])
+    between = int(np.argmax(np.diff(across)))
+    low, high = across[between], across[between + 1]
+    from_middle = np.abs(lateral[parent.markers] - (low + high) / 2)
+    return bool(high - low > _APART and (from_middle < _MIDDLE).any())
 
 
 def _paths(

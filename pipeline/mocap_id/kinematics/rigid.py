@@ -42,9 +42,15 @@ class Body:
 
     @property
     def angle_noise(self) -> float:
-        """Standard deviation of ``rotation``'s angle that the residual would cause if it were noise, rad."""
-        spread = float(np.sqrt(np.sum(np.abs(self.template) ** 2)))
-        return self.residual / np.sqrt(2) / spread if spread > 0 else np.inf
+        """Standard deviation of ``rotation``'s angle that the residual would cause if it were noise, rad.
+
+        Of a frame's 2M coordinates the pose takes three, so that noise leaves a residual smaller than itself; infinite
+        where it leaves none.
+        """
+        spread, coordinates = float(np.sqrt(np.sum(np.abs(self.template) ** 2))), 2 * len(self.markers)
+        if spread == 0 or coordinates <= 3:
+            return np.inf
+        return float(self.residual * np.sqrt(coordinates / (coordinates - 3) / 2) / spread)
 
     def local(self, points: ComplexArray) -> ComplexArray:
         """Trajectories (F, ...) seen from the body's frame."""

@@ -15,6 +15,7 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.kinematics.bodies import Base, cluster, find_base
+from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, Scene, SegmentationRules, hypotheses
 from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_body
@@ -62,7 +63,9 @@ class Segmentation:
         return min(self.confidences)
 
 
-def segment_markers(points: ComplexArray, lateral: FloatArray, rules: SegmentationRules) -> Segmentation:
+def segment_markers(
+    points: ComplexArray, lateral: FloatArray, rules: SegmentationRules, constraints: Constraints | None = None
+) -> Segmentation:
     """Sort markers into the segments of a serial chain on a fixed base.
 
     Parameters
@@ -71,16 +74,19 @@ def segment_markers(points: ComplexArray, lateral: FloatArray, rules: Segmentati
         Trajectories in the plane, m; NaN where unseen. A few hundred frames that span the motion are enough.
     lateral : (M,) array
         Mean out-of-plane coordinate of every marker, m: tells a pair of limbs from the trunk they hang on.
+    constraints : Constraints, optional
+        Markers that the user wants together or apart.
 
     Raises
     ------
     Refused
         ``no-fixed-base``, ``no-motion`` or ``no-chain``, with the numbers.
     """
-    base = find_base(points, rules.still_limit)
+    constraints = constraints or Constraints.of(points.shape[1])
+    base = find_base(points, rules.still_limit, constraints)
     _require_base_and_motion(base, points, rules)
     moving = np.setdiff1d(np.flatnonzero(np.isfinite(base.scatter)), base.markers)
-    scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules)
+    scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules, constraints)
     considered = tuple(sorted(hypotheses(scene), key=lambda hypothesis: hypothesis.cost))
     if not considered:
         raise _no_chain(scene)
@@ -126,12 +132,14 @@ def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
     residuals = np.stack([marker_residuals(body, points) for body in links])
     own = np.array([body.residual for body in links])
     nearest = np.argmin(residuals, axis=0)
-    adopted = np.min(residuals, axis=0) <= _ADOPT * own[nearest]
-    segment = np.where(adopted & ~np.isin(np.arange(points.shape[1]), scene.base.markers), nearest, -1)
+    segment = np.full(points.shape[1], -1)
     for k, body in enumerate(links):
         segment[body.markers] = k
+    open_to = scene.constraints.open_to(segment, len(links))
+    adopted = (np.min(residuals, axis=0) <= _ADOPT * own[nearest]) & open_to[nearest, np.arange(points.shape[1])]
+    segment = np.where((segment < 0) & adopted, nearest, segment)
     residual = residuals[segment, np.arange(points.shape[1])]
-    for marker, on_segment in _on_first_axis(points, scene.ground, best.chain[0]).items():
+    for marker, on_segment in _on_first_axis(scene, best.chain[0]).items():
         segment[marker], residual[marker] = 1, on_segment
     ratios = _ratios(points, links, best.joints)
     sure = [_SURE_SKIPPED] * (len(ratios) - 1) + [_SURE_FIXED]
@@ -146,25 +154,29 @@ def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
     )
 
 
-def _on_first_axis(points: ComplexArray, ground: Body, first: Body) -> dict[int, float]:
+def _on_first_axis(scene: Scene, first: Body) -> dict[int, float]:
     """Still markers that belong to segment 1, with their residual there, the surest first.
 
     A marker on the axis of joint 1 (a malleolus) hardly moves, so rigidity puts it on the base; on the segment it pins
     the joint. The segment is fitted anew with each one: judged from outside, a few degrees of soft tissue would reject
     it; and with those taken before, so that a heel cannot follow where a malleolus has pinned the axis.
     """
-    held = marker_residuals(ground, points)
+    points, constraints = scene.points, scene.constraints
+    held = marker_residuals(scene.ground, points)
     taken: dict[int, float] = {}
-    left = [int(marker) for marker in ground.markers]
-    while len(left) > 2:
+    alone = np.bincount(constraints.unit)[constraints.unit] == 1
+    left = [int(marker) for marker in scene.ground.markers if alone[marker]]
+    while len(scene.ground.markers) - len(taken) > 2:
         members = np.concatenate([first.markers, np.array(list(taken), dtype=np.int64)])
+        left = [marker for marker in left if marker not in taken and not constraints.barred[marker, members].any()]
+        if not left:
+            break
         refitted = {marker: fit_body(points, np.append(members, marker)) for marker in left}
         residual = {m: float(marker_residuals(body, points[:, m : m + 1])[0]) for m, body in refitted.items()}
         best = min(left, key=lambda marker: residual[marker] / held[marker] if held[marker] > 0 else np.inf)
         if residual[best] > _PREFER_MOVING * held[best]:
             break
         taken[best] = residual[best]
-        left.remove(best)
     return taken
 
 
@@ -184,7 +196,7 @@ def _ratios(points: ComplexArray, links: tuple[Body, ...], joints: tuple[PairJoi
 def _no_chain(scene: Scene) -> Refused:
     """Why no body turns about a point fixed to the base."""
     rules = scene.rules
-    bodies = [body for level in (1, 2, 3) for body in cluster(scene.points, scene.moving, level)]
+    bodies = [body for level in (1, 2, 3) for body in cluster(scene.points, scene.moving, level, scene.constraints)]
     pairs = [(fit_joint(scene.ground, body), body) for body in bodies]
     joint, body = min(pairs, key=lambda pair: np.hypot(pair[0].residual, pair[1].residual), default=(None, None))
     if joint is None or body is None:

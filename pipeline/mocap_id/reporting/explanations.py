@@ -66,6 +66,16 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "movement. They are left out before the segments are sought.",
         "Nothing, if they are few. Otherwise look at that marker in the cameras' own software.",
     ),
+    "marker-swap": Explanation(
+        ("caution", "ok"),
+        "Two markers carry each other's label",
+        "Two trajectories exchange their places at once, and the distances to the markers around them hold only if the "
+        "labels are exchanged too. The labels that the file begins with count as right. Left as they are (caution), "
+        "swapped markers spoil the segments, the joints and everything after them; exchanged back (note), they do no "
+        "harm.",
+        "Compare the frames that are named with the cameras' own software and relabel there, or give `planarise: "
+        "{repair_swaps: true}`. Your file is never changed.",
+    ),
     "upside-down": Explanation(
         ("caution",),
         "The chain hangs below its base",
@@ -92,6 +102,13 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "is.",
         "Compare the skeleton with the person. If it is right, give `segment: {count: …}` to settle it; if it is "
         "wrong, give the count that is right, or add markers to the segment that was missed.",
+    ),
+    "estimator": Explanation(
+        ("caution",),
+        "Joints fitted for comparison",
+        "The configuration asks for an estimator that is kept to be compared with. On the whole its joints lie further "
+        "off than those of the whole chain's fit (docs/link-by-link.md), and so does what follows from them.",
+        "Leave `fit-joints: {estimator: …}` away, unless the comparison is what you want.",
     ),
     "small-arc": Explanation(
         ("caution",),

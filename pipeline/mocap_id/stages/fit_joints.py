@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Literal
+
 import numpy as np
 from pydantic import Field
 
-from mocap_id.arrays import ComplexArray, FloatArray
-from mocap_id.kinematics import ChainFit, fit_chain, fix_gauge
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.errors import ConfigError
+from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Tree
@@ -17,7 +21,14 @@ from mocap_id.verdict import Reason
 class FitJointsSettings(Settings):
     """How much is looked at, and when a joint is called weak."""
 
-    frames: int = Field(800, ge=50, description="frames fitted, evenly over the trial")
+    estimator: Literal["bundle", "rigid-body", "circle"] = Field(
+        "bundle",
+        description="the whole chain; to compare with: bodies pair by pair, or the thesis's circles link by link",
+    )
+    frames: int = Field(400, ge=50, description="frames fitted, evenly along the way that the markers travel")
+    lambda_a: float = Field(
+        0.01, gt=0, description="weight of the markers about a joint that `segment: joint_markers` names (3.16)"
+    )
     small_arc_deg: float = Field(10.0, ge=0, description="a joint that turns less is reported as weak, degrees")
     large_sd_m: float = Field(0.02, gt=0, description="a centre less certain than this is reported, m")
 
@@ -25,14 +36,21 @@ class FitJointsSettings(Settings):
 def fit_joints(context: Context) -> Outputs:
     """Fit the chain to the markers of its segments."""
     settings: FitJointsSettings = context.settings
-    trajectories = Trajectories.of(context.table("planar.parquet")).without_bursts().thinned(settings.frames)
+    trajectories = Trajectories.of(context.table("planar.parquet")).without_bursts().along_motion(settings.frames)
     segments = context.table("segments.parquet")
     assigned = segments.frame.dropna(subset="segment")
     labels = [str(label) for label in assigned["marker"]]
     segment = assigned["segment"].to_numpy(dtype=np.int64)
     kept = [trajectories.labels.index(label) for label in labels]
-    fit = fix_gauge(fit_chain(trajectories.plane[:, kept], segment))
     joint_names = segments.facts["joint_names"]
+    named: Mapping[str, list[str]] = segments.facts["joint_markers"]
+    auxiliary = {
+        joint_names.index(name) + 1: trajectories.plane[:, [trajectories.labels.index(label) for label in about]].mean(
+            axis=1
+        )
+        for name, about in named.items()
+    }
+    fit = fix_gauge(_estimate(trajectories.plane[:, kept], segment, auxiliary, settings))
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -54,10 +72,50 @@ def fit_joints(context: Context) -> Outputs:
         },
     }
     facts = {
+        "estimator": settings.estimator,
         "iterations": fit.iterations,
         "reprojection_rms_m": float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
     }
-    return (Tree(CHAIN, data, facts, _weak_joints(fit, joint_names, settings)),)
+    reasons = _for_comparison(settings) + _pulled(named, settings) + _weak_joints(fit, joint_names, settings)
+    return (Tree(CHAIN, data, facts, reasons),)
+
+
+def _estimate(
+    points: ComplexArray, segment: IntArray, auxiliary: Mapping[int, ComplexArray], settings: FitJointsSettings
+) -> ChainFit:
+    if settings.estimator == "bundle":
+        return fit_chain(points, segment, auxiliary, settings.lambda_a)
+    if auxiliary:
+        raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` uses none")
+    return fit_links(points, segment, settings.estimator)
+
+
+def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:
+    """A caution where the chain is not the one that the program would give by itself."""
+    if settings.estimator == "bundle":
+        return ()
+    spread = "; its joints and lengths have no standard deviations" if settings.estimator == "circle" else ""
+    return (
+        Reason(
+            "estimator",
+            f"the joints are fitted by `{settings.estimator}`, which is there to be compared with{spread}. Leave "
+            "`fit-joints: {estimator: …}` away for the fit of the whole chain.",
+        ),
+    )
+
+
+def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tuple[Reason, ...]:
+    """A note of each joint that markers pull."""
+    return tuple(
+        Reason(
+            "joint-markers",
+            f"the centre of the {name} is pulled towards the middle of {', '.join(about)} (λ_A = "
+            f"{settings.lambda_a:g}); its standard deviation does not say how far that is from the joint.",
+            settings.lambda_a,
+            level="ok",
+        )
+        for name, about in named.items()
+    )
 
 
 def _xy(points: ComplexArray) -> FloatArray:
@@ -69,7 +127,7 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
     """A caution for every joint that turned too little, or whose centre is uncertain."""
     reasons = []
     for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):
-        sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+        sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
         if arc < settings.small_arc_deg:
             reasons.append(
                 Reason(
@@ -80,7 +138,7 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
                     settings.small_arc_deg,
                 )
             )
-        elif sd > settings.large_sd_m:
+        elif sd is not None and sd > settings.large_sd_m:
             reasons.append(
                 Reason(
                     "joint-uncertain",
@@ -94,7 +152,7 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
 
 STAGE = Stage(
     name="fit-joints",
-    version=1,
+    version=2,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import fit_plane, propose_window
 from mocap_id.recording import PlateChoice, PlateSamples, Recording
 from mocap_id.recording.posture import Facing, facing
+from mocap_id.stages import swapped
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.store import Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -46,6 +47,7 @@ class PlanariseSettings(Settings):
         None, ge=-180, le=180, description="angle of the plane's x from the lab's X, degrees; fitted where not given"
     )
     ignore: tuple[str, ...] = Field((), description="markers to leave out, as names or patterns such as 'L*WR*'")
+    repair_swaps: bool = Field(False, description="exchange markers back that carry each other's label for a while")
     cop_threshold_N: float = Field(  # noqa: N815
         20.0, gt=0, description="vertical force under which there is no centre of pressure, N"
     )
@@ -80,6 +82,11 @@ def planarise(context: Context) -> Outputs:
         moment_unit=settings.moment_unit,
     )
     part = _part(source, context.trial.window, settings.ignore)
+    frames = source.frames[part.first : part.stop]
+    swaps = swapped.check(
+        part.positions, part.labels, frames, part.time, rate=source.rate, repairing=settings.repair_swaps
+    )
+    part = replace(part, positions=swaps.positions)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     choice = recording.choose_plates(
         source.plates,
@@ -91,7 +98,8 @@ def planarise(context: Context) -> Outputs:
     frame, faced, planarity = _plane(part, source, choice, settings)
     doubted = tuple(text for index in choice.indexes("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    planar = Table(PLANAR, _trajectories(part, frame), _planar_facts(part, frame, planarity, faced), notes)
+    found = {"swaps": swaps.facts, **_planar_facts(part, frame, planarity, faced)}
+    planar = Table(PLANAR, _trajectories(part, frame), found, (*swaps.reasons, *notes))
     wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N)
     facts, reasons = _wrench_facts(part, samples, choice, settings.cop_threshold_N)
     return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons))
@@ -282,7 +290,7 @@ def _notes(
 
 STAGE = Stage(
     name="planarise",
-    version=2,
+    version=3,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates"),

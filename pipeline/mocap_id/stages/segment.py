@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ from pydantic import Field
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError, Refused
-from mocap_id.kinematics import Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
+from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.marker_names import columns
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
@@ -26,6 +28,16 @@ class SegmentSettings(Settings):
 
     count: int | None = Field(None, ge=2, le=9, description="number of segments with the base; found where not given")
     names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
+    together: tuple[tuple[str, ...], ...] = Field(
+        (), description="groups of markers, by name or pattern, that are on one segment each"
+    )
+    apart: tuple[tuple[str, ...], ...] = Field(
+        (), description="groups of markers of which no two are on the same segment"
+    )
+    ignore: tuple[str, ...] = Field((), description="markers, by name or pattern, that are on no segment")
+    joint_markers: dict[str, tuple[str, ...]] = Field(
+        {}, description="markers about a joint, by its name: their mean pulls its centre (3.15, `fit-joints: lambda_a`)"
+    )
     still_limit_m: float = Field(0.015, gt=0, description="largest scatter (rms) of a base marker, m")
     min_arc_deg: float = Field(6.0, gt=0, lt=180, description="a joint turns by at least this, degrees")
     max_joint_residual_m: float = Field(0.05, gt=0, description="two bodies' points at a joint stay this close, m")
@@ -54,9 +66,12 @@ def segment(context: Context) -> Outputs:
         count=settings.count,
         longest=longest,
     )
-    lateral = _lateral(trajectories.points)
-    found = segment_markers(trajectories.plane, lateral, rules)
-    asymmetries = np.degrees(asymmetry(trajectories.plane, lateral, found.segment))
+    labels, lateral = trajectories.labels, _lateral(trajectories.points)
+    out = list(columns(labels, settings.ignore, "segment: ignore"))
+    plane = trajectories.plane
+    plane[:, out] = np.nan
+    found = segment_markers(plane, lateral, rules, _constraints(labels, settings))
+    asymmetries = np.degrees(asymmetry(plane, lateral, found.segment))
     planarity = _planarity(trajectories.points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     names, joint_names = body_names(trial.protocol, found.count)
@@ -64,16 +79,20 @@ def segment(context: Context) -> Outputs:
         names = _given_names(settings.names, found.count)
     frame = pd.DataFrame(
         {
-            "marker": pd.Categorical(trajectories.labels, categories=trajectories.labels),
+            "marker": pd.Categorical(labels, categories=labels),
             "segment": pd.array([int(k) if k >= 0 else None for k in found.segment], dtype="Int64"),
             "residual": found.residual,
-            "reason": [_reason(found, marker, names) for marker in range(len(trajectories.labels))],
+            "reason": [
+                "left out by `segment: ignore`" if marker in out else _reason(found, marker, names)
+                for marker in range(len(labels))
+            ],
         }
     )
     facts = {
         "count": found.count,
         "names": list(names),
         "joint_names": list(joint_names),
+        "joint_markers": _joint_markers(labels, settings.joint_markers, joint_names),
         "confidence": found.confidence,
         "planarity": planarity,
         "joint_confidences": list(found.confidences),
@@ -81,7 +100,7 @@ def segment(context: Context) -> Outputs:
         "asymmetry_deg": [float(a) if np.isfinite(a) else None for a in asymmetries],
         "noise_floor_m": found.base.noise,
         "static_gap": found.base.gap if np.isfinite(found.base.gap) else None,
-        "hypotheses": [_hypothesis(h, trajectories.labels) for h in found.hypotheses],
+        "hypotheses": [_hypothesis(h, labels) for h in found.hypotheses],
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
     doubts += _upside_down(trajectories.points, found.segment)
@@ -146,6 +165,34 @@ def _bursts(measured: Trajectories, clean: Trajectories) -> tuple[Reason, ...]:
     )
 
 
+def _constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Constraints:
+    """Together and apart, in columns."""
+    together = [columns(labels, group, "segment: together") for group in settings.together]
+    apart = [columns(labels, group, "segment: apart") for group in settings.apart]
+    constraints = Constraints.of(len(labels), together, apart)
+    if constraints.contradictory.any():
+        marker = labels[int(np.argmax(constraints.contradictory))]
+        raise ConfigError(
+            f"segment: `together` and `apart` contradict each other: they ask for {marker} on one segment and on two"
+        )
+    return constraints
+
+
+def _joint_markers(
+    labels: tuple[str, ...], given: Mapping[str, tuple[str, ...]], joint_names: Sequence[str]
+) -> dict[str, list[str]]:
+    """The markers about each joint that has some."""
+    unknown = [name for name in given if name not in joint_names]
+    if unknown:
+        raise ConfigError(
+            f"segment: joint_markers: there is no joint {', '.join(unknown)}; found were {', '.join(joint_names)}"
+        )
+    return {
+        name: [labels[i] for i in columns(labels, patterns, f"segment: joint_markers: {name}")]
+        for name, patterns in given.items()
+    }
+
+
 def _given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     if len(names) != count:
         raise ConfigError(
@@ -206,8 +253,8 @@ def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, 
         Reason(
             "segments-unsure",
             f"the segments are doubtful: without the one beyond the {joint_names[weakest]} the markers fit only "
-            f"{found.ratios[weakest]:.1f} times worse. Look at the skeleton, and give "
-            "`segment: {count: …}` if it is wrong.",
+            f"{found.ratios[weakest]:.1f} times worse. Look at the skeleton; if it is wrong, say what you know: "
+            "`segment: {count: …}`, markers that are `together` or `apart`, or markers to `ignore`.",
             found.confidence,
             _UNSURE,
         ),
@@ -233,7 +280,7 @@ def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -
 
 STAGE = Stage(
     name="segment",
-    version=1,
+    version=2,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),

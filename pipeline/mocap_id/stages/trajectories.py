@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics import find_bursts
+from mocap_id.kinematics import find_bursts, frames_along_motion
 from mocap_id.store import Table
 
 
@@ -61,9 +61,15 @@ class Trajectories:
         points[find_bursts(self.plane, self.rate)] = np.nan
         return replace(self, points=points)
 
+    def along_motion(self, count: int) -> Trajectories:
+        """At most ``count`` frames, evenly along the way that the markers travel."""
+        return self._at(frames_along_motion(self.plane, count))
+
     def thinned(self, count: int) -> Trajectories:
         """At most ``count`` frames, evenly over the trial."""
         if len(self.frames) <= count:
             return self
-        kept = np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(np.int64))
+        return self._at(np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(np.int64)))
+
+    def _at(self, kept: IntArray) -> Trajectories:
         return replace(self, frames=self.frames[kept], time=self.time[kept], points=self.points[kept])

@@ -1,0 +1,94 @@
+"""What the user knows about the markers: which belong together, and which cannot be on one segment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Markers that share a segment, and pairs that do not.
+
+    Parameters
+    ----------
+    unit : (M,) int array
+        Markers with the same number are assigned as one.
+    barred : (M, M) bool array
+        Pairs that may not be on one segment; symmetric, the same for all markers of a unit.
+    """
+
+    unit: IntArray
+    barred: BoolArray
+
+    @classmethod
+    def of(cls, count: int, together: Iterable[Sequence[int]] = (), apart: Iterable[Sequence[int]] = ()) -> Constraints:
+        """From groups of columns: each of ``together`` on one segment, no two of a group of ``apart`` on one."""
+        unit = np.arange(count)
+        for group in together:
+            unit[np.isin(unit, unit[list(group)])] = unit[group[0]]
+        barred = np.zeros((count, count), dtype=np.bool_)
+        for group in apart:
+            barred[np.ix_(list(group), list(group))] = True
+        np.fill_diagonal(barred, val=False)
+        same = unit[:, None] == unit
+        barred = same @ barred @ same
+        return cls(unit, barred)
+
+    @property
+    def contradictory(self) -> BoolArray:
+        """(M,) markers that are asked to be apart from themselves."""
+        return np.asarray(np.diagonal(self.barred))
+
+    def allow(self, members: IntArray) -> bool:
+        """Whether no two of the members are barred."""
+        return not self.barred[np.ix_(members, members)].any()
+
+    def shaped(self, variance: FloatArray, members: IntArray) -> FloatArray:
+        """Variance of mutual distances (K, K) of the members with none within a unit and a large one where barred."""
+        far = 10 * np.max(variance, initial=0.0) + 1.0
+        shaped = np.where(self.barred[np.ix_(members, members)], far, variance)
+        return np.where(self.unit[members][:, None] == self.unit[members], 0.0, shaped)
+
+    def nearest(self, square: FloatArray, members: IntArray) -> IntArray:
+        """(K,) the body that holds each member best, units as one, barred pairs on different bodies where they can be.
+
+        Parameters
+        ----------
+        square : (B, K) array
+            Mean squared distance of each member from its place on each of B bodies, m^2.
+        members : (K,) int array
+            Columns of the trajectories.
+        """
+        _, index = np.unique(self.unit[members], return_inverse=True)
+        cost = np.zeros((len(square), index.max() + 1))
+        np.add.at(cost.T, index, square.T)
+        first = members[[int(np.argmax(index == u)) for u in range(cost.shape[1])]]
+        barred = self.barred[np.ix_(first, first)]
+        best = np.argmin(cost, axis=0)
+        for u, v in np.argwhere(np.triu(barred)):
+            if best[u] == best[v]:
+                self._part(cost, best, barred, (int(u), int(v)))
+        return np.asarray(best[index])
+
+    @staticmethod
+    def _part(cost: FloatArray, best: IntArray, barred: BoolArray, pair: tuple[int, int]) -> None:
+        """Move the one of two units that minds less to its next best body, if there is one without its like."""
+        moves = []
+        for unit in pair:
+            taken = np.isin(np.arange(len(cost)), best[barred[unit]])
+            elsewhere = np.where(taken, np.inf, cost[:, unit])
+            body = int(np.argmin(elsewhere))
+            moves.append((float(elsewhere[body] - cost[best[unit], unit]), unit, body))
+        loss, unit, body = min(moves)
+        if np.isfinite(loss):
+            best[unit] = body
+
+    def open_to(self, segment: IntArray, count: int) -> BoolArray:
+        """(count, M) whether each marker may join each segment as it is (``segment`` (M,), -1 = none)."""
+        held = segment == np.arange(count)[:, None]
+        return ~np.asarray(held @ self.barred)

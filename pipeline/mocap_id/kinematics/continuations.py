@@ -1,0 +1,136 @@
+"""How well a marker, lost at one place and found at another, keeps its distances to those that move with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+
+_NEAR = 3.0  # s before and after, over which a distance shows how well it holds
+_SAMPLES = 24  # of its changes there
+_QUANTILE = 0.65  # of them is its scale: other swaps nearby may disturb the rest
+_PARTNERS = 10  # of a marker's most rigid partners are asked
+_LEAST_PARTNERS = 3
+_FLOOR = 1e-3  # m; no distance is trusted to hold better
+_VIOLATED = 3.0  # scales by which a distance must have changed ...
+_HOLDS = 4.0  # ... and by no more than which the most rigid ones hold, in the median; or, in the fastest moments, ...
+_OF_VIOLATION = 0.05  # ... by no more than this part of their violation
+_MOST_RIGID = 6
+_CHUNK = 512  # continuations at a time, which bounds the memory
+
+
+class Continuations:
+    """Judges whether what was seen at (frame, column) is what is seen at a later (frame, column).
+
+    Which distances hold, and how well, depends on how long one waits: over one frame nearly all do, over half a second
+    only those within a rigid body. So the scale of each distance is a quantile of its own changes over the same lag,
+    within three seconds before, in the one column, and three seconds after, in the other, whichever is larger. Scales
+    of the whole trial would not do: a column that is swapped for half of it has the partners of two markers.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        m, NaN where unseen.
+    rate : float
+        Frames per second.
+    """
+
+    def __init__(self, positions: FloatArray, rate: float) -> None:
+        self._positions = positions
+        self._near = max(round(_NEAR * rate), _SAMPLES)
+
+    def violated(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
+        """Whether two or more distances of a column change by more than they do over such a lag before, or after: (N,).
+
+        Parameters
+        ----------
+        column, last, following : (N,) int arrays
+            The marker is seen in ``column`` at frame ``last`` and, next, at frame ``following``.
+        """
+        out = np.zeros(len(column), dtype=np.bool_)
+        for rows in _chunks(len(column)):
+            i, a, b = column[rows], last[rows], following[rows]
+            change = self._changes(i, a, i, b)
+            for scale in (self._scale(i, a, b - a, -1), self._scale(i, b, b - a, 1)):
+                out[rows] |= (change > _VIOLATED * scale).sum(axis=1) >= 2
+        return out
+
+    def evidence(self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, found: IntArray) -> FloatArray:
+        """Evidence that a marker goes on in another column rather than in its own: (N,), -inf where it does not.
+
+        Each distance's change r, in its scales, has the heavy-tailed likelihood 1 / (1 + r²); the evidence is the log
+        of the ratio of the likelihoods of both continuations, summed over the most rigid partners.
+
+        Parameters
+        ----------
+        column, last, own : (N,) int arrays
+            The marker is seen in ``column`` at frame ``last``; the column is seen next at frame ``own``.
+        other, found : (N,) int arrays
+            The other column, and its frame.
+        """
+        out = np.full(len(column), -np.inf)
+        for rows in _chunks(len(column)):
+            i, a, b, j, c = column[rows], last[rows], own[rows], other[rows], found[rows]
+            scale = np.fmax(self._scale(i, a, c - a, -1), self._scale(j, c, c - a, 1))
+            stays, goes = self._changes(i, a, i, b) / scale, self._changes(i, a, j, c) / scale
+            ratio = np.log1p(stays**2) - np.log1p(goes**2)
+            unusable = ~np.isfinite(ratio)
+            each = np.arange(len(i))
+            unusable[each, i] = unusable[each, j] = True
+            partners = np.argsort(np.where(unusable, np.inf, scale), axis=1, kind="stable")[:, :_PARTNERS]
+            used = ~np.take_along_axis(unusable, partners, axis=1)
+            ratio, goes, stays = (
+                np.where(used, np.take_along_axis(values, partners, axis=1), np.nan) for values in (ratio, goes, stays)
+            )
+            enough = used.sum(axis=1) >= _LEAST_PARTNERS
+            held, broken = (_quantile(values[:, :_MOST_RIGID], 0.5) for values in (goes, stays))
+            holds = held <= np.maximum(_HOLDS, _OF_VIOLATION * broken)
+            expected = self._expected(i, a, c, partners, used)
+            nearer = _length(self._positions[c, j] - expected) < _length(self._positions[b, i] - expected)
+            fine = enough & holds & nearer
+            out[rows] = np.where(fine, np.where(used, ratio, 0.0).sum(axis=1), -np.inf)
+        return out
+
+    def _changes(self, column: IntArray, last: IntArray, other: IntArray, found: IntArray) -> FloatArray:
+        """Changes of the distances to every marker, (N, M), m."""
+        points = self._positions
+        before = _length(points[last] - points[last, column][:, None])
+        return np.abs(_length(points[found] - points[found, other][:, None]) - before)
+
+    def _scale(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
+        """How much distances change over a lag before (-1) or after (+1) a frame, (N, M), m; NaN where unknown."""
+        points = self._positions
+        room = frame + 1 if side < 0 else len(points) - frame
+        spread = np.clip(np.minimum(room, self._near + lag) - 1 - lag, 0, None)
+        offset = np.round(spread[:, None] * np.linspace(0, 1, _SAMPLES)).astype(np.int64)
+        near = frame[:, None] + side * offset
+        far = np.clip(near + side * lag[:, None], 0, len(points) - 1)
+        i = np.broadcast_to(column[:, None], near.shape)
+        change = self._changes(i.ravel(), near.ravel(), i.ravel(), far.ravel()).reshape(*near.shape, -1)
+        change[room <= lag] = np.nan
+        return np.fmax(
+            _quantile(np.moveaxis(change, 1, 2), _QUANTILE), _FLOOR * np.where(room > lag, 1, np.nan)[:, None]
+        )
+
+    def _expected(self, i: IntArray, a: IntArray, c: IntArray, partners: IntArray, used: BoolArray) -> FloatArray:
+        """Where the partners' motion from frame ``a`` to ``c`` takes the marker of column ``i``: (N, 3), m."""
+        points = self._positions
+        moved = np.where(used[..., None], points[c[:, None], partners] - points[a[:, None], partners], np.nan)
+        return points[a, i] + _quantile(np.moveaxis(moved, 1, 2), 0.5)
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    """(...) from (..., 3)."""
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+
+
+def _quantile(values: FloatArray, part: float) -> FloatArray:
+    """Along the last axis, over what is finite; NaN where nothing is."""
+    ordered = np.sort(values, axis=-1)
+    last = np.maximum(np.isfinite(ordered).sum(axis=-1) - 1, 0)
+    place = np.round(part * last).astype(np.int64)[..., None]
+    return np.asarray(np.take_along_axis(ordered, place, axis=-1)[..., 0])
+
+
+def _chunks(count: int) -> list[slice]:
+    return [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]

@@ -1,0 +1,232 @@
+"""The chain taken one link after another: by rigid bodies, or by the circles of the thesis (3.2.1).
+
+Two ways to compare the fit of the whole chain (:mod:`mocap_id.kinematics.bundle`) with. They are given the assignment
+of the markers and share what they return:
+
+``rigid-body``
+    A rigid body for every segment, then the joint of every neighbouring pair. Bodies are fitted in the plane, so that
+    an error at one joint stays there; no joint learns from the segments beyond its two.
+``circle``
+    The recursion of 3.2.1: in the frame of link i-1 the markers of link i run on circles, whose common centre is joint
+    i (3.8, Kåsa's fit); about it the angles and coordinates of link i are found by least squares (the part of 3.16 that
+    is left once the centre is known); everything further out is mapped into the frame of link i, and so on. There is
+    no filter between the links. Its centres have no covariance (NaN): most of their error is bias, which Kåsa's fit has
+    of noise and skin and hands up the chain, and no spread over time shows that.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from mocap_id.errors import NumericalError, Refused
+from mocap_id.kinematics.chain_equations import State, joint_positions
+from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
+from mocap_id.kinematics.circle import fit_common_centre
+from mocap_id.kinematics.joint import arc, fit_joint
+from mocap_id.kinematics.rigid import Body, fit_body, still_body
+
+LinkMethod = Literal["rigid-body", "circle"]
+
+_BLOCKS = 20  # stretches of time, each left out once for the covariance
+_FRAMES_A_JOINT = 10
+_ITERATIONS = 50
+_TOLERANCE = 1e-9  # m
+_UNSEEN = 7.5  # slip along the angle over the slip that shows in the residuals of bodies taken pair by pair
+
+
+def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> ChainFit:
+    """The chain link by link, in the form of :func:`mocap_id.kinematics.bundle.fit_chain`.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    segment : (M,) int array
+        Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers.
+    method : str
+        See the module.
+
+    Raises
+    ------
+    Refused
+        ``too-few-frames`` show every segment.
+    NumericalError
+        The markers of a segment run on straight lines, so that their circles have no centre.
+    """
+    state = rigid_body_links(points, segment) if method == "rigid-body" else circle_links(points, segment)
+    used = frames_used(state.angles)
+    off = points - _predicted(state, segment)
+    off[~used] = np.nan
+    off[:, segment == 0] = points[:, segment == 0] - state.local[segment == 0]
+    angles = continuous(np.where(used[:, None], state.angles, np.nan))
+    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    covariance = np.full((len(arcs), 2, 2), np.nan)
+    if method == "rigid-body":
+        slip = slip_variance(off[used], segment, arcs, _UNSEEN)
+        covariance = _left_out(points, segment, state, np.flatnonzero(used)) + slip[:, None, None] * np.eye(2)
+    return ChainFit(
+        state.centres,
+        state.local,
+        segment,
+        angles,
+        covariance,
+        length_sd(state.centres, covariance),
+        np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0))),
+        arcs,
+    )
+
+
+def rigid_body_links(points: ComplexArray, segment: IntArray) -> State:
+    """Rigid bodies, and the joint of every neighbouring pair: needs no angle and no guess.
+
+    Returns
+    -------
+    State
+        Coordinates of all M markers, those of the base in the plane frame; angles in all F frames, NaN where fewer than
+        two markers of the segment are seen.
+    """
+    joints = int(segment.max())
+    bodies: list[Body] = [still_body(points, np.flatnonzero(segment == 0))]
+    bodies += [fit_body(points, np.flatnonzero(segment == k)) for k in range(1, joints + 1)]
+    pairs = [fit_joint(parent, child) for parent, child in pairwise(bodies)]
+    origins = [0j, *(pair.in_child for pair in pairs)]
+    centres = np.array([pair.in_parent - origin for pair, origin in zip(pairs, origins, strict=False)])
+    local = np.zeros(points.shape[1], dtype=np.complex128)
+    for body, origin in zip(bodies, origins, strict=True):
+        local[body.markers] = body.template - origin
+    return State(centres, local, np.stack([np.angle(body.rotation) for body in bodies[1:]], axis=1))
+
+
+def circle_links(points: ComplexArray, segment: IntArray) -> State:
+    """The recursion of 3.2.1 with the markers of every link known; the result as for :func:`rigid_body_links`.
+
+    Raises
+    ------
+    NumericalError
+        A link's markers run on straight lines.
+    """
+    joints = int(segment.max())
+    centres, local = np.zeros(joints, dtype=np.complex128), np.zeros(points.shape[1], dtype=np.complex128)
+    local[segment == 0] = still_body(points, np.flatnonzero(segment == 0)).template
+    angles, seen_from = np.zeros((len(points), joints)), points
+    for joint in range(joints):
+        own = segment == joint + 1
+        centre = complex(fit_common_centre(seen_from[:, own], "kasa").centre[0])
+        if not np.isfinite(centre):
+            raise NumericalError(
+                f"the markers of segment {joint + 1} run on straight lines as seen from segment {joint}: their "
+                "circles have no centre. Use `fit-joints: {estimator: bundle}`."
+            )
+        centres[joint] = centre
+        turn, local[own] = _turned_about(seen_from[:, own] - centre)
+        angles[:, joint] = (angles[:, joint - 1] if joint else 0) + np.angle(turn)
+        seen_from = np.conj(turn)[:, None] * (seen_from - centre)  # 3.9
+    return State(centres, local, angles)
+
+
+def _predicted(state: State, segment: IntArray) -> ComplexArray:
+    """(F, M) markers from the chain, the base's with them, m; NaN where an angle that carries them is unknown."""
+    origin, turn = joint_positions(state)
+    origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
+    turn = np.concatenate([np.ones((len(turn), 1)), turn], axis=1)
+    return np.asarray(origin[:, segment] + turn[:, segment] * state.local)
+
+
+def _turned_about(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Rotation (F,) and coordinates (k,) of markers about a centre that is known, by least squares.
+
+    Parameters
+    ----------
+    arms : (F, k) complex array
+        Markers from the centre, m. A frame that shows fewer than two has no rotation (NaN).
+    """
+    seen = np.isfinite(arms)
+    z, counts = np.where(seen, arms, 0), np.maximum(seen.sum(axis=0), 1)
+    local = z[int(np.argmax(seen.sum(axis=1)))]
+    for _ in range(_ITERATIONS):
+        previous = local
+        local = (np.conj(_directions(z @ np.conj(local)))[:, None] * z).sum(axis=0) / counts
+        if np.max(np.abs(local - previous)) < _TOLERANCE:
+            break
+    turn = _directions(z @ np.conj(local))
+    return np.where(seen.sum(axis=1) >= 2, turn, np.nan), local
+
+
+def _directions(moment: ComplexArray) -> ComplexArray:
+    """Unit complex numbers of the same angle, 1 for zero."""
+    size = np.abs(moment)
+    return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
+
+
+def frames_used(angles: FloatArray) -> BoolArray:
+    """(F,) frames in which every angle (F, n) is known.
+
+    Raises
+    ------
+    Refused
+        ``too-few-frames``.
+    """
+    used = np.asarray(np.isfinite(angles).all(axis=1))
+    joints = angles.shape[1]
+    needed = _FRAMES_A_JOINT * joints
+    if used.sum() < needed:
+        raise Refused(
+            "too-few-frames",
+            f"{used.sum()} of {len(used)} frames show at least two markers of each of {joints} moving segments; "
+            f"{needed} are needed to place their joints. Use a longer `window:`, or fill the gaps.",
+            float(used.sum()),
+            float(needed),
+        )
+    return used
+
+
+def _left_out(points: ComplexArray, segment: IntArray, state: State, used: IntArray) -> FloatArray:
+    """(n, 2, 2) covariance of the centres from leaving out one stretch of time after another (block jackknife), m^2.
+
+    What one joint owes to the next, and residuals that last within a stretch, are in it without a formula; an error
+    that every stretch shares is not.
+    """
+    blocks = np.array_split(used, min(_BLOCKS, len(used)))
+    found = np.stack(
+        [_aligned(rigid_body_links(np.delete(points, block, axis=0), segment), state, segment) for block in blocks]
+    )
+    off = found - found.mean(axis=0)
+    xy = np.stack([off.real, off.imag], axis=2)
+    return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
+
+
+def _aligned(state: State, reference: State, segment: IntArray) -> ComplexArray:
+    """(n,) centres after every segment frame has been turned as near to the reference as it gets: the gauge."""
+    joints = len(state.centres)
+    centres = state.centres.copy()
+    for k in range(1, joints):
+        own = segment == k
+        towards = np.vdot(state.local[own], reference.local[own]) + np.conj(state.centres[k]) * reference.centres[k]
+        centres[k] *= np.exp(1j * np.angle(towards))
+    return centres
+
+
+def slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray, unseen: float) -> FloatArray:
+    """(n,) variance that skin slipping with the angle adds to each centre, m^2.
+
+    Skin that moves by s over an arc shifts the centre by about s / arc, unseen. What is seen of it, the part of the
+    residuals ``off`` (T, M; NaN where unseen) that lasts from one frame used to the next, stands for what is not, which
+    is ``unseen`` times as large: calibrated on simulated bodies for each way to fit. A centre is placed from the joint
+    below it, so that one's share comes in.
+    """
+    joints = len(arcs)
+    seen = np.isfinite(off)
+    filled = np.where(seen, off, 0)
+    pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
+    lasting = (np.conj(filled[1:]) * filled[:-1]).real.sum(axis=0) / pairs
+    chance = np.mean(np.abs(filled) ** 2, axis=0) * np.sqrt(2 / pairs)  # two standard deviations, were it all noise
+    slip = np.empty(joints)
+    for k in range(1, joints + 1):
+        members = segment == k
+        slip[k - 1] = max(np.mean(lasting[members] - chance[members]), 0) / 2 / members.sum()
+    at_joint = (slip + np.concatenate([[0.0], slip[:-1]])) / np.maximum(arcs, 1e-6) ** 2
+    return np.asarray(unseen**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]])))

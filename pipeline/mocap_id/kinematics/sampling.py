@@ -1,0 +1,48 @@
+"""Which frames to look at: enough of every pose, and not too many of those that a person stays in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+
+_STILL_SHARE = 0.1  # of the frames, spread evenly over time whatever moves
+_WINDOWS = 200  # stretches of the trial over which a movement is measured
+
+
+def frames_along_motion(points: ComplexArray, count: int) -> IntArray:
+    """At most ``count`` frames, evenly along the path that the markers travel.
+
+    Skin has the same error whenever the pose is the same: a hundred frames of quiet standing say no more than one, but
+    would count a hundred times if frames were taken evenly in time.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+
+    Returns
+    -------
+    int array
+        Ascending.
+    """
+    frames = len(points)
+    if frames <= count:
+        return np.arange(frames)
+    speed = _speed(points, max(1, frames // _WINDOWS))
+    moving = np.maximum(speed - np.quantile(speed, 0.05), 0)  # what stands still moves by its noise
+    total = moving.mean()
+    density = _STILL_SHARE + (1 - _STILL_SHARE) * (moving / total if total > 0 else 1.0)
+    travelled = np.cumsum(density)
+    middles = (np.arange(count) + 0.5) / count * travelled[-1]
+    return np.unique(np.searchsorted(travelled, middles))
+
+
+def _speed(points: ComplexArray, window: int) -> FloatArray:
+    """(F,) rms displacement of the markers over ``window`` frames about each frame, of those seen at both ends."""
+    step = np.abs(points[window:] - points[:-window])
+    seen = np.isfinite(step)
+    square = np.where(seen, step, 0) ** 2
+    rms = np.sqrt(square.sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+    before = window // 2
+    return np.pad(rms, (before, window - before), mode="edge")

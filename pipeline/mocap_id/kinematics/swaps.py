@@ -1,0 +1,222 @@
+"""Two markers that exchange their labels: found by what stays rigid, and undone (assumption A3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.kinematics.continuations import Continuations
+
+_GAP = 1.0  # s; longest gap of a column. Each marker hidden for half a second may add up to that
+_JUMPS = (0.008, 0.015)  # m; bounds of the smallest jump that is looked at ...
+_OF_BEND = 2.5  # ... which is this multiple of the median bend of a trajectory from frame to frame
+_EVERY = 16  # sample that enters this median
+_EVIDENCE = (
+    8.0,
+    18.0,
+)  # log of the ratio of likelihoods that each marker must show, from frame to frame and across gaps
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Two columns whose identities are exchanged for ``start <= frame < stop``.
+
+    Parameters
+    ----------
+    first, second : int
+        Columns, ``first < second``.
+    start, stop : int
+        Frames; ``stop`` is the number of frames where the identities are never exchanged back.
+    """
+
+    first: int
+    second: int
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class _Breaks:
+    """Where a column may go on as another marker: last seen at ``last``, next seen at ``following``; each (N,)."""
+
+    column: IntArray
+    last: IntArray
+    following: IntArray
+
+    def __getitem__(self, rows: IntArray) -> _Breaks:
+        return _Breaks(self.column[rows], self.last[rows], self.following[rows])
+
+    def __len__(self) -> int:
+        return len(self.column)
+
+
+def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
+    """Exchanges of identity between trajectories, at a frame or across a gap of up to 1 s.
+
+    A trajectory is suspected where it jumps or has a gap, and its distances to the markers that move with it do not
+    hold across. It is exchanged where each of the markers that are lost there is found again in another's column, with
+    its distances kept. The labels of the first frames count as right. Three or more that permute are told as successive
+    exchanges of two.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        m, NaN where unseen, in any frame that stands still.
+    rate : float
+        Frames per second.
+
+    Returns
+    -------
+    tuple of Swap
+        By start, then column.
+    """
+    count, markers = positions.shape[:2]
+    if count < 2 or markers < 4:
+        return ()
+    breaks = _breaks(positions, rate)
+    if len(breaks) < 2:
+        return ()
+    suspects = breaks[np.unique(_plausible(positions, breaks, *_overlapping(breaks))[0])]
+    continuations = Continuations(positions, rate)
+    suspects = suspects[np.flatnonzero(continuations.violated(suspects.column, suspects.last, suspects.following))]
+    return _ranges(_cycles(positions, suspects, continuations), markers, count)
+
+
+def repair(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
+    """A copy with the trajectories exchanged back.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+    swaps : tuple of Swap
+        What `find_swaps` found. Where several share columns, those with the smaller ``first`` are undone first.
+
+    Returns
+    -------
+    (F, M, 3) array
+    """
+    out = positions.copy()
+    for swap in sorted(swaps, key=lambda one: one.first):
+        span = slice(swap.start, swap.stop)
+        out[span, [swap.first, swap.second]] = out[span, [swap.second, swap.first]]
+    return out
+
+
+def _breaks(positions: FloatArray, rate: float) -> _Breaks:
+    """Jumps and gaps, by column."""
+    with np.errstate(invalid="ignore"):
+        step = np.diff(positions, axis=0)
+        bend = np.diff(step, axis=0)
+        square = np.einsum("fmi,fmi->fm", bend, bend)
+        sample = square.ravel()[::_EVERY]
+        usual = np.sqrt(np.median(sample[np.isfinite(sample)])) if np.isfinite(sample).any() else 0.0
+        bent = square > np.clip(_OF_BEND * usual, *_JUMPS) ** 2
+    frame, column = np.nonzero(bent)
+    # a bend at a frame comes from a jump before or after it
+    jumps = np.unique(np.stack([np.tile(column, 2), np.concatenate([frame, frame + 1])], axis=1), axis=0)
+    seen = np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
+    if seen.all():
+        return _Breaks(jumps[:, 0], jumps[:, 1], jumps[:, 1] + 1)
+    lost, lost_column = np.nonzero(seen[:-1] & ~seen[1:])
+    found, found_column = np.nonzero(~seen[:-1] & seen[1:])
+    gaps = _gaps(lost, lost_column, found + 1, found_column, round(_GAP * rate))
+    columns = np.concatenate([jumps[:, 0], gaps[0]])
+    last = np.concatenate([jumps[:, 1], gaps[1]])
+    return _Breaks(columns, last, np.concatenate([jumps[:, 1] + 1, gaps[2]]))
+
+
+def _gaps(
+    lost: IntArray, lost_column: IntArray, found: IntArray, found_column: IntArray, longest: int
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Columns, last frames before and first frames after the gaps that have both ends and are short enough."""
+    kind = np.concatenate([np.zeros(len(lost), dtype=np.int64), np.ones(len(found), dtype=np.int64)])
+    frame, column = np.concatenate([lost, found]), np.concatenate([lost_column, found_column])
+    order = np.lexsort((1 - kind, frame, column))  # a marker seen for one frame is found before it is lost
+    kind, frame, column = kind[order], frame[order], column[order]
+    closed = np.flatnonzero((kind[:-1] == 0) & (kind[1:] == 1) & (column[:-1] == column[1:]))
+    closed = closed[frame[closed + 1] - frame[closed] - 1 <= longest]
+    return column[closed], frame[closed], frame[closed + 1]
+
+
+def _plausible(positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray) -> tuple[IntArray, IntArray]:
+    """Pairs of breaks without those where, one frame on, its own column is nearer to where the marker was heading."""
+    last, column = breaks.last[source], breaks.column[source]
+    start = positions[last, column]
+    step = np.where((last > 0)[:, None], start - positions[last - 1, column], np.nan)
+    start = start + np.where(np.isfinite(step), step, 0.0)
+    own = positions[breaks.following[source], breaks.column[source]] - start
+    cross = positions[breaks.following[target], breaks.column[target]] - start
+    longer = np.maximum(breaks.following[source], breaks.following[target]) - breaks.last[source] > 1
+    gain = np.einsum("ni,ni->n", own, own) - np.einsum("ni,ni->n", cross, cross)
+    keep = longer | (gain > 0)
+    return source[keep], target[keep]
+
+
+def _cycles(positions: FloatArray, breaks: _Breaks, continuations: Continuations) -> list[tuple[int, tuple[int, ...]]]:
+    """Exchanges: the first frame, and the columns of which each one's marker goes on in the next one's, the last's in
+    the first's."""
+    source, target = _plausible(positions, breaks, *_overlapping(breaks))
+    here, there = breaks[source], breaks[target]
+    evidence = continuations.evidence(here.column, here.last, here.following, there.column, there.following)
+    gap = np.maximum(here.following, there.following) - here.last > 1
+    strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
+    while not (mutual := np.isin(target[strong], source[strong])).all():
+        strong = strong[mutual]  # a marker may only go where another leaves
+    strongest_last = strong[np.argsort(evidence[strong], kind="stable")]
+    best = {int(source[link]): int(target[link]) for link in strongest_last}
+    out, done = [], set[int]()
+    for start in best:
+        path = [start]
+        while path[-1] not in done and best.get(path[-1], start) not in path:
+            path.append(best[path[-1]])
+        closed = best.get(path[-1]) == start and not done.intersection(path)
+        if closed:
+            done.update(path)
+            first = int(breaks.following[path].min())
+            if breaks.last[path].max() < first:
+                out.append((first, tuple(int(breaks.column[one]) for one in path)))
+    return sorted(out)
+
+
+def _overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
+    """All ordered pairs of breaks of two columns between which there is an instant common to both."""
+    order = np.argsort(breaks.last, kind="stable")
+    last, following = breaks.last[order], breaks.following[order]
+    stop = np.searchsorted(last, following, side="left")
+    number = np.maximum(stop - np.arange(len(last)) - 1, 0)
+    left = np.repeat(np.arange(len(last)), number)
+    right = left + 1 + np.arange(len(left)) - np.repeat(np.cumsum(number) - number, number)
+    one, two = order[left], order[right]
+    apart = breaks.column[one] != breaks.column[two]
+    one, two = one[apart], two[apart]
+    return np.concatenate([one, two]), np.concatenate([two, one])
+
+
+def _ranges(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
+    """Exchanges of two columns and how long each stands, from what happens at each event."""
+    held = list(range(markers))  # whose marker each column shows
+    standing: dict[tuple[int, int], int] = {}
+    out: list[Swap] = []
+    for frame in sorted({event[0] for event in events}):
+        for _, columns in (event for event in events if event[0] == frame):
+            shown = [held[column] for column in columns]
+            for column, marker in zip(columns[1:] + columns[:1], shown, strict=True):
+                held[column] = marker
+        now = _exchanges(held)
+        out += [Swap(*pair, start, frame) for pair, start in standing.items() if pair not in now]
+        standing = {pair: standing.get(pair, frame) for pair in now}
+    out += [Swap(*pair, start, count) for pair, start in standing.items()]
+    return tuple(sorted(out, key=lambda swap: (swap.start, swap.first)))
+
+
+def _exchanges(held: list[int]) -> list[tuple[int, int]]:
+    """Exchanges of two that sort the columns, by their first column; every column is first at most once."""
+    rest, out = list(held), []
+    for column in range(len(rest)):
+        if rest[column] != column:
+            other = rest.index(column)
+            rest[column], rest[other] = rest[other], rest[column]
+            out.append((column, other))
+    return out
