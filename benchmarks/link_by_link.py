@@ -25,7 +25,7 @@ FRESH = 50_000  # the first seed; nothing was tuned on these
 FRAMES = 800  # as fit-joints has it
 JOINTS = ("ankle", "knee", "hip")
 ROWS: Mapping[str, Options] = {
-    "clean": Options(marker_noise=0, soft_tissue=0, occlusions=False, repetitions=2, analog_rate=100),
+    "clean": Options(marker_noise=0, soft_tissue=0, occlusions=0, repetitions=2, analog_rate=100),
     "ordinary": Options(repetitions=2, analog_rate=100),
     "hard": Options(soft_tissue=2, repetitions=2, analog_rate=100),
 }

@@ -23,7 +23,7 @@ def simulate(
     analog_rate: Annotated[float, typer.Option(help="Analog samples a second, Hz.")] = Options.analog_rate,
     marker_noise: Annotated[float, typer.Option(help="Standard deviation a coordinate, m.")] = Options.marker_noise,
     soft_tissue: Annotated[float, typer.Option(help="Multiplies the skin's motion; 0 for none.")] = Options.soft_tissue,
-    occlusions: Annotated[bool, typer.Option(help="Markers vanish in bursts.")] = Options.occlusions,
+    occlusions: Annotated[float, typer.Option(help="Multiplies how often markers vanish.")] = Options.occlusions,
     plate_sense: Annotated[Sense, typer.Option(help="Whose force the plate tells.")] = Options.plate_sense,
     plate_moved: Annotated[bool, typer.Option(help="Shift and turn the plate.")] = Options.plate_moved,
     plate_origin_flipped: Annotated[

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -24,16 +26,29 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int) -> Non
     assert np.abs(off[:, :-1]).max(initial=0) < 1e-7
 
 
-def test_the_normal_equations_are_those_of_finite_differences(chain) -> None:
-    truth = chain(3, frames=5)
+@dataclass(frozen=True)
+class Dense:
+    """Slopes of all residuals (T, 2 K, ...) by finite differences, their weights and the residuals themselves."""
+
+    problem: room.Problem
+    state: room.State
+    common: np.ndarray
+    swing: np.ndarray
+    weight: np.ndarray
+    off: np.ndarray
+
+
+def dense(truth, pinned: int | None) -> Dense:
+    """Five frames of a chain of three joints away from the solution; a marker on the joint ``pinned`` comes last."""
     moving = np.flatnonzero(truth.segment > 0)
     start = rigid_body_links(truth.points, truth.segment)
-    rng = np.random.default_rng(0)
-    weights = rng.uniform(size=(5, len(moving)))
-    problem = room.Problem(
-        truth.points[:, moving] + 0.01, weights, truth.segment[moving], np.zeros(len(moving), dtype=bool), 3
-    )
-    state = room.State(start.centres, start.local[moving], start.angles)
+    points, segment, local = truth.points[:, moving] + 0.01, truth.segment[moving], start.local[moving]
+    if pinned is not None:
+        on_joint = points[:, :1] + 0.02j * np.arange(5)[:, None]
+        points, segment, local = np.append(points, on_joint, axis=1), np.append(segment, pinned), np.append(local, 0)
+    weights = np.random.default_rng(0).uniform(size=points.shape)
+    problem = room.Problem(points, weights, segment, np.arange(len(segment)) >= len(moving), 3)
+    state = room.State(start.centres, local, start.angles)
 
     def predicted(common: np.ndarray, turns: np.ndarray) -> np.ndarray:
         z = room.predicted(problem, room.moved(state, (common, turns)))
@@ -47,15 +62,40 @@ def test_the_normal_equations_are_those_of_finite_differences(chain) -> None:
         [slope(lambda h, k=k: (none + h * np.eye(len(none))[k], still)) for k in range(len(none))], axis=2
     )
     swing = np.stack([slope(lambda h, k=k: (none, still + h * np.eye(3)[k])) for k in range(3)], axis=2)
-    weight = np.repeat(weights, 2, axis=1)
     z = problem.points - room.predicted(problem, state)
     off = np.stack([z.real, z.imag], axis=2).reshape(5, -1)
-    normal = room.normal_equations(problem, state)
+    return Dense(problem, state, common, swing, np.repeat(weights, 2, axis=1), off)
+
+
+@pytest.mark.parametrize("pinned", [None, 1, 2, 3])
+def test_the_normal_equations_are_those_of_finite_differences(chain, pinned: int | None) -> None:
+    by = dense(chain(3, frames=5), pinned)
+    common, swing, weight, off = by.common, by.swing, by.weight, by.off
+    normal = room.normal_equations(by.problem, by.state)
     assert np.allclose(normal.common, np.einsum("tkp,tk,tkq->pq", common, weight, common), atol=1e-8)
     assert np.allclose(normal.cross, np.einsum("tkn,tk,tkq->tnq", swing, weight, common), atol=1e-8)
     assert np.allclose(normal.angles, np.einsum("tkn,tk,tkm->tnm", swing, weight, swing), atol=1e-8)
     assert np.allclose(normal.pull, np.einsum("tkp,tk,tk->tp", common, weight, off), atol=1e-8)
     assert np.allclose(normal.turn, np.einsum("tkn,tk,tk->tn", swing, weight, off), atol=1e-8)
+
+
+@pytest.mark.parametrize("pinned", [None, 1, 2, 3])
+def test_the_step_is_that_of_least_squares_with_all_unknowns_at_once(chain, pinned: int | None) -> None:
+    """What is pinned does not move; what the step makes of the markers is what dense least squares makes of them."""
+    by = dense(chain(3, frames=5), pinned)
+    common, turns = room.reduce(by.problem, by.state).step()
+    fixed = np.setdiff1d(np.arange(by.problem.unknowns), by.problem.free)
+    assert len(fixed) == (0 if pinned is None else 2)
+    assert not common[fixed].any()
+    rows = np.sqrt(by.weight)
+    jacobian = np.zeros((5, rows.shape[1], len(by.problem.free) + 15))
+    for t in range(5):
+        jacobian[t, :, : len(by.problem.free)] = by.common[t][:, by.problem.free]
+        jacobian[t, :, len(by.problem.free) + 3 * t :][:, :3] = by.swing[t]
+    weighted = (rows[..., None] * jacobian).reshape(-1, jacobian.shape[2])
+    best = np.linalg.lstsq(weighted, (rows * by.off).ravel(), rcond=1e-9)[0]  # the gauge is none of the data's business
+    step = np.concatenate([common[by.problem.free], turns.ravel()])
+    assert weighted @ step == pytest.approx(weighted @ best, abs=1e-8)
 
 
 def test_bursts_do_not_move_the_joints(chain) -> None:

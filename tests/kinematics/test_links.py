@@ -162,7 +162,7 @@ def staged(truth, **settings) -> Tree:
         }
     )
     segments = pd.DataFrame({"marker": names, "segment": truth.segment})
-    named = {"names": ["foot", "shank", "thigh"], "joint_names": ["ankle", "knee"]}
+    named = {"names": ["foot", "shank", "thigh"], "joint_names": ["ankle", "knee"], "joint_markers": {}}
     inputs = {"planar.parquet": Table(PLANAR, planar, {"rate_hz": 100.0})}
     inputs["segments.parquet"] = Table(SEGMENTS, segments, named)
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import SegmentationRules, asymmetry, segment_markers
+from mocap_id.kinematics import Constraints, SegmentationRules, asymmetry, segment_markers
 from mocap_id.kinematics.bodies import find_base
 
 
@@ -112,10 +112,74 @@ def test_sides_that_move_apart_show(chain) -> None:
 def test_a_joint_that_hardly_explains_anything_is_unsure(chain) -> None:
     truth = chain(23, joints=1, noise=1e-4)
     sure = segment_markers(truth.points, truth.lateral, SegmentationRules())
-    assert sure.confidence > 0.95
+    assert sure.confidence.value > 0.95
     rng = np.random.default_rng(0)
     wander = np.cumsum(rng.standard_normal((2, len(truth.points))), axis=1) * 2e-3
     points = truth.points.copy()
     points[:, truth.segment == 1] += (wander[0] + 1j * wander[1])[:, None]
     loose = segment_markers(points, truth.lateral, SegmentationRules())
-    assert loose.confidence < sure.confidence - 0.1
+    assert loose.confidence.value < sure.confidence.value - 0.1
+    assert loose.confidence.joints[0] < sure.confidence.joints[0]
+
+
+def about_the_ankle(truth, *follows: float, radius: float = 4e-3) -> np.ndarray:
+    """(F, k) markers by the first axis, each turning with the shank by so much of its angle; 0.1 mm of noise."""
+    rng = np.random.default_rng(0)
+    angle = truth.relative[:, :1]
+    marks = truth.centres[0] + radius * np.exp(1j * (0.3 + angle * np.array(follows)))
+    return marks + 1e-4 * (rng.standard_normal(marks.shape) + 1j * rng.standard_normal(marks.shape))
+
+
+def axis_assignment(
+    truth, marks: np.ndarray, sides: list[float], constraints: Constraints | None = None
+) -> tuple[list[int], float]:
+    """Segments of the markers by the axis, and what their decision takes off the confidence."""
+    points = np.concatenate([truth.points, marks], axis=1)
+    found = segment_markers(points, np.append(truth.lateral, sides), SegmentationRules(), constraints)
+    count = len(truth.segment)
+    assert (found.segment[:count] == truth.segment).all()
+    return found.segment[count:].tolist(), found.confidence.against["axis"]
+
+
+def test_left_and_right_malleolus_are_judged_together(chain) -> None:
+    """One of them whose skin stays behind goes with the other if it is its counterpart."""
+    truth = chain(13, noise=1e-4)
+    marks = about_the_ankle(truth, 0.35, 0.9)
+    assert axis_assignment(truth, marks, [-0.15, 0.15])[0] == [1, 1]
+    assert axis_assignment(truth, marks, [0.15, 0.15])[0] == [0, 1]  # both on one side: two markers
+    away = marks + np.array([0.05, 0.0])
+    assert axis_assignment(truth, away, [-0.15, 0.15])[0] == [0, 1]  # 5 cm from each other: no counterparts
+
+
+def test_a_close_decision_about_the_axis_is_less_sure(chain) -> None:
+    truth = chain(13, noise=1e-4)
+    doubts = {}
+    for follows in (0.0, 0.2, 0.45, 0.8, 1.0):
+        (segment,), doubts[follows] = axis_assignment(truth, about_the_ankle(truth, follows), [0.0])
+        assert segment == (follows > 0.4)
+    assert doubts[0.45] > max(doubts[0.2], doubts[0.8])
+    assert doubts[0.0] == doubts[1.0] == 0
+
+
+def test_two_markers_stay_with_the_base(chain) -> None:
+    truth = chain(13, noise=1e-4)
+    marks = about_the_ankle(truth, 1.0, 1.0, 1.0)
+    left = 5  # two of the base's and three by the axis
+    points, lateral = np.concatenate([truth.points, marks], axis=1)[:, 2:], np.append(truth.lateral, [0.0] * 3)[2:]
+    for kept in (left, left - 1, left - 2):
+        found = segment_markers(points, lateral, SegmentationRules())
+        assert len(found.segment) == kept + 15
+        assert (found.segment == 0).sum() == 2
+        points, lateral = points[:, 1:], lateral[1:]
+
+
+def test_who_is_told_apart_from_the_shank_stays_on_the_base(chain) -> None:
+    truth = chain(13, noise=1e-4)
+    marks, last = about_the_ankle(truth, 1.0, 1.0), len(truth.segment)
+    assert axis_assignment(truth, marks, [0.1, 0.1])[0] == [1, 1]
+    one = Constraints.of(last + 2, (), [[last, 5]])
+    assert axis_assignment(truth, marks, [0.1, 0.1], one)[0] == [0, 1]
+    other = Constraints.of(last + 2, (), [[last, last + 1]])
+    assert sorted(axis_assignment(truth, marks, [0.1, 0.1], other)[0]) == [0, 1]
+    still = Constraints.of(last + 2, [[last, 0]])
+    assert axis_assignment(truth, marks, [0.1, 0.1], still)[0] == [0, 1]

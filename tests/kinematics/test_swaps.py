@@ -120,7 +120,7 @@ def test_across_a_gap(trials, hidden: int) -> None:
 @pytest.mark.parametrize("options", [{"rate": 25.0}, {"rate": 200.0}, {"marker_noise": 2e-3}])
 def test_rates_and_noise(trials, options: dict[str, float]) -> None:
     for seed in range(6):
-        trial, rng = trials(seed % 2, occlusions=False, **options), np.random.default_rng(200 + seed)
+        trial, rng = trials(seed % 2, occlusions=0, **options), np.random.default_rng(200 + seed)
         first, second = pair(rng, trial, ("neighbours", "any")[seed % 2])
         start = int(rng.integers(1, 300))
         stop = int(rng.integers(start + 1, 320))
@@ -130,7 +130,7 @@ def test_rates_and_noise(trials, options: dict[str, float]) -> None:
 
 @pytest.mark.parametrize(("start", "stop"), [(1, 9), (1, None), (-1, None), (-8, -1), (400, 401)])
 def test_at_the_ends_and_for_a_single_frame(trials, start: int, stop: int | None) -> None:
-    trial = trials(1, occlusions=False)
+    trial = trials(1, occlusions=0)
     count = len(trial.points)
     start, stop = start % count, count if stop is None else stop % count
     raw = exchanged(trial.points, 3, 30, start, stop)
@@ -157,13 +157,13 @@ def test_where_two_pass_each_other(least: float) -> None:
 
 
 def test_first_frames_count_as_right(trials) -> None:
-    trial = trials(1, occlusions=False)
+    trial = trials(1, occlusions=0)
     count = len(trial.points)
     assert find_swaps(exchanged(trial.points, 3, 30, 0, 70), 100.0) == (Swap(3, 30, 70, count),)
 
 
 def test_three_permute_and_swaps_share_columns(trials) -> None:
-    trial = trials(2, occlusions=False)
+    trial = trials(2, occlusions=0)
     raw = trial.points.copy()
     raw[150:420, [4, 30, 40]] = trial.points[150:420, [30, 40, 4]]
     raw = exchanged(raw, 30, 33, 300, 600)
@@ -173,7 +173,7 @@ def test_three_permute_and_swaps_share_columns(trials) -> None:
 
 
 def test_many_swaps_at_once(trials) -> None:
-    trial = trials(4, occlusions=False)
+    trial = trials(4, occlusions=0)
     true = [Swap(2 * i, 2 * i + 1, 100 + 40 * i, 150 + 50 * i) for i in range(12)]
     raw = trial.points
     for swap in true:

@@ -12,32 +12,66 @@ pytestmark = pytest.mark.recordings
 STS = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}}
 
 
-def knee_against_reference(done, recordings) -> tuple[float, float]:
-    """Correlation with the reference's flexion, and rms difference in degrees after the constant.
+def against_reference(done, recordings, ours: list[str], theirs: dict[str, float]) -> tuple[float, float]:
+    """Correlation of a sum of our joint angles with one of the reference's, and their rms difference in degrees.
 
-    The subject faces -x, so that a bent knee is negative here and positive there.
+    The subject faces -x, so that signs differ; constants do not count, since segments are oriented otherwise.
     """
     reference = read_table(recordings / "sit-to-stand" / f"{done.source.stem}_ik.mot")
-    time = reference.time
-    knee = (reference["knee_angle_r"] + reference["knee_angle_l"]) / 2
-    states = done.table("states")
-    got = np.interp(time, states["time"], states["theta_2"])
+    time, states = reference.time, done.table("states")
     inside = (time >= states["time"].min()) & (time <= states["time"].max())
-    r = float(np.corrcoef(-got[inside], knee[inside])[0, 1])
-    off = np.degrees(-got[inside] - knee[inside])
-    return r, float(np.sqrt(np.mean((off - off.mean()) ** 2)))
+    want = sum(weight * reference[name] for name, weight in theirs.items())[inside]
+    got = np.interp(time, states["time"], states[ours].sum(axis=1))[inside]
+    r = float(np.corrcoef(got, want)[0, 1])
+    off = np.degrees(np.sign(r) * got - want)
+    return abs(r), float(np.std(off))
+
+
+def marker_distance(recordings, name: str, first: str, second: str) -> float:
+    """Mean distance of two markers of the file, virtual ones included, m."""
+    lines = (recordings / "sit-to-stand" / f"{name}.trc").read_text().splitlines()
+    labels = [label for label in lines[3].split("\t")[2:] if label]
+    rows = [line.split("\t") for line in lines[5:] if line.strip()]
+    columns = [[3 * labels.index(label) + 2 + axis for axis in range(3)] for label in (first, second)]
+    ends = [
+        np.array([[float(row[c]) if row[c].strip() else np.nan for c in three] for row in rows]) for three in columns
+    ]
+    return float(np.nanmean(np.linalg.norm(ends[0] - ends[1], axis=1)))
 
 
 @pytest.mark.parametrize("name", ["STS1", "squats1"])
-def test_knee_and_mass(trial, recordings, name: str) -> None:
+def test_skeleton_and_mass(trial, recordings, name: str) -> None:
     done = trial(f"sit-to-stand/{name}.trc", **STS)
-    assert done.summary["segments"]["names"][:3] == ["foot", "shank", "thigh"]
-    r, rmse = knee_against_reference(done, recordings)
-    assert r >= 0.999
-    assert rmse <= 3
+    segments = done.summary["segments"]
+    assert segments["names"][:3] == ["foot", "shank", "thigh"]
+    assert "segments-unsure" not in {reason["code"] for reason in done.summary["verdict"]["reasons"]}
+    assert segments["confidence"] >= 0.5
+    arms = [label for label in segments["assignment"] if "elbow" in label or "wrist" in label]
+    assert arms == [] or all(segments["assignment"][label] is None for label in arms)
     mass = done.summary["dynamics"]["base"][0]
     assert mass["unit"] == "kg"
     assert mass["value"] == pytest.approx(60.0, rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["STS1", "squats1"])
+def test_angles_are_those_of_another_program(trial, recordings, name: str) -> None:
+    done = trial(f"sit-to-stand/{name}.trc", **STS)
+    r, rmse = against_reference(done, recordings, ["theta_2"], {"knee_angle_r": 0.5, "knee_angle_l": 0.5})
+    assert r >= 0.999
+    assert rmse <= 2
+    above = [f"theta_{j}" for j in range(3, len(done.summary["joints"]) + 1)]
+    trunk = {"hip_flexion_r": 0.5, "hip_flexion_l": 0.5, "lumbar_extension": -1.0}
+    assert against_reference(done, recordings, above, trunk)[0] >= 0.998
+
+
+@pytest.mark.parametrize("name", ["STS1", "squats1"])
+def test_lengths_are_near_the_distances_of_the_joints_markers(trial, recordings, name: str) -> None:
+    """Ankle to knee marker on the skin; knee marker to the regressed hip centre, which is virtual."""
+    lengths = trial(f"sit-to-stand/{name}.trc", **STS).summary["lengths_m"]
+    shank = [marker_distance(recordings, name, f"{side}_ankle", f"{side}_knee") for side in "Lr"]
+    thigh = [marker_distance(recordings, name, f"{side}_knee", f"{side.upper()}_HJC_reg") for side in "Lr"]
+    assert lengths["shank"]["value"] == pytest.approx(np.mean(shank), rel=0.06)
+    assert lengths["thigh"]["value"] == pytest.approx(np.mean(thigh), rel=0.12)
 
 
 @pytest.mark.parametrize("name", ["Sample_Jump2", "Gait", "walking5", "PiG_Motion-FlatFoot-One"])

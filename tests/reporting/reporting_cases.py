@@ -31,6 +31,7 @@ RATE = 100.0
 CYCLE = 6.0  # s, one repetition
 NAMES = ("foot", "shank", "thigh", "torso", "head")
 JOINTS = ("ankle", "knee", "hip", "neck")
+LOST = "costs 40.2 more: leaves out 4 markers of the chosen segments (+44.2); but has 1 segment fewer (−4.0)"
 SEATED, STANDING = np.array([-0.25, 1.5, -1.7, 0.3]), np.array([0.02, 0.05, -0.1, 0.0])
 
 
@@ -98,13 +99,39 @@ class Trial:
         facts = {
             "count": self.n + 1,
             "names": list(self.names),
+            "joint_names": list(self.joints),
+            "joint_markers": {},
             "confidence": 0.83,
+            "against": {
+                "skipped": 0.7,
+                "left-out": 0.0,
+                "axis": 1.5,
+                "first-joint": 0.0,
+                "base": 0.0,
+                "runner-up": 0.0,
+            },
+            "joint_confidences": [0.9, 0.75, 0.7, 0.65][: self.n],
+            "joint_ratios": [31.5, 10.5, 8.2, 6.5][: self.n],
             "planarity": 0.012,
             "noise_floor_m": 0.0004,
             "static_gap": 21.0,
-            "hypotheses": [{"segments": self.n + 1, "cost": -120.5}, {"segments": self.n, "cost": -80.25}],
+            "hypotheses": [self._hypothesis(self.n, -120.5, "chosen"), self._hypothesis(self.n - 1, -80.25, LOST)],
         }
         return Table(SEGMENTS, frame, facts, reasons)
+
+    def _hypothesis(self, joints: int, cost: float, why: str) -> dict[str, object]:
+        bodies = [
+            [label for label, k in zip(self.labels, self.segment, strict=True) if k == j] for j in range(self.n + 1)
+        ]
+        return {
+            "segments": joints + 1,
+            "cost": cost,
+            "why": why,
+            "joint_residual_m": [0.0021] * joints,
+            "arc_deg": [35.5] * joints,
+            "markers": bodies[1 : joints + 1],
+            "left_out": bodies[joints + 1 :],
+        }
 
     def chain(self) -> Tree:
         markers = len(self.labels)

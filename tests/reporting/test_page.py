@@ -8,12 +8,15 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
+from typing import get_args
 
 import numpy as np
 import pytest
-from reporting_cases import Trial, contents, context, healthy
+from reporting_cases import LOST, Trial, contents, context, healthy
 
 from mocap_id.errors import Refused
+from mocap_id.kinematics.confidence import Evidence
+from mocap_id.reporting.readings import AGAINST
 from mocap_id.reporting.report import documents
 from mocap_id.stages.report import STAGE, material
 from mocap_id.store import Artefact, Table
@@ -111,6 +114,31 @@ def test_healthy_trial_shows_everything() -> None:
     for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
         assert wanted in page.text
     assert "somewhere" not in page.text, "folders are nobody's business"
+
+
+def test_readings_that_lost_and_what_speaks_against_the_chosen_one_are_shown() -> None:
+    page = checked(healthy())
+    start = page.text.index("Chance that count and assignment of the segments are right: 0.83")
+    shown = [page.text.index(words, start) for words in (AGAINST["axis"], AGAINST["skipped"], "chosen", LOST)]
+    assert shown == sorted(shown), "the gravest first, then the readings, the cheapest first"
+    for absent in ("left-out", "first-joint", "base", "runner-up"):
+        assert AGAINST[absent] not in page.text
+    rows = re.findall(
+        r"<tr><td[^>]*>(ankle|knee|hip)</td><td[^>]*>([\d.]+)</td><td[^>]*>([\d.]+)</td></tr>", page.source
+    )
+    assert rows == [("ankle", "0.90", "31.5"), ("knee", "0.75", "10.5"), ("hip", "0.70", "8.20")]
+
+
+def test_segments_that_nothing_speaks_against_say_so() -> None:
+    trial = Trial()
+    table = trial.segments()
+    facts = dict(table.facts) | {"against": dict.fromkeys(AGAINST, 0.0)}
+    page = checked(report(trial.artefacts() | {"segments.parquet": replace(table, facts=facts)}))
+    assert "nothing" in page.text[page.text.index("Chance that count and assignment") :]
+
+
+def test_every_piece_of_evidence_has_words() -> None:
+    assert set(AGAINST) == set(get_args(Evidence))
 
 
 def test_caution_stands_on_top_with_what_to_do() -> None:

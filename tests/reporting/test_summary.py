@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reporting_cases import Trial, context
+from reporting_cases import LOST, Trial, context
 
 from mocap_id.errors import Refused
 from mocap_id.reporting.numbers import all_known, known
@@ -56,8 +56,8 @@ def objects(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def assert_nulls_explained(summary: dict[str, Any]) -> None:
-    """An object with a null holds a why; one without nulls holds none."""
-    explained = [entry for entry in objects(summary) if "why" in entry]
+    """An object with a null holds a why; one without nulls holds none, but for a hypothesis, which says why it lost."""
+    explained = [entry for entry in objects(summary) if "why" in entry and "chosen" not in entry]
     assert explained
     for entry in explained:
         unknown = [key for key, value in entry.items() if value is None and key != "why"]
@@ -85,6 +85,20 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     assert summary["dynamics"]["samples"] == 900
     assert summary["time_s"] == {"planarise": 0.21, "segment": 0.4}
     assert_nulls_explained(summary)
+
+
+def test_every_hypothesis_says_why_it_lost() -> None:
+    trial = Trial()
+    segments = summary_of(trial.artefacts())["segments"]
+    chosen, lost = segments["hypotheses"]
+    assert chosen == {
+        "segments": 4, "cost": -120.5, "why": "chosen", "chosen": True, "left_out": 0,
+        "joint_residual_m": [0.0021] * 3, "arc_deg": [35.5] * 3,
+    }  # fmt: skip
+    assert (lost["segments"], lost["why"], lost["chosen"], lost["left_out"]) == (3, LOST, False, 4)
+    assert segments["against"] == trial.segments().facts["against"]
+    early = summary_of({"planar.parquet": trial.planar()}, Refused("no-motion", "no joint moves"))["segments"]
+    assert early["against"] is None and early["hypotheses"] is None and "no-motion" in early["why"]
 
 
 def test_unknown_events_are_null_with_the_reason() -> None:

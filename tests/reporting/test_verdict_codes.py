@@ -7,6 +7,10 @@ from pathlib import Path
 
 import mocap_id
 from mocap_id.reporting.explanations import EXPLANATIONS, as_markdown
+from mocap_id.reporting.explanations.contact import CONTACT
+from mocap_id.reporting.explanations.parameters import PARAMETERS
+from mocap_id.reporting.explanations.recording import RECORDING
+from mocap_id.reporting.explanations.skeleton import SKELETON
 
 PACKAGE = Path(mocap_id.__file__).parent
 DOCUMENT = PACKAGE.parent.parent / "docs" / "verdict.md"
@@ -39,6 +43,10 @@ def raised_codes() -> set[str]:
                 )
                 codes |= {leaf.value for leaf in constants if isinstance(leaf.value, str)}
     return codes
+
+
+def test_no_code_is_explained_twice() -> None:
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, PARAMETERS, RECORDING, SKELETON)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

@@ -106,7 +106,7 @@ def test_smoothstep_goes_from_zero_to_one():
 def test_noise_and_plate_leave_the_motion_alone():
     first = generate("sit-to-stand", Options(seed=4, repetitions=1))
     second = generate(
-        "sit-to-stand", Options(seed=4, repetitions=1, marker_noise=0.002, occlusions=False, plate_moved=True)
+        "sit-to-stand", Options(seed=4, repetitions=1, marker_noise=0.002, occlusions=0, plate_moved=True)
     )
     np.testing.assert_array_equal(first.state.q, second.state.q)
     assert first.scene.plane.yaw == second.scene.plane.yaw

@@ -63,7 +63,7 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
     jumps = np.append(floor[1:], np.inf if still == len(order) else floor[-1]) / floor
     last = int(np.argmax(jumps[:still]))
     markers = _permitted(order[: last + 1], order[last + 1 :], constraints)
-    noise = float(np.median(scatter[markers]) / np.sqrt(2))
+    noise = float(np.median(scatter[markers]) / np.sqrt(2)) if len(markers) else 0.0
     return Base(markers, noise, float(jumps[last]), scatter)
 
 
@@ -79,62 +79,89 @@ def _permitted(still: IntArray, moving: IntArray, constraints: Constraints | Non
     return np.sort(np.array(kept, dtype=np.int64))
 
 
-def cluster(points: ComplexArray, moving: IntArray, count: int, constraints: Constraints) -> list[Body]:
-    """Sort the moving markers into at most ``count`` rigid bodies of at least two markers.
-
-    Average linkage on the variance of the mutual distances starts it; then every marker goes to the body that holds
-    it best, until none changes.
-    """
-    variance = constraints.shaped(_distance_variance(points[:, moving]), moving)
-    labels = fcluster(linkage(squareform(variance, checks=False), "average"), count, "maxclust")
-    return reassign(points, [moving[labels == label] for label in np.unique(labels)], constraints)
-
-
-def reassign(points: ComplexArray, groups: list[IntArray], constraints: Constraints) -> list[Body]:
-    """Move markers between bodies until each sits on the body that holds it best."""
-    moving = np.sort(np.concatenate(groups))
-    for _ in range(_REASSIGNMENTS):
-        bodies = [fit_body(points, group) for group in groups if len(group) > 1]
-        if len(bodies) < 2:
-            break
-        residuals = np.stack([marker_residuals(body, points[:, moving]) for body in bodies])
-        best = constraints.nearest(residuals**2, moving)
-        regrouped = [moving[best == index] for index in range(len(bodies))]
-        if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
-            break
-        groups = regrouped
-    return [fit_body(points, group) for group in groups if len(group) > 1]
-
-
-def merge_rigid_pairs(
-    points: ComplexArray, bodies: list[Body], min_arc: float, tolerance: float, constraints: Constraints
-) -> list[Body]:
-    """Merge bodies that one rigid body fits nearly as well as two.
+class Clusters:
+    """The moving markers sorted into rigid bodies, at any level of detail; each set of markers is fitted once.
 
     Parameters
     ----------
-    min_arc : float
-        Bodies that turn by less (rad) against each other, or by no more than their own wobble, are one more easily.
-    tolerance : float
-        Such are one if the merged residual stays under this multiple of their own; others if it hardly grows at all.
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    moving : int array
+        Columns of the markers to sort.
+    constraints : Constraints
+        Which of them belong together or apart.
     """
-    bodies = list(bodies)
-    while len(bodies) > 1:
-        candidates = []
-        for (i, first), (j, second) in combinations(enumerate(bodies), 2):
-            markers = np.sort(np.concatenate([first.markers, second.markers]))
-            if not constraints.allow(markers):
-                continue
-            merged = fit_body(points, markers)
-            growth = merged.residual / _pooled(first, second)
-            wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
-            if growth <= _AS_WELL or (growth <= tolerance and fit_joint(first, second).arc < max(min_arc, wobble)):
-                candidates.append((growth, i, j, merged))
-        if not candidates:
-            break
-        _, i, j, merged = min(candidates, key=lambda candidate: candidate[0])
-        bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [merged]
-    return bodies
+
+    def __init__(self, points: ComplexArray, moving: IntArray, constraints: Constraints) -> None:
+        self.points, self.moving, self.constraints = points, moving, constraints
+        self._bodies: dict[bytes, Body] = {}
+        variance = constraints.shaped(_distance_variance(points[:, moving]), moving)
+        self._tree = linkage(squareform(variance, checks=False), "average") if len(moving) > 1 else None
+
+    def at(self, count: int) -> list[Body]:
+        """At most ``count`` bodies of at least two markers.
+
+        Average linkage on the variance of the mutual distances starts it; then every marker goes to the body that holds
+        it best, until none changes.
+        """
+        if self._tree is None:
+            return []
+        labels = fcluster(self._tree, count, "maxclust")
+        groups = [self.moving[labels == label] for label in np.unique(labels)]
+        for _ in range(_REASSIGNMENTS):
+            bodies = self._rigid(groups)
+            if len(bodies) < 2:
+                break
+            residuals = np.stack([marker_residuals(body, self.points[:, self.moving]) for body in bodies])
+            best = self.constraints.nearest(residuals**2, self.moving)
+            regrouped = [self.moving[best == index] for index in range(len(bodies))]
+            if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
+                break
+            groups = regrouped
+        return self._rigid(groups)
+
+    def merged(self, bodies: list[Body], min_arc: float, tolerance: float) -> list[Body]:
+        """Merge bodies that one rigid body fits nearly as well as two.
+
+        Parameters
+        ----------
+        min_arc : float
+            Bodies that turn by less (rad) against each other, or by no more than their own wobble, are one more easily.
+        tolerance : float
+            Such are one if the merged residual stays under this multiple of their own; others if it hardly grows at
+            all.
+        """
+        bodies = list(bodies)
+        while len(bodies) > 1:
+            candidates = []
+            for (i, first), (j, second) in combinations(enumerate(bodies), 2):
+                markers = np.sort(np.concatenate([first.markers, second.markers]))
+                if not self.constraints.allow(markers):
+                    continue
+                both = self._fit(markers)
+                growth = both.residual / _pooled(first, second)
+                if growth <= _AS_WELL or (growth <= tolerance and _hardly_turn(first, second, min_arc)):
+                    candidates.append((growth, i, j, both))
+            if not candidates:
+                break
+            _, i, j, both = min(candidates, key=lambda candidate: candidate[0])
+            bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [both]
+        return bodies
+
+    def _rigid(self, groups: list[IntArray]) -> list[Body]:
+        return [self._fit(group) for group in groups if len(group) > 1]
+
+    def _fit(self, markers: IntArray) -> Body:
+        key = markers.tobytes()
+        if key not in self._bodies:
+            self._bodies[key] = fit_body(self.points, markers)
+        return self._bodies[key]
+
+
+def _hardly_turn(first: Body, second: Body, min_arc: float) -> bool:
+    """Whether two bodies turn against each other by less than an angle (rad) or than they wobble."""
+    wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
+    return bool(fit_joint(first, second).arc < max(min_arc, wobble))
 
 
 def _pooled(first: Body, second: Body) -> float:

@@ -87,8 +87,3 @@ class Constraints:
         loss, unit, body = min(moves)
         if np.isfinite(loss):
             best[unit] = body
-
-    def open_to(self, segment: IntArray, count: int) -> BoolArray:
-        """(count, M) whether each marker may join each segment as it is (``segment`` (M,), -1 = none)."""
-        held = segment == np.arange(count)[:, None]
-        return ~np.asarray(held @ self.barred)

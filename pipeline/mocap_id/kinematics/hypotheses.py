@@ -1,15 +1,19 @@
-"""Readings of a recording: at every level of detail, the best chain from the base to a tip over real joints."""
+"""Readings of a recording: at every level of detail, chains from the base to a tip over real joints.
+
+The best chain of each number of segments is kept, so that one can read why the others lost; only the best of all the
+chains of a level can win.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.bodies import Base, cluster, merge_rigid_pairs
+from mocap_id.kinematics.bodies import Base, Clusters
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid import Body
@@ -24,6 +28,8 @@ _SAME_PLACE = 0.15  # m; joints of a pair of limbs are this near to each other a
 _NEEDED = 1.2  # a segment between two others is real if leaving it out fits this much worse
 _DEEPEST = 9  # segments with the base that the search goes through
 _LEVELS = 12  # levels of detail that are tried
+_TOLD = 0.05  # a difference in cost below this is not told
+_MINUS = "\N{MINUS SIGN}"
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,8 @@ class Scene:
         The markers that are not still.
     rules : SegmentationRules
     constraints : Constraints
+    clusters : Clusters
+        Of the moving markers.
     """
 
     points: ComplexArray
@@ -87,44 +95,158 @@ class Scene:
     moving: IntArray
     rules: SegmentationRules
     constraints: Constraints
+    clusters: Clusters
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """One reading of the recording: bodies in order from base to tip, and what it costs.
 
-    ``cost`` is the summed log of the markers' predicted residuals plus ``split_gain`` a segment; lower is better.
+    Parameters
+    ----------
+    level : int
+        Level of detail: the number of bodies that were sought.
+    chain : tuple of Body
+        The moving segments.
+    joints : tuple of PairJoint
+        Each segment's joint with the one before.
+    left_out : tuple of Body
+        Bodies of the level that the chain does not hold.
+    predicted : (M,) array
+        Residual of every marker as predicted through its joint, its scatter where it is on no moving segment, m.
+    cost : float
+        Summed log of the moving markers' ``predicted`` plus ``split_gain`` a segment plus ``cut``; lower is better.
+    best_of_level : bool
+        Whether it is the best chain of its level, of whatever number of segments; the others cannot win.
+    cut : float
+        0 for the best of a level. For the others what the best lost where it was cut to the longest that is allowed:
+        they lost to the whole of it.
     """
 
     level: int
     chain: tuple[Body, ...]
     joints: tuple[PairJoint, ...]
     left_out: tuple[Body, ...]
+    predicted: FloatArray
+    cost: float
+    best_of_level: bool
+    cut: float
+
+    @property
+    def markers(self) -> IntArray:
+        """Columns of the markers on the moving segments, sorted."""
+        return np.sort(np.concatenate([body.markers for body in self.chain]))
+
+    def lost_to(self, best: Hypothesis) -> str:
+        """Why the best one was chosen instead, in terms that add up to the difference in cost; ``chosen`` for itself.
+
+        ``cost`` is a sum over markers, segments and ``cut``, so the difference parts into the markers that only the
+        best carries, those that only this one carries, those on both, the number of segments and the cut.
+        """
+        if self is best:
+            return "chosen"
+        mine, its = self.markers, best.markers
+        out, extra, both = np.setdiff1d(its, mine), np.setdiff1d(mine, its), np.intersect1d(mine, its)
+        fit = self._worse(best, both)
+        terms = {
+            f"leaves out {_count(len(out), 'marker')} of the chosen segments": self._worse(best, out),
+            f"carries {_count(len(extra), 'marker')} more": self._worse(best, extra),
+            f"fits {'the others' if len(out) + len(extra) else 'the markers'} {'worse' if fit > 0 else 'better'}": fit,
+            "lost to a longer chain that was cut afterwards": self.cut,
+        }
+        more = len(self.chain) - len(best.chain)
+        price = self.cost - best.cost - sum(terms.values())  # split_gain for each segment more or fewer
+        return _account({f"has {_count(abs(more), 'segment')} {'more' if more > 0 else 'fewer'}": price, **terms})
+
+    def _worse(self, best: Hypothesis, markers: IntArray) -> float:
+        """Difference in the summed log residual of some markers."""
+        return float(np.sum(np.log(self.predicted[markers] / best.predicted[markers])))
+
+
+def _account(terms: Mapping[str, float]) -> str:
+    """A difference in cost, with what speaks against the dearer hypothesis and what for it, the gravest first."""
+    told = sorted((each for each in terms.items() if abs(each[1]) >= _TOLD), key=lambda each: -abs(each[1]))
+    against = ", ".join(f"{words} (+{value:.1f})" for words, value in told if value > 0)
+    in_favour = ", ".join(f"{words} ({_MINUS}{-value:.1f})" for words, value in told if value < 0)
+    text = f"costs {sum(terms.values()):.1f} more" + (f": {against}" if against else "")
+    return f"{text}; but {in_favour}" if in_favour else text
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A chain as the search finds it, before it is cut."""
+
+    chain: tuple[Body, ...]
+    joints: tuple[PairJoint, ...]
     cost: float
 
 
 def hypotheses(scene: Scene) -> Iterator[Hypothesis]:
-    """A hypothesis for every level of detail that gives a chain not seen before."""
-    rules = scene.rules
+    """The best chain of every level of detail; then, of each level, the best of every other number of segments.
+
+    No chain comes twice.
+    """
     known: set[tuple[tuple[int, ...], ...]] = set()
+    sorted_before: set[tuple[tuple[int, ...], ...]] = set()
+    others: list[Hypothesis] = []
     for level in range(1, min(_LEVELS, len(scene.moving) // 2) + 1):
-        bodies = cluster(scene.points, scene.moving, level, scene.constraints)
-        if not all(scene.constraints.allow(body.markers) for body in bodies):
+        bodies = _bodies(scene, level)
+        if _key(bodies) in sorted_before:
             continue
-        bodies = merge_rigid_pairs(scene.points, bodies, rules.min_arc, rules.merge_tolerance, scene.constraints)
-        best = _best_chain(scene, bodies)
-        if best is None:
-            continue
-        chain, joints = best
-        key = tuple(tuple(int(marker) for marker in body.markers) for body in chain)
-        if key not in known:
-            known.add(key)
-            left_out = tuple(body for body in bodies if not any(body is link for link in chain))
-            yield Hypothesis(level, chain, joints, left_out, _cost(scene, chain, joints))
+        sorted_before.add(_key(bodies))
+        for hypothesis in _of_level(scene, level, bodies):
+            if not hypothesis.best_of_level:
+                others.append(hypothesis)
+            elif _key(hypothesis.chain) not in known:
+                known.add(_key(hypothesis.chain))
+                yield hypothesis
+    for other in others:
+        if _key(other.chain) not in known:
+            known.add(_key(other.chain))
+            yield other
 
 
-def _best_chain(scene: Scene, bodies: list[Body]) -> tuple[tuple[Body, ...], tuple[PairJoint, ...]] | None:
-    """The cheapest path from the base over real joints, by exhaustive search, cut where the chain may be no longer."""
+def _key(bodies: Sequence[Body]) -> tuple[tuple[int, ...], ...]:
+    return tuple(tuple(int(marker) for marker in body.markers) for body in bodies)
+
+
+def _bodies(scene: Scene, level: int) -> list[Body]:
+    """The rigid bodies of a level; none where they cannot be as the user wants them."""
+    bodies = scene.clusters.at(level)
+    if not all(scene.constraints.allow(body.markers) for body in bodies):
+        return []
+    return scene.clusters.merged(bodies, scene.rules.min_arc, scene.rules.merge_tolerance)
+
+
+def _of_level(scene: Scene, level: int, bodies: list[Body]) -> Iterator[Hypothesis]:
+    """The best chain of a level, cut where it may be no longer; then the best of each other length that is allowed."""
+    rules = scene.rules
+    found = _best_chains(scene, bodies)
+    if not found:
+        return
+    longest = rules.longest - 1
+    best = min(found, key=lambda path: path.cost)
+    first = _hypothesis(scene, level, bodies, _Path(best.chain[:longest], best.joints[:longest], best.cost))
+    yield first
+    for path in found:
+        if path is not best and len(path.chain) <= longest:
+            yield _hypothesis(scene, level, bodies, path, first.cost - best.cost)
+
+
+def _hypothesis(scene: Scene, level: int, bodies: list[Body], path: _Path, cut: float | None = None) -> Hypothesis:
+    """A path with what it leaves out; the best of its level where nothing is said of a cut."""
+    left_out = tuple(body for body in bodies if not any(body is link for link in path.chain))
+    predicted = _predicted(scene, path.chain, path.joints)
+    cost = _cost(scene, predicted, len(path.chain)) + (cut or 0.0)
+    return Hypothesis(level, path.chain, path.joints, left_out, predicted, cost, cut is None, cut or 0.0)
+
+
+def _best_chains(scene: Scene, bodies: list[Body]) -> list[_Path]:
+    """The cheapest path from the base over real joints for each number of segments, by exhaustive search."""
     rules = scene.rules
     links = [scene.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
     joints = {(i, j): fit_joint(links[i], links[j]) for i in range(len(links)) for j in range(1, len(links)) if i != j}
@@ -133,16 +255,16 @@ def _best_chain(scene: Scene, bodies: list[Body]) -> tuple[tuple[Body, ...], tup
     }
     real -= _paired(real, joints, np.array([np.nanmean(scene.lateral[body.markers]) for body in links]))
     real = {(i, j) for i, j in real if i == 0 or not _straddles(scene.lateral, links[j], links[i])}
-    best: tuple[float, tuple[Body, ...], tuple[PairJoint, ...]] | None = None
+    best: dict[int, _Path] = {}
     for path in _paths((0,), real, len(links), rules):
         if _skips_as_well(path, joints):
             continue
         chain = tuple(links[i] for i in path[1:])
         found = tuple(joints[pair] for pair in pairwise(path))
-        cost = _cost(scene, chain, found)
-        if best is None or cost < best[0]:
-            best = cost, chain, found
-    return None if best is None else (best[1][: rules.longest - 1], best[2][: rules.longest - 1])
+        cost = _cost(scene, _predicted(scene, chain, found), len(chain))
+        if len(path) not in best or cost < best[len(path)].cost:
+            best[len(path)] = _Path(chain, found, cost)
+    return list(best.values())
 
 
 def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
@@ -191,10 +313,15 @@ def _paths(
                 yield from _paths((*path, following), real, count, rules)
 
 
-def _cost(scene: Scene, chain: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> float:
-    """Summed log of the markers' residuals, as predicted through their joint; those left out cost their scatter."""
+def _predicted(scene: Scene, chain: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> FloatArray:
+    """(M,) residuals of the markers as predicted through their joint, m; those left out keep their scatter."""
     floor = max(scene.base.noise, FLOOR)
     residual = np.maximum(scene.base.scatter, floor)
     for body, joint in zip(chain, joints, strict=True):
         residual[body.markers] = np.sqrt(body.residual**2 + joint.residual**2 + floor**2)
-    return float(np.sum(np.log(residual[scene.moving]))) + scene.rules.split_gain * len(chain)
+    return residual
+
+
+def _cost(scene: Scene, predicted: FloatArray, segments: int) -> float:
+    """Summed log of the moving markers' residuals, and the price of the segments."""
+    return float(np.sum(np.log(predicted[scene.moving]))) + scene.rules.split_gain * segments

@@ -32,7 +32,7 @@ def frames_along_motion(points: ComplexArray, count: int) -> IntArray:
     speed = _speed(points, max(1, frames // _WINDOWS))
     moving = np.maximum(speed - np.quantile(speed, 0.05), 0)  # what stands still moves by its noise
     total = moving.mean()
-    density = _STILL_SHARE + (1 - _STILL_SHARE) * (moving / total if total > 0 else 1.0)
+    density = _STILL_SHARE + (1 - _STILL_SHARE) * (moving / total if total > 0 else np.ones(frames))
     travelled = np.cumsum(density)
     middles = (np.arange(count) + 0.5) / count * travelled[-1]
     return np.unique(np.searchsorted(travelled, middles))

@@ -8,23 +8,22 @@ real; and the hypothesis is kept that predicts the markers best for its number o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
-from mocap_id.kinematics.bodies import Base, cluster, find_base
+from mocap_id.kinematics.axis_markers import on_first_axis
+from mocap_id.kinematics.bodies import Base, Clusters, find_base
+from mocap_id.kinematics.confidence import Confidence, explained_share, judge
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, Scene, SegmentationRules, hypotheses
 from mocap_id.kinematics.joint import PairJoint, fit_joint
-from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_body
+from mocap_id.kinematics.rigid import Body, marker_residuals, still_body
 
 _ADOPT = 2.0  # a marker left over is adopted by a segment that holds it within this multiple of its own residual
-_PREFER_MOVING = 1.25  # a still marker goes to segment 1 unless that holds it worse than the base by this factor
-_SURE_SKIPPED = 3.5  # skipping a segment fits this much worse: between what right (4.0) and wrong ones (3.0) show
 _TALLEST = 5.0  # m
-_SURE_FIXED = 1.5  # fixing the last segment to its parent fits this much worse: beyond what soft tissue makes of one
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,8 @@ class Segmentation:
         rms distance of each marker from its place on its segment, m; NaN for none.
     count : int
         Segments with the base.
-    confidences : tuple of float
-        0 … 1 for each joint, from its ratio: 0.5 where leaving its segment out fits 3.5 times worse, the last 1.5.
+    confidence : Confidence
+        How sure that is.
     ratios : tuple of float
         For each joint, the residual without its segment (skipped, the last one fixed to its parent) over its own.
     base : Base
@@ -52,15 +51,10 @@ class Segmentation:
     segment: IntArray
     residual: FloatArray
     count: int
-    confidences: tuple[float, ...]
+    confidence: Confidence
     ratios: tuple[float, ...]
     base: Base
     hypotheses: tuple[Hypothesis, ...] = field(repr=False)
-
-    @property
-    def confidence(self) -> float:
-        """That of the weakest joint."""
-        return min(self.confidences)
 
 
 def segment_markers(
@@ -86,7 +80,8 @@ def segment_markers(
     base = find_base(points, rules.still_limit, constraints)
     _require_base_and_motion(base, points, rules)
     moving = np.setdiff1d(np.flatnonzero(np.isfinite(base.scatter)), base.markers)
-    scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules, constraints)
+    clusters = Clusters(points, moving, constraints)
+    scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules, constraints, clusters)
     considered = tuple(sorted(hypotheses(scene), key=lambda hypothesis: hypothesis.cost))
     if not considered:
         raise _no_chain(scene)
@@ -131,53 +126,49 @@ def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
     links = (scene.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
     own = np.array([body.residual for body in links])
-    nearest = np.argmin(residuals, axis=0)
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(links):
         segment[body.markers] = k
-    open_to = scene.constraints.open_to(segment, len(links))
-    adopted = (np.min(residuals, axis=0) <= _ADOPT * own[nearest]) & open_to[nearest, np.arange(points.shape[1])]
-    segment = np.where((segment < 0) & adopted, nearest, segment)
+    _adopt(scene.constraints, segment, residuals / (_ADOPT * own)[:, None])
     residual = residuals[segment, np.arange(points.shape[1])]
-    for marker, on_segment in _on_first_axis(scene, best.chain[0]).items():
+    axis = on_first_axis(scene, best.chain[0], np.flatnonzero(segment == 1))
+    for marker, on_segment in axis.residual.items():
         segment[marker], residual[marker] = 1, on_segment
     ratios = _ratios(points, links, best.joints)
-    sure = [_SURE_SKIPPED] * (len(ratios) - 1) + [_SURE_FIXED]
+    explained = explained_share(segment, scene.lateral, scene.moving)
     return Segmentation(
         segment,
         np.where(segment >= 0, residual, np.nan),
         len(links),
-        tuple(ratio / (ratio + limit) for ratio, limit in zip(ratios, sure, strict=True)),
+        judge(considered, ratios, explained, axis.margin, scene.base.gap),
         ratios,
         scene.base,
         considered,
     )
 
 
-def _on_first_axis(scene: Scene, first: Body) -> dict[int, float]:
-    """Still markers that belong to segment 1, with their residual there, the surest first.
+def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
+    """Put markers left over on the segments that hold them, the surest first, those that belong together as one.
 
-    A marker on the axis of joint 1 (a malleolus) hardly moves, so rigidity puts it on the base; on the segment it pins
-    the joint. The segment is fitted anew with each one: judged from outside, a few degrees of soft tissue would reject
-    it; and with those taken before, so that a heel cannot follow where a malleolus has pinned the axis.
+    Parameters
+    ----------
+    segment : (M,) int array
+        -1 for those left over; changed in place.
+    cost : (n + 1, M) array
+        Residual of every marker on every segment over what is allowed there.
     """
-    points, constraints = scene.points, scene.constraints
-    held = marker_residuals(scene.ground, points)
-    taken: dict[int, float] = {}
-    alone = np.bincount(constraints.unit)[constraints.unit] == 1
-    left = [int(marker) for marker in scene.ground.markers if alone[marker]]
-    while len(scene.ground.markers) - len(taken) > 2:
-        members = np.concatenate([first.markers, np.array(list(taken), dtype=np.int64)])
-        left = [marker for marker in left if marker not in taken and not constraints.barred[marker, members].any()]
-        if not left:
-            break
-        refitted = {marker: fit_body(points, np.append(members, marker)) for marker in left}
-        residual = {m: float(marker_residuals(body, points[:, m : m + 1])[0]) for m, body in refitted.items()}
-        best = min(left, key=lambda marker: residual[marker] / held[marker] if held[marker] > 0 else np.inf)
-        if residual[best] > _PREFER_MOVING * held[best]:
-            break
-        taken[best] = residual[best]
-    return taken
+    left = np.flatnonzero(segment < 0)
+    units = [np.flatnonzero(constraints.unit == unit) for unit in np.unique(constraints.unit[left])]
+    costs = [np.sqrt(np.mean(cost[:, unit] ** 2, axis=1)) for unit in units]
+    for index in np.argsort([np.min(each) for each in costs]):
+        unit = units[index]
+        if segment[unit].max() >= 0:  # some of them are sorted already
+            segment[unit] = segment[unit].max()
+            continue
+        taken = segment[constraints.barred[unit[0]]]
+        open_to = np.where(np.isin(np.arange(len(cost)), taken), np.inf, costs[index])
+        if np.min(open_to) <= 1:
+            segment[unit] = np.argmin(open_to)
 
 
 def _ratios(points: ComplexArray, links: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
@@ -194,9 +185,20 @@ def _ratios(points: ComplexArray, links: tuple[Body, ...], joints: tuple[PairJoi
 
 
 def _no_chain(scene: Scene) -> Refused:
-    """Why no body turns about a point fixed to the base."""
+    """Why no body turns about a point fixed to the base, or why none of the chains is as long as was asked."""
     rules = scene.rules
-    bodies = [body for level in (1, 2, 3) for body in cluster(scene.points, scene.moving, level, scene.constraints)]
+    if rules.count is not None:
+        found = sorted({len(other.chain) + 1 for other in hypotheses(replace(scene, rules=replace(rules, count=None)))})
+        if found:
+            numbers = ", ".join(map(str, found))
+            return Refused(
+                "no-chain",
+                f"no chain of {rules.count} segments, as `segment: {{count: {rules.count}}}` asks: there are chains of "
+                f"{numbers}. Take `count` away, or say which markers are `apart`.",
+                float(rules.count),
+                float(found[-1]),
+            )
+    bodies = [body for level in (1, 2, 3) for body in scene.clusters.at(level)]
     pairs = [(fit_joint(scene.ground, body), body) for body in bodies]
     joint, body = min(pairs, key=lambda pair: np.hypot(pair[0].residual, pair[1].residual), default=(None, None))
     if joint is None or body is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mocap_id.reporting import tables
+from mocap_id.reporting import readings, tables
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.shape import BaseEntry, Summary
@@ -62,7 +62,13 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "Markers and segments",
             "segments.parquet",
             ("residuals",) if "markers.parquet" in material.artefacts else (),
-            (tables.markers(material), _segmentation(material), tables.hypotheses(material)),
+            (
+                tables.markers(material),
+                readings.against(material),
+                readings.joints(material),
+                readings.hypotheses(material),
+                _segmentation(material),
+            ),
         ),
         Section("origin", "Where these numbers come from", "", (), _origin(material, summary)),
     ]
@@ -140,9 +146,8 @@ def _identification(material: Material) -> tables.Grid:
 
 
 def _segmentation(material: Material) -> tables.Grid:
-    return tables.facts(
-        "Segmentation", _but(material.facts("segments.parquet"), {"names", "joint_names", "hypotheses"})
-    )
+    shown = {"names", "joint_names", *readings.SHOWN}
+    return tables.facts("Segmentation", _but(material.facts("segments.parquet"), shown))
 
 
 def _but(facts: Facts, shown: set[str]) -> Facts:

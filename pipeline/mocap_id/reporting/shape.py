@@ -51,13 +51,37 @@ class PlaneEntry(Entry):
     why: str | None
 
 
+class HypothesisEntry(Entry):
+    """A reading of the recording that was weighed up; nothing in it is null, and ``why`` says why it lost.
+
+    ``segments`` include the base, the lists go from joint 1 on. ``left_out`` counts the moving markers on none, before
+    single ones join the segments of the chosen reading that hold them after all. ``cost`` is a summed log of residuals
+    plus a price for every segment: only differences mean something.
+    """
+
+    segments: int
+    cost: float
+    why: str
+    chosen: bool
+    left_out: int
+    joint_residual_m: list[float]
+    arc_deg: list[float]
+
+
 class SegmentsEntry(Entry):
-    """``count`` and ``names`` include the base; markers without a segment are not in ``assignment``."""
+    """``count`` and ``names`` include the base; markers without a segment are not in ``assignment``.
+
+    ``confidence`` is the chance that count and assignment are right, ``against`` what takes it down: how much each
+    piece of evidence (:class:`mocap_id.kinematics.confidence.Confidence`) takes off the log odds, 0 where it is good.
+    ``hypotheses`` are what was weighed up, the cheapest first.
+    """
 
     count: int | None
     names: list[str] | None
     assignment: dict[str, int] | None
     confidence: float | None
+    against: dict[str, float] | None
+    hypotheses: list[HypothesisEntry] | None
     why: str | None
 
 

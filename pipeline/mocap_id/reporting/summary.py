@@ -15,6 +15,7 @@ from mocap_id.reporting.shape import (
     BaseEntry,
     ChannelEntry,
     DynamicsEntry,
+    HypothesisEntry,
     JointEntry,
     LengthEntry,
     MarkersEntry,
@@ -114,13 +115,35 @@ def _segments(material: Material) -> SegmentsEntry:
         assigned = frame.dropna(subset="segment")
         assignment = {str(label): int(k) for label, k in zip(assigned["marker"], assigned["segment"], strict=True)}
     why = facts.get("why") or material.why_missing("segments.parquet")
+    against, hypotheses = facts.get("against"), _hypotheses(material)
     return SegmentsEntry(
         count=None if count is None else int(count),
         names=None if names is None else [str(name) for name in names],
         assignment=assignment,
         confidence=confidence,
-        why=_because(why, count, names, assignment, confidence),
+        against=None if against is None else {str(evidence): float(off) for evidence, off in against.items()},
+        hypotheses=hypotheses,
+        why=_because(why, count, names, assignment, confidence, against, hypotheses),
     )
+
+
+def _hypotheses(material: Material) -> list[HypothesisEntry] | None:
+    """The readings that were weighed up, the chosen one first."""
+    found = material.facts("segments.parquet").get("hypotheses")
+    if found is None:
+        return None
+    return [
+        HypothesisEntry(
+            segments=int(entry["segments"]),
+            cost=float(entry["cost"]),
+            why=str(entry["why"]),
+            chosen=k == 0,
+            left_out=sum(len(body) for body in entry["left_out"]),
+            joint_residual_m=[float(residual) for residual in entry["joint_residual_m"]],
+            arc_deg=[float(arc) for arc in entry["arc_deg"]],
+        )
+        for k, entry in enumerate(found)
+    ]
 
 
 def _joints(material: Material) -> list[JointEntry] | None:

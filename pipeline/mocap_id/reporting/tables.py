@@ -25,7 +25,8 @@ class Grid:
     text: frozenset[int] = frozenset({0})
 
 
-def _grid(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], text: Iterable[int] = (0,)) -> Grid:
+def grid(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], text: Iterable[int] = (0,)) -> Grid:
+    """A table whose cells hold nothing that does not print."""
     clean = tuple(tuple(style.printable(cell) for cell in row) for row in rows)
     return Grid(caption, tuple(head), clean, frozenset(text))
 
@@ -40,13 +41,13 @@ def joints(summary: Summary) -> Grid:
         sx, sy = joint.sd_m or (None, None)
         rows.append((joint.name, parent, show_with_sd(x, sx), show_with_sd(y, sy), show_fixed(joint.arc_deg, 1)))
     head = ("joint", "fixed to", "x (m)", "y (m)", "arc (deg)")
-    return _grid("Joint centres in the frame of the segment before, ± one standard deviation", head, rows, (0, 1))
+    return grid("Joint centres in the frame of the segment before, ± one standard deviation", head, rows, (0, 1))
 
 
 def lengths(summary: Summary) -> Grid:
     """Distances between joints."""
     rows = [(name, show_with_sd(entry.value, entry.sd)) for name, entry in (summary.lengths_m or {}).items()]
-    return _grid("Segment lengths, joint to joint, ± one standard deviation", ("segment", "length (m)"), rows)
+    return grid("Segment lengths, joint to joint, ± one standard deviation", ("segment", "length (m)"), rows)
 
 
 def repetitions(summary: Summary) -> Grid:
@@ -61,7 +62,7 @@ def repetitions(summary: Summary) -> Grid:
         for k, entry in enumerate(summary.repetitions or (), start=1)
     ]
     head = ("", "start (s)", "seat-off (s)", "standing (s)", "seat-on (s)", "end (s)", "complete", "remark")
-    return _grid("Repetitions, in the recording's own clock", head, rows, (0, 6, 7))
+    return grid("Repetitions, in the recording's own clock", head, rows, (0, 6, 7))
 
 
 def agreement(summary: Summary) -> Grid:
@@ -77,7 +78,7 @@ def agreement(summary: Summary) -> Grid:
         for name, channel in (summary.dynamics.wrench or {}).items()
     ]
     caption = "Model against measurement, over the samples of the fit"
-    return _grid(caption, ("component", "bias", "standard deviation", "r²"), rows)
+    return grid(caption, ("component", "bias", "standard deviation", "r²"), rows)
 
 
 def base_parameters(material: Material, summary: Summary) -> Grid:
@@ -96,7 +97,7 @@ def base_parameters(material: Material, summary: Summary) -> Grid:
                 )
             )
     head = ("parameter", "value ± sd", "95 % interval", "reference", "unit")
-    return _grid("Base parameters", head, rows, (0, 4))
+    return grid("Base parameters", head, rows, (0, 4))
 
 
 def plates(material: Material) -> Grid:
@@ -112,21 +113,21 @@ def plates(material: Material) -> Grid:
         for plate in material.facts("wrench.parquet").get("plates") or ()
     ]
     head = ("plate", "kind", "taken for", "mean vertical force (N)", "why")
-    return _grid("Force plates and what they were taken for", head, rows, (0, 1, 2, 4))
+    return grid("Force plates and what they were taken for", head, rows, (0, 1, 2, 4))
 
 
 def markers(material: Material) -> Grid:
     """Every marker: its segment, why, and how well the chain predicts it."""
     segments = material.frame("segments.parquet")
     if segments is None:
-        return _grid("Markers", (), ())
+        return grid("Markers", (), ())
     names = dict(enumerate(material.segment_names))
     predicted = material.residuals.reindex(segments["marker"].astype(str))
     rows = [
         (
             str(label),
             "none" if known(segment) is None else names.get(int(segment), str(segment)),
-            *(_millimetres(distance) for distance in (rigid, rms, q95)),
+            *(millimetres(distance) for distance in (rigid, rms, q95)),
             _percent(seen),
             str(reason),
         )
@@ -138,22 +139,12 @@ def markers(material: Material) -> Grid:
     ]
     head = ("marker", "segment", "rigid (mm)", "chain (mm)", "95 % (mm)", "seen (%)", "why")
     caption = "Markers: rms distance from the rigid segment, rms and 95 % distance from the chain's prediction"
-    return _grid(caption, head, rows, (0, 1, 6))
-
-
-def hypotheses(material: Material) -> Grid:
-    """The readings of the recording that were weighed up, as the segmentation tells them."""
-    found = material.facts("segments.parquet").get("hypotheses") or ()
-    entries = [entry if isinstance(entry, Mapping) else {"hypothesis": entry} for entry in found]
-    head = tuple(dict.fromkeys(str(key) for entry in entries for key in entry))
-    rows = [[_cell(entry.get(key)) for key in head] for entry in entries]
-    caption = "Hypotheses about the segments that were weighed up"
-    return _grid(caption, [_words(key) for key in head], rows, range(len(head)))
+    return grid(caption, head, rows, (0, 1, 6))
 
 
 def facts(caption: str, values: Mapping[str, Any]) -> Grid:
     """Names and values, those that are known; nested ones with a dotted name."""
-    return _grid(caption, ("what", "value"), _flat(values, ""), (0, 1))
+    return grid(caption, ("what", "value"), _flat(values, ""), (0, 1))
 
 
 def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
@@ -191,7 +182,8 @@ def _cell(value: object) -> str:
     return str(value)
 
 
-def _millimetres(metres: object) -> str:
+def millimetres(metres: object) -> str:
+    """A length as millimetres with one decimal."""
     number = known(metres)
     return UNKNOWN if number is None else show_fixed(1e3 * number, 1)
 

@@ -93,14 +93,15 @@ def segment(context: Context) -> Outputs:
         "names": list(names),
         "joint_names": list(joint_names),
         "joint_markers": _joint_markers(labels, settings.joint_markers, joint_names),
-        "confidence": found.confidence,
+        "confidence": found.confidence.value,
+        "against": dict(found.confidence.against),
         "planarity": planarity,
-        "joint_confidences": list(found.confidences),
+        "joint_confidences": list(found.confidence.joints),
         "joint_ratios": list(found.ratios),
         "asymmetry_deg": [float(a) if np.isfinite(a) else None for a in asymmetries],
         "noise_floor_m": found.base.noise,
         "static_gap": found.base.gap if np.isfinite(found.base.gap) else None,
-        "hypotheses": [_hypothesis(h, labels) for h in found.hypotheses],
+        "hypotheses": [_hypothesis(h, found.hypotheses[0], labels) for h in found.hypotheses],
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
     doubts += _upside_down(trajectories.points, found.segment)
@@ -217,11 +218,12 @@ def _reason(found: Segmentation, marker: int, names: tuple[str, ...]) -> str:
     return f"rigid with {names[k]} to {1e3 * found.residual[marker]:.1f} mm rms"
 
 
-def _hypothesis(hypothesis: Hypothesis, labels: tuple[str, ...]) -> dict[str, Any]:
+def _hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple[str, ...]) -> dict[str, Any]:
     """A considered reading of the trial, for the summary and the report."""
     return {
         "segments": len(hypothesis.chain) + 1,
         "cost": hypothesis.cost,
+        "why": hypothesis.lost_to(best),
         "joint_residual_m": [joint.residual for joint in hypothesis.joints],
         "arc_deg": [float(np.degrees(joint.arc)) for joint in hypothesis.joints],
         "markers": [[labels[m] for m in body.markers] for body in hypothesis.chain],
@@ -246,16 +248,29 @@ def _upside_down(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:
 
 
 def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:
-    if found.confidence >= _UNSURE:
+    """A caution where the segments are more likely wrong than right, with what speaks most against them."""
+    confidence = found.confidence
+    if confidence.value >= _UNSURE:
         return ()
-    weakest = int(np.argmin(found.confidences))
+    weakest = int(np.argmin(confidence.joints))
+    on_none = int(np.sum(found.segment < 0))
+    gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
+    why = {
+        "skipped": f"without the one beyond the {joint_names[weakest]} the markers fit only "
+        f"{found.ratios[weakest]:.1f} times worse",
+        "left-out": f"{on_none} markers are on none, and many of them on no limb at the side",
+        "axis": f"a marker near the {joint_names[0]} could as well be on the other side of it",
+        "first-joint": f"the {joint_names[0]} is no fixed point: it wanders by "
+        f"{1e3 * found.hypotheses[0].joints[0].residual:.0f} mm",
+        "base": f"the first moving marker moves only {found.base.gap:.1f} times as much as the last still one",
+        "runner-up": "another number of segments explains the markers about as well",
+    }[gravest]
     return (
         Reason(
             "segments-unsure",
-            f"the segments are doubtful: without the one beyond the {joint_names[weakest]} the markers fit only "
-            f"{found.ratios[weakest]:.1f} times worse. Look at the skeleton; if it is wrong, say what you know: "
+            f"the segments are doubtful: {why}. Look at the skeleton; if it is wrong, say what you know: "
             "`segment: {count: …}`, markers that are `together` or `apart`, or markers to `ignore`.",
-            found.confidence,
+            confidence.value,
             _UNSURE,
         ),
     )
@@ -280,7 +295,7 @@ def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -
 
 STAGE = Stage(
     name="segment",
-    version=2,
+    version=3,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),

@@ -49,11 +49,13 @@ def true_positions(scene: Scene, state: Exact, skin: FloatArray) -> FloatArray:
     return scene.plane.from_plane(np.concatenate([flat, depth], axis=-1))
 
 
-def draw_bursts(rng: np.random.Generator, markers: MarkerSet, frames: int, rate: float) -> tuple[Burst, ...]:
-    """Occlusions: short ones as frequent as long ones, only of markers that something can hide."""
+def draw_bursts(
+    rng: np.random.Generator, markers: MarkerSet, frames: int, rate: float, often: float
+) -> tuple[Burst, ...]:
+    """Occlusions: short ones as frequent as long ones, only of what something can hide; ``often`` times the usual."""
     candidates = [label for label, hidden in zip(markers.labels, markers.hidden, strict=True) if hidden]
     bursts = []
-    for _ in range(round(BURSTS_PER_SECOND * frames / rate)):
+    for _ in range(round(often * BURSTS_PER_SECOND * frames / rate)):
         count = min(int(np.exp(rng.uniform(*np.log(BURST)))), frames // 2)
         bursts.append(Burst(str(rng.choice(candidates)), int(rng.integers(frames - count)), count))
     return tuple(bursts)

@@ -52,7 +52,7 @@ def generate(kind: Kind, options: Options) -> Simulated:
     state = scene.at(np.arange(frames) / options.rate)
     skin = displacement(rng["skin"], scene.markers, state.q, state.time)
     positions = true_positions(scene, state, skin)
-    bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate) if options.occlusions else ()
+    bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate, options.occlusions)
     seen = visible(scene.markers, bursts, frames)
     samples = frames * round(options.analog_rate / options.rate)
     loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)

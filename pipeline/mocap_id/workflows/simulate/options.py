@@ -30,8 +30,8 @@ class Options:
         Standard deviation a coordinate, m.
     soft_tissue : float
         Multiplies the skin's motion (0 = markers fixed to the bones).
-    occlusions : bool
-        Whether markers vanish in bursts.
+    occlusions : float
+        Multiplies how often markers vanish in bursts (0 = never).
     plate_sense : {"reaction", "action"}
         Whose force the channels hold: the plate's on the body, or the body's on the plate.
     plate_moved : bool
@@ -56,7 +56,7 @@ class Options:
     analog_rate: float = 1000.0
     marker_noise: float = 0.0005
     soft_tissue: float = 1.0
-    occlusions: bool = True
+    occlusions: float = 1.0
     plate_sense: Sense = "reaction"
     plate_moved: bool = False
     plate_origin_flipped: bool = False
@@ -74,6 +74,7 @@ class Options:
             ("analog_rate", self.analog_rate, multiple >= 1 and multiple % 1 == 0, "a multiple of rate"),
             ("marker_noise", self.marker_noise, 0 <= self.marker_noise <= 0.05, "0 … 0.05 m"),
             ("soft_tissue", self.soft_tissue, 0 <= self.soft_tissue <= 10, "0 … 10"),
+            ("occlusions", self.occlusions, 0 <= self.occlusions <= 10, "0 … 10"),
             ("plate_sense", self.plate_sense, self.plate_sense in ("reaction", "action"), "reaction or action"),
             ("plate_noise", self.plate_noise, 0 <= self.plate_noise <= 100, "0 … 100"),
             ("plate_bias", self.plate_bias, 0 <= self.plate_bias <= 100, "0 … 100"),

@@ -1,0 +1,98 @@
+"""What identifying the inertial parameters gives rise to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mocap_id.reporting.explanations.explanation import Explanation
+
+PARAMETERS: Mapping[str, Explanation] = {
+    "standing-still": Explanation(
+        ("caution",),
+        "Only the mass is known",
+        "The joints move while the chair carries part of the weight, and rest where the ground alone carries it. A "
+        "body at rest shows its mass and where its weight acts, nothing more.",
+        "Record a movement without the chair, such as squats, or more repetitions of the sit-to-stand.",
+    ),
+    "not-excited": Explanation(
+        ("caution",),
+        "A joint rests",
+        "Segments on either side of a joint that rests move as one, and so do their parameters: the wrench cannot "
+        "tell them apart. No parameters are given, because any would be a guess.",
+        "Record a movement of every joint, or lower the number of segments with `segment: {count: …}`.",
+    ),
+    "clock-offset-unknown": Explanation(
+        ("caution",),
+        "The clocks of cameras and plates may differ",
+        "One millisecond between the clocks costs up to a third of a base parameter. Here the offset could not be "
+        "found, so it was taken as zero, and the parameters are only as good as that assumption.",
+        "Check that markers and forces belong to the same trial; record a faster movement, in which the clocks show; "
+        "or widen `identify-dim: {clock_offset_limit_s: …}`.",
+    ),
+    "parameters-bounded": Explanation(
+        ("caution",),
+        "Only an impossible body would fit better",
+        "Masses cannot be negative. Parameters held to that fit clearly worse than free ones, which means that "
+        "something before them is wrong: a joint, a marker's segment, the plate's calibration, or mass that lies far "
+        "outside the markers.",
+        "Look at the skeleton and the residuals first, then at the plates' use and calibration.",
+    ),
+    "parameters-weak": Explanation(
+        ("caution",),
+        "Some base parameters are weakly known",
+        "Their standard deviation is large against their size: the movement hardly shows them. The others, and the "
+        "wrench that all of them predict for this movement, hold.",
+        "Use them with their intervals, or record a faster and larger movement of the segments concerned.",
+    ),
+    "mass-contradiction": Explanation(
+        ("caution",),
+        "Two masses disagree",
+        "The mass that was identified and the subject's as given differ by more than scales do. One of them is wrong, "
+        "and every force with it if it is the plates'.",
+        "Check the plates' calibration and zero, what else stands on them, whether one carries the chair, and the mass "
+        "in the trial file.",
+    ),
+    "mass-unchecked": Explanation(
+        ("caution",),
+        "The mass is not checked",
+        "A chair or a support that carries a part of the body shows when the identified mass is held against the "
+        "standing one. Here nobody is shown to stand, and no mass was given.",
+        "Give `subject: {mass: …}`, or record some quiet standing; for a movement from a chair set "
+        "`protocol: sit-to-stand`.",
+    ),
+    "load-shared": Explanation(
+        ("caution",),
+        "The body moves with less mass than it stands with",
+        "The mass that was identified is not the one that the plates show in standing. Most often a chair, or a hand "
+        "on a support, carried a part of the body in samples that were identified on, and all parameters are wrong "
+        "with it.",
+        "For a movement from a chair set `protocol: sit-to-stand`; otherwise give a `window:` without the support.",
+    ),
+    "components-short": Explanation(
+        ("caution",),
+        "The fitted components do not tell everything",
+        "Base parameters from a part of the wrench decide what that part feels. Other components, the centre of "
+        "pressure and some torques depend on parameters that stay open, so they are left empty.",
+        "Fit Fy and tauz at least, which decide all of them.",
+    ),
+    "reference-assumed": Explanation(
+        ("ok",),
+        "The reference body rests on assumptions",
+        "Height or mass were not given, so the allometric body that the results are compared with uses values from the "
+        "recording itself. The identified parameters do not depend on it.",
+        "Give `subject: {height: …, mass: …, sex: …}`.",
+    ),
+    "no-reference": Explanation(
+        ("ok",),
+        "No reference body",
+        "There is no allometric body to compare with; the identified parameters do not depend on one.",
+        "Give `subject:`; the tables describe people of four or five segments only.",
+    ),
+    "solver-fallback": Explanation(
+        ("ok",),
+        "The second solver's answer was taken",
+        "Two solvers look for the same point masses. The first one's answer failed the check of optimality, the second "
+        "one's passed it: the result is as good as ever.",
+        "Nothing.",
+    ),
+}
