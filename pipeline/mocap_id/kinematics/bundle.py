@@ -16,13 +16,13 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.kinematics.centre_covariance import centre_covariance
-from mocap_id.kinematics.chain_equations import Problem, State, moved, predicted, reduce
+from mocap_id.kinematics.chain_equations import Problem, State, left_by_pose, moved, predicted, reduce
 from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.links import frames_used, rigid_body_links
 from mocap_id.kinematics.rigid import still_body
 
-_ITERATIONS = 60
+_ITERATIONS = 200
 _CONVERGED = 1e-7  # relative fall of the cost
 _NEARLY = 1e-3  # relative fall of the cost after which the markers' weights are taken from their residuals
 _WEIGHINGS = 2
@@ -113,7 +113,7 @@ def _reweighted(problem: Problem, state: State, scale: FloatArray) -> Problem:
 
 
 def _marker_weights(problem: Problem, state: State) -> FloatArray:
-    """Inverse variance of each marker that is not pinned, half its own and half its segment's mean, 1 on average.
+    """Inverse variance of each marker that is not pinned, a third its own and the rest its segment's, 1 on average.
 
     A marker's own residual alone would in the end pull the segment onto its two best markers.
     """
@@ -124,7 +124,9 @@ def _marker_weights(problem: Problem, state: State) -> FloatArray:
     variance = square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     for k in range(1, problem.joints + 1):
         members = problem.segment[own] == k
-        variance[members] = (variance[members] + variance[members].mean()) / 2
+        weights = problem.weights[:, own][:, members].mean(axis=0)
+        variance[members] /= left_by_pose(weights, state.local[own][members])
+        variance[members] = (variance[members] + 2 * variance[members].mean()) / 3
     weight = 1 / np.maximum(variance, _EXACT**2)
     return np.asarray(weight / weight.mean())
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.chain_equations import Problem, Reduced, State, joint_positions, predicted
+from mocap_id.kinematics.chain_equations import Problem, Reduced, State, joint_positions, left_by_pose, predicted
 
 _BLOCKS = 20  # stretches of time taken as independent
 
@@ -47,7 +47,7 @@ def lasting_residuals(problem: Problem, state: State) -> FloatArray:
     """(K,) variance of the skin's slide in one coordinate of each marker, m^2.
 
     What of the residuals is still there one frame later is no camera noise. The fit has taken three of a segment's
-    2 M coordinates' worth out of it, which is put back.
+    2 M coordinates' worth out of it, from each marker by its leverage, which is put back.
     """
     seen = problem.weights > 0
     off = np.where(seen, problem.points - predicted(problem, state), 0)
@@ -57,9 +57,8 @@ def lasting_residuals(problem: Problem, state: State) -> FloatArray:
     slide = np.zeros(len(lasting))
     for k in range(1, problem.joints + 1):
         members = (problem.segment == k) & ~problem.pinned
-        each = np.maximum(lasting[members] - chance[members], 0) / 2
-        count = 2 * members.sum()
-        slide[members] = each * count / max(count - 3, 1)
+        left = left_by_pose(problem.weights[:, members].mean(axis=0), state.local[members])
+        slide[members] = np.maximum(lasting[members] - chance[members], 0) / 2 / left
     return slide
 
 

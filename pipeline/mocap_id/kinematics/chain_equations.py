@@ -191,3 +191,21 @@ def moved(state: State, step: tuple[FloatArray, FloatArray]) -> State:
     joints = len(state.centres)
     change = common[0::2] + 1j * common[1::2]
     return State(state.centres + change[:joints], state.local + change[joints:], state.angles + turns)
+
+
+def left_by_pose(weights: FloatArray, local: ComplexArray) -> FloatArray:
+    """(K,) share of each coordinate's variance that a segment's own pose (two shifts and a turn) leaves in its markers.
+
+    One less the leverage; not below a fifth: a marker that the pose follows further says little of its own error.
+
+    Parameters
+    ----------
+    weights : (K,) array
+        Of the segment's markers.
+    local : (K,) complex array
+        Their coordinates, m.
+    """
+    share = weights / weights.sum()
+    arm = share * np.abs(local - np.sum(share * local)) ** 2
+    leverage = share + arm / (2 * max(float(arm.sum()), 1e-12))
+    return np.asarray(np.maximum(1 - leverage, 0.2))

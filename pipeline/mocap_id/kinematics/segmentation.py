@@ -157,8 +157,9 @@ def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> Non
     cost : (n + 1, M) array
         Residual of every marker on every segment over what is allowed there.
     """
-    left = np.flatnonzero(segment < 0)
-    units = [np.flatnonzero(constraints.unit == unit) for unit in np.unique(constraints.unit[left])]
+    seen = np.isfinite(cost).any(axis=0)
+    left = np.flatnonzero((segment < 0) & seen)
+    units = [np.flatnonzero((constraints.unit == unit) & seen) for unit in np.unique(constraints.unit[left])]
     costs = [np.sqrt(np.mean(cost[:, unit] ** 2, axis=1)) for unit in units]
     for index in np.argsort([np.min(each) for each in costs]):
         unit = units[index]

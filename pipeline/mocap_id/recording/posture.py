@@ -17,9 +17,6 @@ _SHANKS, _THIGHS = (0.15, 0.33), (0.38, 0.56)
 _KNEE = 0.26
 """A marker on the thigh stays above this height, the knee's."""
 
-_KNEE_SINKS_M = 0.05
-"""So far the knee itself comes down as the shank leans, m, with a quarter more for thighs of another length."""
-
 _TRUNK_M, _PELVIS_SHARE = 1.15, 0.6
 """Where no marker stands higher than this, the set ends at the pelvis, at this share of the trunk's height."""
 
@@ -161,11 +158,15 @@ def _knees(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolA
     shift = _means(along[low]) - _means(along[tall])
     drop = heights - _means(positions[low][:, :, 2])
     with np.errstate(invalid="ignore"):
-        shanks = shift[(share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)]
+        shanks = (share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)
         thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
-        above_knee = (share - _KNEE) * trunk
-    thighs &= (drop > 0) & (drop < 1.25 * above_knee + _KNEE_SINKS_M)  # hands hang there too, but fall or rise farther
-    return float(np.median(shanks) - np.median(shift[thighs])) if shanks.size and thighs.any() else 0.0
+        if not (shanks.any() and thighs.any()):
+            return 0.0
+        sinks = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # the knee, as the shank leans
+        thighs &= (drop > 0) & (
+            drop < sinks + (share - _KNEE) * trunk
+        )  # hands hang there too, but fall or rise farther
+    return float(np.median(shift[shanks]) - np.median(shift[thighs])) if thighs.any() else 0.0
 
 
 def _thinness(points: FloatArray, low: float, high: float) -> float:

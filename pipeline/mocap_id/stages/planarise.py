@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +19,7 @@ from mocap_id.recording import PlateChoice, PlateSamples, Recording
 from mocap_id.recording.posture import Facing, facing
 from mocap_id.stages import swapped
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.marker_names import columns
 from mocap_id.store import Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -108,10 +108,8 @@ def planarise(context: Context) -> Outputs:
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
     """Cut out the window, configured or proposed, and the markers that are seen in it."""
     file = source.files[0]
-    unmatched = [pattern for pattern in ignore if not any(fnmatchcase(label, pattern) for label in source.labels)]
-    if unmatched:
-        raise ConfigError(f"{file}: planarise: ignore: no marker is called {', '.join(unmatched)}")
-    keep = [i for i, label in enumerate(source.labels) if not any(fnmatchcase(label, each) for each in ignore)]
+    out = columns(source.labels, ignore, f"{file}: planarise: ignore")
+    keep = [i for i in range(len(source.labels)) if i not in out]
     positions = source.positions[:, keep]
     if not np.isfinite(positions).any():
         raise RecordingError(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import ComplexArray, FloatArray
 from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
@@ -21,6 +21,7 @@ from mocap_id.store.schemas import SEGMENTS
 from mocap_id.verdict import Reason
 
 _UNSURE = 0.5
+_Markers: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class SegmentSettings(Settings):
@@ -28,14 +29,12 @@ class SegmentSettings(Settings):
 
     count: int | None = Field(None, ge=2, le=9, description="number of segments with the base; found where not given")
     names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
-    together: tuple[tuple[str, ...], ...] = Field(
+    together: tuple[_Markers, ...] = Field(
         (), description="groups of markers, by name or pattern, that are on one segment each"
     )
-    apart: tuple[tuple[str, ...], ...] = Field(
-        (), description="groups of markers of which no two are on the same segment"
-    )
+    apart: tuple[_Markers, ...] = Field((), description="groups of markers of which no two are on the same segment")
     ignore: tuple[str, ...] = Field((), description="markers, by name or pattern, that are on no segment")
-    joint_markers: dict[str, tuple[str, ...]] = Field(
+    joint_markers: dict[str, _Markers] = Field(
         {}, description="markers about a joint, by its name: their mean pulls its centre (3.15, `fit-joints: lambda_a`)"
     )
     still_limit_m: float = Field(0.015, gt=0, description="largest scatter (rms) of a base marker, m")
@@ -70,7 +69,7 @@ def segment(context: Context) -> Outputs:
     out = list(columns(labels, settings.ignore, "segment: ignore"))
     plane = trajectories.plane
     plane[:, out] = np.nan
-    found = segment_markers(plane, lateral, rules, _constraints(labels, settings))
+    found = _sorted(plane, lateral, rules, _constraints(labels, settings), settings)
     asymmetries = np.degrees(asymmetry(plane, lateral, found.segment))
     planarity = _planarity(trajectories.points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
@@ -164,6 +163,23 @@ def _bursts(measured: Trajectories, clean: Trajectories) -> tuple[Reason, ...]:
             level="ok",
         ),
     )
+
+
+def _sorted(
+    plane: ComplexArray,
+    lateral: FloatArray,
+    rules: SegmentationRules,
+    constraints: Constraints,
+    settings: SegmentSettings,
+) -> Segmentation:
+    """The segmentation; a refusal says whether the user's hints had a part in it."""
+    try:
+        return segment_markers(plane, lateral, rules, constraints)
+    except Refused as refused:
+        if not (settings.together or settings.apart or settings.ignore):
+            raise
+        text = f"{refused} So it is with `together`, `apart` and `ignore` as they are asked for."
+        raise Refused(refused.code, text, refused.value, refused.limit) from refused
 
 
 def _constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Constraints:
