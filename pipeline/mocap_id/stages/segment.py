@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from mocap_id.arrays import ComplexArray, FloatArray
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
