@@ -101,6 +101,7 @@ def _freedom(stiffness: float, intervals: int, seen: int) -> float:
     Smoothing multiplies the k-th by 1 / (1 + λ (π k / K)⁶ K / N) where N samples lie on K intervals; polynomials up
     to the second degree pass as they are.
     """
-    frequency = math.pi * np.arange(1, min(seen, intervals + DEGREE) - PENALISED + 1) / intervals
+    free_ends = 0.5 * (PENALISED - 1)  # raise the frequencies, as they do a beam's (by a half there)
+    frequency = math.pi * (np.arange(1, min(seen, intervals + DEGREE) - PENALISED + 1) + free_ends) / intervals
     passed = 1.0 / (1.0 + stiffness * frequency ** (2 * PENALISED) * intervals / seen)
     return PENALISED + float(passed.sum())
