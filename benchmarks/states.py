@@ -245,16 +245,12 @@ def worst(scored: Scored) -> FloatArray:
 
 def one_trial(found: Mapping[str, Scored]) -> str:
     """A row for each method."""
-    rows = [
-        [name, *(figure(value, k) for k, value in enumerate(worst(scored))), together(scored), f"{scored.time:.0f}"]
-        for name, scored in found.items()
-    ]
+    rows = []
+    for name, scored in found.items():
+        together = figure(float(np.sqrt(np.mean(scored.error[:, 2] ** 2))), 2)
+        cells = [figure(value, k) for k, value in enumerate(worst(scored))]
+        rows.append([name, *cells, together, f"{scored.time:.0f}"])
     return markdown(["method", *QUANTITIES, "acceleration, all", "µs a sample"], rows)
-
-
-def together(scored: Scored) -> str:
-    """Error of acceleration over all joints."""
-    return figure(float(np.sqrt(np.mean(scored.error[:, 2] ** 2))), 2)
 
 
 def many_trials(found: Sequence[Mapping[str, Scored]]) -> str:
