@@ -69,17 +69,17 @@ def problem(chain: Chain, markers: FloatArray) -> Problem:
 
 
 def theirs(given: Problem) -> tuple[float, Track]:
-    """Time and result of filterpy's predict, update and rts_smoother, given our start; no gate, nothing missing."""
+    """Time and result of filterpy's predict, update and rts_smoother, given our start; no gate."""
     first = compiled.filter_forwards(given)
     ukf = reference._filterpy(given)
     ukf.x, ukf.P = first.mean[0].copy(), first.covariance[0].copy()
-    everything = np.ones(len(given.segment), dtype=np.bool_)
     mean, covariance = [ukf.x.copy()], [ukf.P.copy()]
-    noise = np.diag(np.repeat(given.variance, 2))
     start = perf_counter()
     for z in given.observed[1:]:
         ukf.predict()
-        ukf.update(z.ravel(), R=noise, markers=everything)
+        seen = np.isfinite(z).all(axis=1)
+        if seen.any():  # filterpy knows nothing of rows that are missing
+            ukf.update(z[seen].ravel(), R=np.diag(np.repeat(given.variance[seen], 2)), markers=seen)
         mean.append(ukf.x.copy())
         covariance.append(ukf.P.copy())
     x, p, _ = ukf.rts_smoother(np.array(mean), np.array(covariance))

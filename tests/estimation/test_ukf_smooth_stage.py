@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from pydantic import ValidationError
 from simulated_chains import Moving, swinging
 
 from mocap_id.arrays import FloatArray
@@ -146,3 +147,32 @@ def test_time_stamps_that_skip_are_refused(moving: Moving) -> None:
 
 def test_time_stamps_rounded_to_milliseconds_are_uniform_enough(moving: Moving) -> None:
     run(moving, planar(moving, moving.markers, np.round(np.arange(FRAMES) / moving.rate, 3)))
+
+
+@pytest.mark.parametrize("method", ["two-filter", "butterworth", "spline"])
+def test_another_method_is_chosen_and_said_to_be_for_comparison(moving: Moving, method: str) -> None:
+    states, markers = run(moving, planar(moving, moving.markers), method=method)
+    conform(states)
+    conform(markers)
+    (reason,) = states.reasons
+    assert (reason.code, reason.level) == ("states-method", "caution")
+    assert f"`{method}`" in reason.message
+    assert states.facts["method"] == method
+    np.testing.assert_allclose(states.frame["theta_2"][20:-20], moving.truth[20:-20, 1, 0], atol=0.02)
+    unknown = states.frame["sd_ddtheta_1"].isna().all()
+    assert unknown == ("no standard deviations" in reason.message) == (method != "two-filter")
+
+
+def test_a_gap_that_a_rival_leaves_is_named(moving: Moving) -> None:
+    markers = moving.markers.copy()
+    markers[100:150, moving.segment == 2] = np.nan
+    states, _ = run(moving, planar(moving, markers), method="spline")
+    gap, method = states.reasons
+    assert (gap.code, method.code) == ("gap", "states-method")
+    assert "`spline`, which bridges up to 0.2 s, leaves the gap" in gap.message
+    assert gap.value == pytest.approx(0.5)
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(ValidationError, match="two-filter"):
+        STAGE.settings(method="kalman")

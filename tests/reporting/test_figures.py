@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
@@ -126,3 +127,15 @@ def test_inlined_figures_share_no_id() -> None:
     )
     assert one == '<svg><g id="one-a"/><use xlink:href="#one-a" clip-path="url(#one-b)"/></svg>'
     assert "other-a" in other and "one-a" not in other
+
+
+def test_states_without_standard_deviations_are_drawn_without_bands() -> None:
+    """Methods that are there to be compared with give none (NaN)."""
+    trial = Trial()
+    states = trial.states()
+    bands = [name for name in states.frame if name.startswith("sd_")]
+    unknown = replace(states, frame=states.frame.assign(**dict.fromkeys(bands, np.nan)))
+    given = {**trial.artefacts(), "states.parquet": unknown}
+    for entry in FIGURES:
+        drawn = figures.render(entry, material(context(given))).svg
+        assert (drawn == healthy()[entry.file]) == (entry.name != "states")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.process import ORDER
 from mocap_id.estimation.sigma_points import SigmaPoints
 
 START_SD = (1.0, 10.0, 200.0, 1e4)
@@ -142,3 +143,10 @@ class Track:
     used: BoolArray
     restarted: BoolArray
     log_likelihood: float
+
+    def by_joint(self) -> tuple[FloatArray, FloatArray]:
+        """Means and standard deviations, (F, n, 4) each."""
+        shape = (len(self.mean), ORDER, self.restarted.shape[1])
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
+        mean = np.swapaxes(self.mean.reshape(shape), 1, 2)
+        return mean.copy(), np.sqrt(np.swapaxes(variance.reshape(shape), 1, 2))

@@ -10,15 +10,19 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.estimation import compiled, reference
+from mocap_id.estimation import compiled, reference, rivals
 from mocap_id.estimation.inverse import Chain, FrameAngles, angle_covariance, frame_angles, information, observed_angles
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
 from mocap_id.estimation.problem import Problem, Track
-from mocap_id.estimation.process import ORDER
+from mocap_id.estimation.rivals import Estimate
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 
 Engine = Literal["compiled", "filterpy"]
+Method = Literal["rts", "two-filter", "butterworth", "spline"]
+
+FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
+"""Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
 
 _ENGINES: dict[Engine, tuple[Callable[[Problem], Track], Callable[[Problem, Track], Track]]] = {
     "compiled": (compiled.filter_forwards, compiled.smooth_backwards),
@@ -32,6 +36,10 @@ class FilterSettings:
 
     Parameters
     ----------
+    method : {"rts", "two-filter", "butterworth", "spline"}
+        Filter and smoother, or one of :mod:`mocap_id.estimation.rivals`.
+    butterworth_hz : float
+        Cutoff of ``butterworth``, Hz.
     engine : {"compiled", "filterpy"}
         Machine code, or filterpy's filter, which gives the same and is about a hundred times slower.
     marker_sd : float, optional
@@ -49,6 +57,8 @@ class FilterSettings:
         Parameters of the unscented transform.
     """
 
+    method: Method = "rts"
+    butterworth_hz: float = 6.0
     engine: Engine = "compiled"
     marker_sd: float | None = None
     sigma_v: float | None = None
@@ -67,7 +77,8 @@ class States:
     mean : (F, n, 4) array
         Angle (rad, unwrapped), velocity, acceleration and jerk of each joint; NaN where the angle is too uncertain.
     sd : (F, n, 4) array
-        Standard deviations, given everywhere. They know the noise as white, which soft tissue is not.
+        Standard deviations, given everywhere by methods that know them, NaN by the others. They know the noise as
+        white, which soft tissue is not.
     observed : (F, n) bool array
         The frame's own markers determine the angle; false where it is bridged.
     used : (F, M) bool array
@@ -77,7 +88,7 @@ class States:
     predicted : (F, M, 2) array
         Positions of all markers from the states, plane frame, m (eq. 3.18); NaN beyond an angle that is not given.
     log_likelihood : float
-        Of the filter's innovations.
+        Of the filter's innovations; NaN where the method has none.
     """
 
     mean: FloatArray
@@ -130,16 +141,36 @@ def smooth(
     frames = frame_angles(observed[:, moves], chain, settings.gate, settings.marker_sd_floor)
     noise = _noise(frames, dt, settings)
     problem = _problem(observed[:, moves], dt, chain, frames=frames, noise=noise, settings=settings)
-    run_filter, run_smoother = _ENGINES[settings.engine]
-    track = run_smoother(problem, run_filter(problem))
-    mean, sd = _by_joint(track, problem.joints)
-    own = angle_covariance(information(mean[..., 0], track.used, chain), noise.marker_sd)
+    found = _estimate(problem, settings)
+    mean, sd = found.mean, found.sd
+    determined = _determined(found, problem, noise, settings)
     mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
     mean[..., 0] -= _turns(mean[..., 0])
     predicted = marker_positions(mean[..., 0], centres, segment, local)
     used = np.zeros(observed.shape[:2], dtype=np.bool_)
-    used[:, moves] = track.used
-    return States(mean, sd, observed_angles(own), used, noise, predicted, track.log_likelihood)
+    used[:, moves] = found.used
+    return States(mean, sd, determined, used, noise, predicted, found.log_likelihood)
+
+
+def _estimate(problem: Problem, settings: FilterSettings) -> Estimate:
+    """States by the method of choice."""
+    run_filter, run_smoother = _ENGINES[settings.engine]
+    if settings.method == "two-filter":
+        return rivals.two_filter(problem, run_filter)
+    if settings.method == "butterworth":
+        return rivals.butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
+    if settings.method == "spline":
+        return rivals.spline(problem.anchors, problem.dt)
+    track = run_smoother(problem, run_filter(problem))
+    return Estimate(*track.by_joint(), track.used, track.log_likelihood)
+
+
+def _determined(found: Estimate, problem: Problem, noise: Noise, settings: FilterSettings) -> BoolArray:
+    """Which angles (F, n) the markers used in their own frame determine."""
+    if settings.method in FRAMEWISE:  # they start from the frames' own angles, and give none beyond a long gap
+        return np.asarray(problem.anchors.observed & np.isfinite(found.mean[..., 0]))
+    chain = Chain(problem.centres, problem.segment, problem.local)
+    return observed_angles(angle_covariance(information(found.mean[..., 0], found.used, chain), noise.marker_sd))
 
 
 def _turns(angles: FloatArray) -> FloatArray:
@@ -173,11 +204,3 @@ def _problem(
         anchors=frames.anchors(noise.marker_sd),
         sigma_points=settings.sigma_points,
     )
-
-
-def _by_joint(track: Track, joints: int) -> tuple[FloatArray, FloatArray]:
-    """Means and standard deviations (F, n, 4)."""
-    frames = len(track.mean)
-    variance = np.diagonal(track.covariance, axis1=1, axis2=2)
-    mean = np.swapaxes(track.mean.reshape(frames, ORDER, joints), 1, 2)
-    return mean.copy(), np.sqrt(np.swapaxes(variance.reshape(frames, ORDER, joints), 1, 2))

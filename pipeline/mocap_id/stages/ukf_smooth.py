@@ -10,7 +10,7 @@ from pydantic import Field
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import RecordingError
-from mocap_id.estimation import FilterSettings, States, smooth
+from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Table, Tree
@@ -23,6 +23,14 @@ _JITTER = 0.25  # of a frame: what rounding to milliseconds does at 500 Hz
 class UkfSmoothSettings(Settings):
     """Noise, gate and engine of the filter."""
 
+    method: Literal["rts", "two-filter", "butterworth", "spline"] = Field(
+        "rts",
+        description="filter and smoother; to compare with: the thesis's passes forwards and backwards averaged, or the "
+        "angles of single frames through a zero-phase low-pass or a quintic smoothing spline",
+    )
+    butterworth_hz: float = Field(
+        6.0, gt=0, description="cutoff of each of the two passes of `method: butterworth`, Hz; human movement: 6"
+    )
     engine: Literal["compiled", "filterpy"] = Field(
         "compiled", description="machine code, or filterpy's filter: the same result, a hundred times slower"
     )
@@ -63,6 +71,7 @@ def ukf_smooth(context: Context) -> Outputs:
     )
     residual = np.linalg.norm(observed - states.predicted, axis=-1)
     reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
+    reasons += _for_comparison(settings)
     if context.trial.encoder is not None:
         reasons += (_encoder_unused(context.trial.encoder.name),)
     facts = _facts(states, residual[:, segment > 0], states.used[:, segment > 0], settings)
@@ -102,7 +111,7 @@ def _facts(states: States, residual: FloatArray, used: BoolArray, settings: UkfS
         "reprojection_rms_m": float(np.sqrt(np.mean(residual[used] ** 2))) if used.any() else None,
         "outlier_fraction": float(np.mean(~used[seen])) if seen.any() else None,
         "bridged_fraction": np.mean(~states.observed, axis=0).tolist(),
-        "method": "rts",
+        "method": settings.method,
         "engine": settings.engine,
     }
 
@@ -147,13 +156,33 @@ def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoot
             Reason(
                 "gap",
                 f"the angle of the {name} is not given for {seconds:.2f} s ({where}): its markers were missing for "
-                f"so long that it would be uncertain by more than {settings.angle_sd_limit:g} rad (standard "
-                "deviation). Fill or re-label them, or leave the stretch out with `window:`.",
+                f"so long that {_limit(settings)}. Fill or re-label them, or leave the stretch out with `window:`.",
                 float(seconds),
                 0.0,
             )
         )
     return tuple(reasons)
+
+
+def _limit(settings: UkfSmoothSettings) -> str:
+    """Why an angle is not given."""
+    if settings.method in FRAMEWISE:
+        return f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves the gap"
+    return f"it would be uncertain by more than {settings.angle_sd_limit:g} rad (standard deviation)"
+
+
+def _for_comparison(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
+    """A caution where the states are not those that the program would give by itself."""
+    if settings.method == "rts":
+        return ()
+    spread = "; they have no standard deviations" if settings.method in FRAMEWISE else ""
+    return (
+        Reason(
+            "states-method",
+            f"the states are estimated by `{settings.method}`, which is there to be compared with{spread}. Leave "
+            "`ukf-smooth: {method: …}` away for the filter and its smoother.",
+        ),
+    )
 
 
 def _encoder_unused(name: str) -> Reason:

@@ -93,4 +93,13 @@ SKELETON: Mapping[str, Explanation] = {
         "nothing is identified from that stretch or near it. Shorter gaps are bridged and shaded in the figure.",
         "Fill or re-label the missing markers, or leave the stretch out with `window:`.",
     ),
+    "states-method": Explanation(
+        ("caution",),
+        "States estimated for comparison",
+        "The configuration asks for a way to the joint states that is kept to be compared with. On the whole its "
+        "velocities and accelerations lie further off than those of the filter and its smoother "
+        "(docs/states-compared.md), and so do the inertial parameters. The low-pass and the spline know no standard "
+        "deviations: those of the states, and of the wrench and torques that rest on them, are missing.",
+        "Leave `ukf-smooth: {method: …}` away, unless the comparison is what you want.",
+    ),
 }

@@ -1,0 +1,131 @@
+"""Other ways from markers to joint states, kept to be compared with: two passes averaged, a low-pass, a spline.
+
+``two-filter`` is the thesis's (ch. 3.2.6). The other two smooth the angles that each frame gives by itself, joint by
+joint, and know neither the noise of an angle nor how uncertain a gap makes it: gaps are bridged up to a fixed time,
+and no standard deviation is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.signal import butter, sosfiltfilt
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.errors import ConfigError
+from mocap_id.estimation.problem import Anchors, Problem, Track
+from mocap_id.estimation.process import ORDER
+from mocap_id.estimation.quintic import smoothing_spline
+
+BRIDGE_LIMIT = 0.2
+"""Longest gap, s, that the low-pass and the spline bridge."""
+
+LEAST_SAMPLES = 12
+"""A stretch between long gaps that holds fewer angles is not given by the low-pass and the spline."""
+
+_REVERSED = np.array([1.0, -1.0, 1.0, -1.0])  # time backwards turns the odd derivatives round
+_POLES = 2  # of one pass: four with both, as is usual in the study of movement
+
+Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
+"""From an angle (F,), where it is seen (F,) and the time step to the states (F, 4)."""
+
+
+class Estimate(NamedTuple):
+    """States by any method, (F, n, 4): ``mean``, ``sd`` (NaN: not known), the markers ``used``, the likelihood."""
+
+    mean: FloatArray
+    sd: FloatArray
+    used: BoolArray
+    log_likelihood: float
+
+
+def two_filter(problem: Problem, run_filter: Callable[[Problem], Track]) -> Estimate:
+    """Average of the filter run forwards and the same filter run over the reversed series (ch. 3.2.6).
+
+    The errors of the passes are correlated by an unknown amount: both use the frame itself. Whatever the correlation,
+    the average's standard deviation is at most the mean of theirs, and this bound is what is stated.
+
+    Parameters
+    ----------
+    problem : Problem
+    run_filter : callable
+        An engine's filter.
+
+    Returns
+    -------
+    Estimate
+        ``used`` holds what either pass used; the likelihood is the forward pass's.
+    """
+    ahead = run_filter(problem)
+    anchors = problem.anchors
+    turned_round = Anchors(anchors.angles[::-1], anchors.covariance[::-1], anchors.observed[::-1], anchors.used[::-1])
+    back = run_filter(replace(problem, observed=problem.observed[::-1], anchors=turned_round))
+    mean, sd = ahead.by_joint()
+    other, other_sd = (each[::-1] for each in back.by_joint())
+    other = other * _REVERSED
+    other[..., 0] -= 2.0 * np.pi * np.round((other[..., 0] - mean[..., 0]) / (2.0 * np.pi))
+    return Estimate(0.5 * (mean + other), 0.5 * (sd + other_sd), ahead.used | back.used[::-1], ahead.log_likelihood)
+
+
+def butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
+    """Zero-phase Butterworth low-pass of the frames' angles, then central differences.
+
+    Parameters
+    ----------
+    anchors : Anchors
+        Angles of every frame by itself.
+    dt : float
+        Time step, s.
+    cutoff : float
+        Of each of the two passes, Hz: together they halve this frequency.
+
+    Raises
+    ------
+    ConfigError
+        Where the frame rate is too low for the cutoff.
+    """
+    if not cutoff < 0.5 / dt:
+        raise ConfigError(
+            f"ukf-smooth: butterworth_hz is {cutoff:g}, expected less than half the frame rate, {0.5 / dt:g} Hz"
+        )
+    sections = butter(_POLES, cutoff, fs=1.0 / dt, output="sos")
+
+    def derivatives(angle: FloatArray, seen: BoolArray, dt: float) -> FloatArray:
+        frames = np.arange(len(angle))
+        bridged = PchipInterpolator(frames[seen], angle[seen])(frames)
+        pad = min(len(angle) - 1, round(1.0 / (cutoff * dt)))
+        series = [sosfiltfilt(sections, bridged, padlen=pad)]
+        for _ in range(ORDER - 1):
+            series.append(np.gradient(series[-1], dt, edge_order=2))
+        return np.stack(series, axis=-1)
+
+    return _joint_by_joint(anchors, dt, derivatives)
+
+
+def spline(anchors: Anchors, dt: float) -> Estimate:
+    """Quintic smoothing spline of the frames' angles (ch. 5.5), see :mod:`mocap_id.estimation.quintic`."""
+    return _joint_by_joint(anchors, dt, smoothing_spline)
+
+
+def _joint_by_joint(anchors: Anchors, dt: float, derivatives: Derivatives) -> Estimate:
+    """Smooth each joint's observed angles, stretch by stretch; NaN between the stretches."""
+    mean = np.full((*anchors.angles.shape, ORDER), np.nan)
+    for j in range(mean.shape[1]):
+        seen = anchors.observed[:, j]
+        angle = np.where(seen, anchors.angles[:, j], 0.0)
+        angle[seen] = np.unwrap(angle[seen])
+        for part in _stretches(seen, BRIDGE_LIMIT / dt):
+            mean[part, j] = derivatives(angle[part], seen[part], dt)
+    return Estimate(mean, np.full(mean.shape, np.nan), anchors.used.copy(), np.nan)
+
+
+def _stretches(seen: BoolArray, limit: float) -> Iterator[slice]:
+    """From the first to the last sample seen without a gap of more than ``limit`` samples, if there are enough."""
+    found = np.flatnonzero(seen)
+    for part in np.split(found, np.flatnonzero(np.diff(found) > limit + 1) + 1):
+        if len(part) >= LEAST_SAMPLES:
+            yield slice(int(part[0]), int(part[-1]) + 1)
