@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from mocap_id.kinematics import fit_chain
-from mocap_id.kinematics.centre_covariance import _responses, _shapes, centre_covariance, lasting_residuals
+from mocap_id.kinematics.centre_covariance import centre_covariance, lasting_residuals, responses, shapes
 from mocap_id.kinematics.chain_equations import Problem, State, joint_positions, moved, predicted, reduce
 from mocap_id.kinematics.links import rigid_body_links
 
@@ -46,15 +46,16 @@ def test_a_slide_moves_the_centres_as_finite_differences_say(chain, joints: int,
     weights = np.random.default_rng(0).uniform(0.3, 1.5, (40, count))
     weights[7:15, 1] = 0  # a gap
     problem, state = posed(truth, weights, pinned)
-    said = _responses(problem, state, reduce(problem, state))  # (K, S, 2, 2 n)
-    shapes, turn = _shapes(problem, state), joint_positions(state)[1]
-    assert np.sum(np.mean(shapes**2, axis=0), axis=1) == pytest.approx(1)
+    course, turn = shapes(problem, state), joint_positions(state)[1]
+    reduced = reduce(problem, state)
+    said = responses(problem, state, reduced, course, reduced.inverse[:, : 2 * problem.joints])  # (K, S, 2, 2 n)
+    assert np.sum(np.mean(course**2, axis=0), axis=1) == pytest.approx(1)
     step = 1e-5
     for marker in range(count):
         for shape in range(2):
             for side, direction in enumerate((1, 1j)):
                 slide = np.zeros(problem.points.shape, dtype=complex)
-                slide[:, marker] = direction * shapes[:, marker, shape] * turn[:, problem.segment[marker] - 1]
+                slide[:, marker] = direction * course[:, marker, shape] * turn[:, problem.segment[marker] - 1]
                 centres = [
                     settled(Problem(problem.points + sign * step * slide, *rest(problem)), state).centres
                     for sign in (1, -1)

@@ -77,8 +77,9 @@ class States:
     mean : (F, n, 4) array
         Angle (rad, unwrapped), velocity, acceleration and jerk of each joint; NaN where the angle is too uncertain.
     sd : (F, n, 4) array
-        Standard deviations, given everywhere by methods that know them, NaN by the others. They know the noise as
-        white, which soft tissue is not.
+        Standard deviations, given everywhere by methods that know them, NaN by the others. Here they are the filter's,
+        which take the noise for white; soft tissue is not, and
+        :func:`mocap_id.estimation.skin.with_lasting_errors` tells them apart.
     observed : (F, n) bool array
         The frame's own markers determine the angle; false where it is bridged.
     used : (F, M) bool array

@@ -9,6 +9,7 @@ from mocap_id.kinematics.links import LinkMethod, fit_links
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.sampling import frames_along_motion
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers
+from mocap_id.kinematics.skin_errors import angle_errors
 from mocap_id.kinematics.swaps import Swap, find_swaps, repair
 from mocap_id.kinematics.symmetry import asymmetry
 from mocap_id.kinematics.window import propose_window
@@ -22,6 +23,7 @@ __all__ = [
     "Segmentation",
     "SegmentationRules",
     "Swap",
+    "angle_errors",
     "asymmetry",
     "find_bursts",
     "find_swaps",

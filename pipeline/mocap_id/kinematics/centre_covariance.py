@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import ComplexArray, FloatArray
 from mocap_id.kinematics.chain_equations import Problem, Reduced, State, joint_positions, left_by_pose, predicted
 
 _BLOCKS = 20  # stretches of time taken as independent
@@ -38,7 +38,8 @@ def _scatter(problem: Problem, reduced: Reduced) -> FloatArray:
 
 def _slip(problem: Problem, state: State, reduced: Reduced) -> FloatArray:
     size = lasting_residuals(problem, state)  # (K,) m^2 a coordinate
-    moved = _responses(problem, state, reduced) * np.sqrt(size)[:, None, None, None]
+    centres = reduced.inverse[:, : 2 * problem.joints]
+    moved = responses(problem, state, reduced, shapes(problem, state), centres) * np.sqrt(size)[:, None, None, None]
     flat = moved.reshape(-1, 2 * problem.joints)
     return np.asarray(flat.T @ flat)
 
@@ -62,29 +63,47 @@ def lasting_residuals(problem: Problem, state: State) -> FloatArray:
     return slide
 
 
-def _responses(problem: Problem, state: State, reduced: Reduced) -> FloatArray:
-    """(K, S, 2, 2 n) by how much each centre moves for each marker's slide of 1 m rms, each shape and direction."""
+def responses(problem: Problem, state: State, reduced: Reduced, shape: FloatArray, towards: FloatArray) -> FloatArray:
+    """By how much the fit's common unknowns move for each marker's slide.
+
+    Parameters
+    ----------
+    problem, state, reduced
+        At the solution.
+    shape : (T, K, S) array
+        Course of each marker's slides, of either direction in its segment, m.
+    towards : (P, p) array
+        The columns of ``reduced.inverse`` that belong to the unknowns wanted.
+
+    Returns
+    -------
+    (K, S, 2, p) array
+        m, for every marker, shape, and direction x and y of the segment.
+    """
     joints = problem.joints
     _, turn = joint_positions(state)
     own = turn[:, problem.segment - 1]  # (T, K)
-    shapes = _shapes(problem, state)  # (T, K, S)
-    slid = (problem.weights * own)[..., None] * shapes
+    slid = (problem.weights * own)[..., None] * shape
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
     below = np.arange(joints) < problem.segment[:, None]  # (K, n)
-    towards = reduced.inverse[:, : 2 * joints]
     centres = np.einsum("tj,tks->ksj", np.conj(lever), slid) * below[:, None, :]
-    itself = np.einsum("tk,tks->ks", problem.weights, shapes)
+    itself = np.einsum("tk,tks->ks", problem.weights, shape)
     of_centre = _real(centres) @ towards[: 2 * joints]
-    rows = towards[2 * joints :].reshape(-1, 2, 2 * joints)  # (K, 2, 2 n)
+    rows = towards[2 * joints :].reshape(-1, 2, towards.shape[1])  # (K, 2, p)
     of_itself = itself[:, :, None, None] * rows[:, None]
-    swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)  # (T, K, n)
-    swing[:, np.arange(len(below)), problem.segment - 1] = 1j * own * state.local
-    turned = reduced.solved[..., :-1] @ towards  # (T, n, 2 n)
-    pull = np.einsum("tkn,tks->tksn", np.conj(swing), slid)
-    of_angles = np.stack(
-        [np.einsum("tksn,tnp->ksp", pull.real, turned), np.einsum("tksn,tnp->ksp", -pull.imag, turned)], axis=2
-    )
-    return np.asarray(of_centre + of_itself - of_angles)
+    pull = np.conj(swings(problem, state))[:, :, None, :] * slid[..., None]  # (T, K, S, n)
+    solved = reduced.solved[..., :-1]  # (T, n, P)
+    turned = [np.tensordot(part, solved, axes=([0, 3], [0, 1])) for part in (pull.real, -pull.imag)]
+    return np.asarray(of_centre + of_itself - np.stack(turned, axis=2) @ towards)
+
+
+def swings(problem: Problem, state: State) -> ComplexArray:
+    """(T, K, n) where each marker goes as each segment turns, m/rad."""
+    _, turn = joint_positions(state)
+    below = np.arange(problem.joints) < problem.segment[:, None]
+    swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)
+    swing[:, np.arange(len(below)), problem.segment - 1] = 1j * turn[:, problem.segment - 1] * state.local
+    return np.asarray(swing)
 
 
 def _real(pull: np.ndarray) -> FloatArray:
@@ -94,7 +113,7 @@ def _real(pull: np.ndarray) -> FloatArray:
     return np.stack([along, across], axis=-2)
 
 
-def _shapes(problem: Problem, state: State) -> FloatArray:
+def shapes(problem: Problem, state: State) -> FloatArray:
     """(T, K, 2) angles of the joints below and above each marker's segment without their mean, 1 rms together."""
     relative = np.diff(state.angles, axis=1, prepend=0.0, append=0.0)  # (T, n + 1)
     relative[:, -1] = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +12,9 @@ from pydantic import Field
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
+from mocap_id.estimation.inverse import Chain
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.state_errors import NOISE, UNKNOWN, state_sd
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import MARKERS, STATES
@@ -61,20 +64,22 @@ def ukf_smooth(context: Context) -> Outputs:
     labels, segment = [str(label) for label in _node(chain, "markers/name")], _node(chain, "markers/segment")
     columns = [trajectories.labels.index(label) for label in labels]
     observed = np.ascontiguousarray(trajectories.points[:, columns, :2])
+    centres, local = _node(chain, "joints/centre"), _node(chain, "markers/local")
     states = smooth(
-        observed,
-        trajectories.rate,
-        _node(chain, "joints/centre"),
-        segment,
-        _node(chain, "markers/local"),
-        settings=FilterSettings(**settings.model_dump()),
+        observed, trajectories.rate, centres, segment, local, settings=FilterSettings(**settings.model_dump())
     )
+    sd_holds = UNKNOWN if settings.method in FRAMEWISE else NOISE
+    # other estimators tell nothing of how skin moved what they found, other methods nothing of what they let pass
+    if chain.facts.get("estimator") == "bundle" and settings.method == "rts":
+        whole = Chain(centres, segment, local)
+        sd, sd_holds = state_sd(states, observed, trajectories.rate, whole, settings.marker_sd_floor)
+        states = replace(states, sd=sd)
     residual = np.linalg.norm(observed - states.predicted, axis=-1)
     reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
     reasons += _for_comparison(settings)
     if context.trial.encoder is not None:
         reasons += (_encoder_unused(context.trial.encoder.name),)
-    facts = _facts(states, residual[:, segment > 0], states.used[:, segment > 0], settings)
+    facts = _facts(states, residual[:, segment > 0], states.used[:, segment > 0], settings) | {"sd_holds": sd_holds}
     return (
         Table(STATES, _state_table(states, trajectories.time), facts, reasons),
         Table(MARKERS, _marker_table(states, residual, trajectories, labels)),
@@ -201,7 +206,7 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=1,
+    version=2,
     inputs=("planar.parquet", "chain.h5"),
     outputs=("states.parquet", "markers.parquet"),
     uses=("encoder",),

@@ -1,0 +1,94 @@
+"""Standard deviations that know what of the noise is white, and what skin and the chain's geometry add to it.
+
+The filter takes everything that the chain cannot follow for white noise. Most of it is skin, which averages out
+slowly or not at all: with camera noise alone the filter's variance is smaller, and what lasts is added as errors of
+their own. The filter's variance also holds what a movement driven by white snap would have beyond its pass band. For a
+fourfold integrator observed in white noise, the smoother passes 1 / (1 + (w / w0)^8); of the variance of derivative d
+the share 1 - (2 d + 1) / 8 is passed noise, and the rest is movement not passed. The latter is taken from the movement
+itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.estimation.process import ORDER
+from mocap_id.estimation.smoothing import States
+
+_WITHHELD = (2 * np.arange(ORDER) + 1) / (2 * ORDER)
+"""Share of the variance of each derivative that is movement which the smoother does not pass."""
+
+_TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
+"""Share of the noise passed that smoothing once more takes off: of H^2, what H^2 (1 - H)^2 is."""
+
+
+def camera_sd(observed: FloatArray, states: States, floor: float) -> float:
+    """Standard deviation (m) of what of the markers (F, M, 2) changes from frame to frame beside the movement.
+
+    From second differences of the residuals, in which nothing is left of what lasts; the filter's own where no marker
+    is seen three times in a row, and never less than ``floor``.
+    """
+    off = np.where(states.used[..., None], observed - states.predicted, np.nan)
+    bends = off[2:] - 2 * off[1:-1] + off[:-2]
+    known = bends[np.isfinite(bends)]
+    if not known.size:
+        return states.noise.marker_sd
+    return min(states.noise.marker_sd, max(floor, float(np.sqrt(np.mean(known**2) / 6))))
+
+
+def with_lasting_errors(
+    states: States, rate: float, camera: float, frames: IntArray, lasting: FloatArray
+) -> FloatArray:
+    """(F, n, 4) standard deviations of the states.
+
+    Parameters
+    ----------
+    states : States
+        As filtered.
+    rate : float
+        Frames per second.
+    camera : float
+        Camera noise of a coordinate, m.
+    frames : (T,) int array
+        Ascending.
+    lasting : (T, n, 4) array
+        Variance at ``frames`` of errors that do not average out.
+    """
+    variance = states.sd**2
+    steady = np.median(variance, axis=0)  # (n, 4); gaps and ends have more
+    white = np.minimum(variance, steady) * (1 - _WITHHELD) * (camera / states.noise.marker_sd) ** 2
+    withheld = np.maximum(_withheld(states.mean, steady, rate) - _TWICE * white, 0)
+    total = white + np.maximum(variance - steady, 0) + withheld
+    every = np.arange(len(variance))
+    for joint in range(variance.shape[1]):
+        for order in range(ORDER):
+            total[:, joint, order] += np.interp(every, frames, lasting[:, joint, order])
+    return np.asarray(np.sqrt(total))
+
+
+def _withheld(mean: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
+    """(F, n, 4) mean square, over the smoother's memory, of what it takes off the movement: smoothed once more."""
+    count = len(mean)
+    squares = np.zeros(mean.shape)
+    for joint in range(mean.shape[1]):
+        angle = _continued(mean[:, joint, 0])
+        ratio = np.sin(5 * np.pi / 8) / np.sin(np.pi / 8) * steady[joint, 2] / steady[joint, 0]
+        corner = ratio**0.25  # rad/s, w0
+        turning = 2 * np.pi * np.fft.rfftfreq(len(angle), 1 / rate)
+        stopped = np.fft.rfft(angle) * (1 - 1 / (1 + (turning / corner) ** (2 * ORDER)))
+        memory = np.exp(-0.5 * (turning / corner) ** 2)
+        for order in range(ORDER):
+            part = np.fft.irfft((1j * turning) ** order * stopped, len(angle))
+            squares[:, joint, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(angle))[:count]
+    return squares
+
+
+def _continued(angle: FloatArray) -> FloatArray:
+    """(2 F,) angles without gaps, continued backwards in time so that they end where they began."""
+    known = np.isfinite(angle)
+    if not known.any():
+        return np.zeros(2 * len(angle))
+    every = np.arange(len(angle))
+    filled = np.interp(every, every[known], angle[known])
+    return np.concatenate([filled, filled[::-1]])

@@ -1,0 +1,62 @@
+"""What the states' standard deviations stand for: the filter's own, or what is known of camera noise and skin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
+from mocap_id.estimation import States
+from mocap_id.estimation.inverse import Chain
+from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.kinematics import angle_errors
+
+_LEAST = 50  # frames that show every joint, below which nothing is told of the skin
+
+UNKNOWN = "not known"
+NOISE = "noise taken for white"
+SKIN = "camera noise and skin"
+
+
+def state_sd(states: States, observed: FloatArray, rate: float, chain: Chain, floor: float) -> tuple[FloatArray, str]:
+    """Standard deviations (F, n, 4) of states of a chain that was fitted as a whole, and what they hold.
+
+    Parameters
+    ----------
+    states : States
+    observed : (F, M, 2) array
+        Markers in the plane, m.
+    rate : float
+        Frames per second.
+    chain : Chain
+        With all M markers.
+    floor : float
+        Least camera noise, m.
+    """
+    counts = states.used.any(axis=0)
+    shown: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
+    if np.count_nonzero(shown) < _LEAST or set(chain.segment[counts]) < set(range(1, len(chain.centres) + 1)):
+        return states.sd, NOISE
+    camera = camera_sd(observed, states, floor)
+    points = np.where(states.used, _complex(observed), np.nan)
+    frames, lasting = angle_errors(
+        points[:, counts],
+        chain.segment[counts],
+        _complex(chain.centres),
+        _complex(chain.local[counts]),
+        _filled(states.mean[..., 0]),
+        observed=shown,
+        camera_sd=camera,
+        rate=rate,
+    )
+    return with_lasting_errors(states, rate, camera, frames, lasting), SKIN
+
+
+def _complex(points: FloatArray) -> ComplexArray:
+    return np.asarray(points[..., 0] + 1j * points[..., 1])
+
+
+def _filled(angles: FloatArray) -> FloatArray:
+    """(F, n) angles with straight lines where they are not given."""
+    every = np.arange(len(angles))
+    known = [np.isfinite(angle) for angle in angles.T]
+    return np.column_stack([np.interp(every, every[k], angle[k]) for k, angle in zip(known, angles.T, strict=True)])
