@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
@@ -36,12 +36,13 @@ class FitJointsSettings(Settings):
 def fit_joints(context: Context) -> Outputs:
     """Fit the chain to the markers of its segments."""
     settings: FitJointsSettings = context.settings
-    trajectories = Trajectories.of(context.table("planar.parquet")).without_bursts().along_motion(settings.frames)
+    trajectories = Trajectories.of(context.table("planar.parquet")).without_bursts()
     segments = context.table("segments.parquet")
     assigned = segments.frame.dropna(subset="segment")
     labels = [str(label) for label in assigned["marker"]]
     segment = assigned["segment"].to_numpy(dtype=np.int64)
     kept = [trajectories.labels.index(label) for label in labels]
+    trajectories = trajectories.along_motion(settings.frames, _shown(trajectories.plane[:, kept], segment))
     joint_names = segments.facts["joint_names"]
     named: Mapping[str, list[str]] = segments.facts["joint_markers"]
     auxiliary = {
@@ -78,6 +79,12 @@ def fit_joints(context: Context) -> Outputs:
     }
     reasons = _for_comparison(settings) + _pulled(named, settings) + _weak_joints(fit, joint_names, settings)
     return (Tree(CHAIN, data, facts, reasons),)
+
+
+def _shown(points: ComplexArray, segment: IntArray) -> BoolArray:
+    """(F,) frames that show two markers or more of every moving segment."""
+    seen = np.isfinite(points)
+    return np.asarray(np.all([seen[:, segment == k].sum(axis=1) >= 2 for k in range(1, segment.max() + 1)], axis=0))
 
 
 def _estimate(

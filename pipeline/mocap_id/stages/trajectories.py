@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics import find_bursts, frames_along_motion
 from mocap_id.store import Table
 
@@ -61,9 +61,12 @@ class Trajectories:
         points[find_bursts(self.plane, self.rate)] = np.nan
         return replace(self, points=points)
 
-    def along_motion(self, count: int) -> Trajectories:
-        """At most ``count`` frames, evenly along the way that the markers travel."""
-        return self._at(frames_along_motion(self.plane, count))
+    def along_motion(self, count: int, useful: BoolArray) -> Trajectories:
+        """``count`` of the useful frames (F,), evenly along the way of the markers; all where there are fewer."""
+        candidates = np.flatnonzero(useful)
+        if len(candidates) <= count:
+            return self
+        return self._at(candidates[frames_along_motion(self.plane[candidates], count)])
 
     def thinned(self, count: int) -> Trajectories:
         """At most ``count`` frames, evenly over the trial."""
