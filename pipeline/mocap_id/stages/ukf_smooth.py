@@ -161,7 +161,8 @@ def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoot
             Reason(
                 "gap",
                 f"the angle of the {name} is not given for {seconds:.2f} s ({where}): its markers were missing, "
-                f"or did not fit the chain, for so long that {_limit(settings)}. Fill or re-label them, or leave the stretch out with `window:`.",
+                f"or did not fit the chain, for so long that {_limit(settings)}. Fill or re-label them, or leave the "
+                "stretch out with `window:`.",
                 float(seconds),
                 0.0,
             )
