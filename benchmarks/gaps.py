@@ -111,7 +111,7 @@ def prepare(place: Path, options: Options) -> Material | None:
     with np.load(configuration.with_name("truth.npz")) as arrays:
         at = np.searchsorted(arrays["t"], time - 1e-6)
         truth = np.stack([arrays[name][at].astype(np.float64) for name in ("q", "qd", "qdd")], axis=2)
-    inputs = {"planar.parquet": planar, "chain.h5": chain}
+    inputs: Mapping[str, Table | Tree] = {"planar.parquet": planar, "chain.h5": chain}
     context = Context(trial.keys, STAGE.settings(), inputs)
     return Material(context, truth, time, _sets(planar, chain), _places(truth, time))
 
@@ -166,7 +166,7 @@ def run_case(material: Material, which: str, where: str, length: float) -> Case:
     frame = planar.frame.copy()
     frame.loc[hidden, ["x", "y", "z"]] = np.nan
     frame.loc[hidden, "visible"] = False
-    inputs = {**material.context.inputs, "planar.parquet": replace(planar, frame=frame)}
+    inputs: Mapping[str, Table | Tree] = {**material.context.inputs, "planar.parquet": replace(planar, frame=frame)}
     states = STAGE.function(replace(material.context, inputs=inputs))[0]
     assert isinstance(states, Table)
     error, sd = (
