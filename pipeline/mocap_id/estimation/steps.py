@@ -59,17 +59,25 @@ def stepping_errors(states: States, observed: FloatArray, angles: FloatArray, ra
 
 
 def _steps(states: States, observed: FloatArray, angles: FloatArray, chain: Chain, edges: IntArray) -> FloatArray:
-    """(E, n) steps of the angles, rad; 0 where one of the sets does not determine the angle."""
+    """(E, n) steps of the angles, rad; 0 where what stays does not determine the angle.
+
+    What goes counts with the residuals before the edge, what comes with those after it: the pose that they refer to is
+    already on its way from one to the other.
+    """
     off = np.where(states.used[..., None], observed - states.predicted, np.nan)
-    beside = np.clip(edges[:, None] + np.arange(-_BESIDE, _BESIDE), 0, len(off) - 1)  # (E, b)
-    known = np.isfinite(off[beside])
-    slid = np.where(known, off[beside], 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)  # (E, M, 2)
     jacobian = marker_jacobian(angles[edges], chain.centres, chain.segment, chain.local)  # (E, M, 2, n)
-    told = known.any(axis=(1, 3))
-    (before, sure), (after, still) = (
-        _turned(slid, jacobian, states.used[edges - side] & told, states.noise.marker_sd) for side in (1, 0)
-    )
-    return np.where(sure & still, after - before, 0.0)
+    step = np.zeros((len(edges), angles.shape[1]))
+    for side, beside in ((-1, np.arange(-_BESIDE, 0)), (1, np.arange(_BESIDE))):
+        near = off[np.clip(edges[:, None] + beside, 0, len(off) - 1)]  # (E, b, M, 2)
+        known = np.isfinite(near)
+        slid = np.where(known, near, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        there = states.used[edges + min(side, 0)] & known.any(axis=(1, 3))
+        both = there & states.used[edges - max(side, 0)]
+        (all_of_it, sure), (rest, still) = (
+            _turned(slid, jacobian, used, states.noise.marker_sd) for used in (there, both)
+        )
+        step += np.where(sure & still, side * (all_of_it - rest), 0.0)
+    return step
 
 
 def _turned(slid: FloatArray, jacobian: FloatArray, used: BoolArray, marker_sd: float) -> tuple[FloatArray, BoolArray]:
