@@ -27,7 +27,7 @@ def slid(size: float, *, vanish: bool = True) -> Moving:
     """A chain at rest; a marker of the second segment is off by so much, m, throughout, and vanishes halfway."""
     truth = np.zeros((2 * EDGE, 2, 4))
     truth[..., 0] = [0.3, -0.8]
-    moving = measured(truth, 100.0, 1e-4, np.random.default_rng(6))
+    moving = measured(truth, 100.0, 2e-5, np.random.default_rng(6))
     markers = moving.markers.copy()
     markers[:, 5, 0] += size
     if vanish:
@@ -45,10 +45,12 @@ def test_a_step_is_allowed_for_where_it_is_and_as_far_as_it_goes() -> None:
     states = moving.smoothed(**SETTINGS)
     error, sd = np.abs(states.mean - moving.truth), allowed(moving, states)
     quiet, near = slice(100, 300), slice(EDGE - 100, EDGE + 100)
-    for order in (1, 2):  # the mean square is spread over the smoother's memory, and kept
+    # the mean square is spread over the smoother's memory, and kept; its pass band is taken joint by joint, which in a
+    # chain, whose angles are correlated, is up to a fifth too low, and counts twice for the acceleration
+    for order, exact in ((1, 0.2), (2, 0.4)):
         bump, said = (np.sqrt(np.mean(part[near, :, order] ** 2, axis=0)) for part in (error, sd))
         assert np.all(bump > 3 * np.sqrt(np.mean(error[quiet, :, order] ** 2, axis=0)))
-        np.testing.assert_allclose(said, bump, rtol=0.2)
+        np.testing.assert_allclose(said, bump, rtol=exact)
         assert np.all(sd[quiet, :, order] < 0.02 * said)
         rising = sd[:, :, order] > error[quiet, :, order].max(axis=0)
         assert np.all(error[..., order][rising] < 5 * sd[..., order][rising])
