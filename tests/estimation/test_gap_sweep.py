@@ -13,7 +13,7 @@ import pytest
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "gaps.py"
 SEED = 970_000
-LENGTHS = (0.3, 0.8, 3.0)
+LENGTHS = (0.3, 3.0)
 
 
 @pytest.fixture(scope="module")
@@ -60,5 +60,5 @@ def test_long_gaps_of_all_markers_are_not_filled_in(found: dict[Any, Any]) -> No
 def test_intervals_hold_the_truth_of_bridged_samples(gaps: ModuleType, found: dict[Any, Any]) -> None:
     """One trial tells the filter's part; the angle's own error, one draw, is in docs/state-coverage.md."""
     share, total = gaps.coverage(list(found.values()), "bridged")
-    assert total > 1000
+    assert total > 500
     assert np.all(share >= 0.88)
