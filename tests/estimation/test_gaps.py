@@ -125,4 +125,6 @@ def test_a_joint_that_turned_during_a_gap_is_found_in_its_own_turn() -> None:
 def test_a_gap_longer_than_the_filter_can_bridge_is_entered_and_left_in_the_same_turn(moving: Moving) -> None:
     states = moving.smoothed_from(without(moving, 100, 500, moving.segment > 0))
     np.testing.assert_allclose(states.mean[505:, :, 0], moving.truth[505:, :, 0], atol=0.01)
-    assert np.isnan(states.mean[250:450]).all()
+    assert np.isnan(states.mean[200:400]).all()
+    assert np.isfinite(states.mean[np.r_[:110, 490:600]]).all()
+    assert_honest(moving, states)

@@ -61,3 +61,16 @@ def test_a_frames_outliers_are_found_though_they_spoil_the_fit_for_the_others(mo
     frames = frame_angles(markers, Chain(moving.centres, moving.segment, moving.local), 5.0, 5e-5)
     assert np.flatnonzero(~frames.used[500]).tolist() == [0, 7, 13]
     np.testing.assert_allclose(frames.angles[500], moving.truth[500, :, 0], atol=5e-3)
+
+
+def test_a_marker_that_bursts_for_a_third_of_the_trial_is_no_less_an_outlier(moving: Moving) -> None:
+    """Its own residuals would grant it the bursts."""
+    markers, hit = moving.markers.copy(), np.zeros(len(moving.markers), dtype=bool)
+    for start in range(100, len(markers) - 200, 300):
+        hit[start : start + 100] = True
+    markers[hit, 3] += [0.03, -0.04]
+    states, clean = moving.smoothed_from(markers), moving.smoothed()
+    assert hit.mean() > 0.3
+    assert states.used[hit, 3].mean() < 0.01
+    assert states.used[~hit, 3].mean() > 0.99
+    assert np.all(rms(states.mean - moving.truth)[:, 2] < 1.1 * rms(clean.mean - moving.truth)[:, 2])

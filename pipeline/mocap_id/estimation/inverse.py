@@ -25,6 +25,7 @@ _CONVERGED = 1e-6  # rad
 _DAMPING = 1e-6  # m^2/rad^2: holds still what no marker moves, and slows nothing that one does
 _OUTLIER_SHARE = 0.25  # of a segment's markers
 _ROUNDS = 2  # outliers inflate what counts as ordinary at first
+_BEYOND = 3.0  # times what its median and its segment say, up to which a marker's residual is ordinary
 _QUANTILE = 0.8  # of a marker's residuals, taken for its size: bursts are rarer, movement is not
 
 
@@ -109,10 +110,10 @@ def frame_angles(observed: FloatArray, chain: Chain, gate: float, floor: float) 
     used: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1), dtype=np.bool_)
     angles = _refine(observed, used, _closed_form(observed, used, chain), chain)
     residual = _residual(observed, angles, chain)
-    scale = _scale(residual, used)
+    scale = _scale(residual, used, chain.segment)
     for _ in range(_ROUNDS):
         _take_out(observed, used, angles, residual, chain, limit=gate * np.fmax(scale, floor))
-        scale = _scale(residual, used)
+        scale = _scale(residual, used, chain.segment)
     reliable = _reliable(observed, used, chain)
     return FrameAngles(angles, information(angles, used, chain), used, reliable, residual, scale)
 
@@ -240,9 +241,25 @@ def _residual(observed: FloatArray, angles: FloatArray, chain: Chain) -> FloatAr
     return np.asarray(np.linalg.norm(observed - expected, axis=-1))
 
 
-def _scale(residual: FloatArray, used: BoolArray) -> FloatArray:
-    """Standard deviation (M,) per coordinate, from a quantile of the residuals as if they were normal."""
+def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArray:
+    """Standard deviation (M,) per coordinate, from a quantile of the residuals as if they were normal.
+
+    A marker that bursts more often than the quantile allows would set its own limit: it is taken for ordinary only as
+    far as its median, or its segment's markers, speak for it.
+    """
+    scale, middle = (_from_quantile(residual, used, share) for share in (_QUANTILE, 0.5))
+    limit = np.full(len(scale), np.nan)
+    for s in np.unique(segment):
+        own = (segment == s) & np.isfinite(scale)
+        if not own.any():
+            continue
+        limit[own] = _BEYOND * np.fmax(middle[own], np.median(scale[own]))
+    return np.asarray(np.fmin(scale, limit))
+
+
+def _from_quantile(residual: FloatArray, used: BoolArray, share: float) -> FloatArray:
+    """Standard deviation (M,) per coordinate of normal residuals that have this quantile."""
     scale = np.full(residual.shape[1], np.nan)
     for m in np.flatnonzero(used.any(axis=0)):
-        scale[m] = np.quantile(residual[used[:, m], m], _QUANTILE) / np.sqrt(-2.0 * np.log(1.0 - _QUANTILE))
+        scale[m] = np.quantile(residual[used[:, m], m], share) / np.sqrt(-2.0 * np.log(1.0 - share))
     return scale

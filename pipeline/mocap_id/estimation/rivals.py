@@ -35,12 +35,16 @@ Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
 
 
 class Estimate(NamedTuple):
-    """States by any method, (F, n, 4): ``mean``, ``sd`` (NaN: not known), the markers ``used``, the likelihood."""
+    """States by any method, (F, n, 4): ``mean``, ``sd`` (NaN: not known), the markers ``used``, the likelihood.
+
+    ``carried`` (F, n) tells which are carried back from later frames, where a method does that.
+    """
 
     mean: FloatArray
     sd: FloatArray
     used: BoolArray
     log_likelihood: float
+    carried: BoolArray | None = None
 
 
 def two_filter(problem: Problem, run_filter: Callable[[Problem], Track]) -> Estimate:

@@ -67,17 +67,22 @@ def with_lasting_errors(
     return np.asarray(np.sqrt(total))
 
 
+def corner(steady: FloatArray) -> float:
+    """The smoother's w0 of a joint, rad/s, from the variances (4,) of its states: each order has its own share."""
+    ratio = np.sin(5 * np.pi / 8) / np.sin(np.pi / 8) * steady[2] / steady[0]
+    return float(ratio**0.25)
+
+
 def _withheld(mean: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
     """(F, n, 4) mean square, over the smoother's memory, of what it takes off the movement: smoothed once more."""
     count = len(mean)
     squares = np.zeros(mean.shape)
     for joint in range(mean.shape[1]):
         angle = _continued(mean[:, joint, 0])
-        ratio = np.sin(5 * np.pi / 8) / np.sin(np.pi / 8) * steady[joint, 2] / steady[joint, 0]
-        corner = ratio**0.25  # rad/s, w0
+        w0 = corner(steady[joint])
         turning = 2 * np.pi * np.fft.rfftfreq(len(angle), 1 / rate)
-        stopped = np.fft.rfft(angle) * (1 - 1 / (1 + (turning / corner) ** (2 * ORDER)))
-        memory = np.exp(-0.5 * (turning / corner) ** 2)
+        stopped = np.fft.rfft(angle) * (1 - 1 / (1 + (turning / w0) ** (2 * ORDER)))
+        memory = np.exp(-0.5 * (turning / w0) ** 2)
         for order in range(ORDER):
             part = np.fft.irfft((1j * turning) ** order * stopped, len(angle))
             squares[:, joint, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(angle))[:count]

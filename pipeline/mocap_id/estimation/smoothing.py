@@ -12,6 +12,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation import compiled, reference, rivals
 from mocap_id.estimation.inverse import Chain, FrameAngles, angle_covariance, frame_angles, information, observed_angles
+from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
 from mocap_id.estimation.problem import Problem, Track
 from mocap_id.estimation.rivals import Estimate
@@ -163,7 +164,9 @@ def _estimate(problem: Problem, settings: FilterSettings) -> Estimate:
     if settings.method == "spline":
         return rivals.spline(problem.anchors, problem.dt)
     track = run_smoother(problem, run_filter(problem))
-    return Estimate(*track.by_joint(), track.used, track.log_likelihood)
+    mean, sd = track.by_joint()
+    carried = carry_back(problem, track, mean, sd)
+    return Estimate(mean, sd, track.used, track.log_likelihood, carried)
 
 
 def _determined(found: Estimate, problem: Problem, noise: Noise, settings: FilterSettings) -> BoolArray:
@@ -171,7 +174,8 @@ def _determined(found: Estimate, problem: Problem, noise: Noise, settings: Filte
     if settings.method in FRAMEWISE:  # they start from the frames' own angles, and give none beyond a long gap
         return np.asarray(problem.anchors.observed & np.isfinite(found.mean[..., 0]))
     chain = Chain(problem.centres, problem.segment, problem.local)
-    return observed_angles(angle_covariance(information(found.mean[..., 0], found.used, chain), noise.marker_sd))
+    determined = observed_angles(angle_covariance(information(found.mean[..., 0], found.used, chain), noise.marker_sd))
+    return determined if found.carried is None else np.asarray(determined & ~found.carried)
 
 
 def _turns(angles: FloatArray) -> FloatArray:

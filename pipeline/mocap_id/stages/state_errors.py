@@ -8,6 +8,7 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
 from mocap_id.estimation import States
 from mocap_id.estimation.inverse import Chain
 from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.estimation.steps import stepping_errors
 from mocap_id.kinematics import angle_errors
 
 _LEAST = 50  # frames that show every joint, below which nothing is told of the skin
@@ -38,17 +39,19 @@ def state_sd(states: States, observed: FloatArray, rate: float, chain: Chain, fl
         return states.sd, NOISE
     camera = camera_sd(observed, states, floor)
     points = np.where(states.used, _complex(observed), np.nan)
+    angles = _filled(states.mean[..., 0])
     frames, lasting = angle_errors(
         points[:, counts],
         chain.segment[counts],
         _complex(chain.centres),
         _complex(chain.local[counts]),
-        _filled(states.mean[..., 0]),
+        angles,
         observed=shown,
         camera_sd=camera,
         rate=rate,
     )
-    return with_lasting_errors(states, rate, camera, frames, lasting), SKIN
+    sd = with_lasting_errors(states, rate, camera, frames, lasting)
+    return np.sqrt(sd**2 + stepping_errors(states, observed, angles, rate, chain)), SKIN
 
 
 def _complex(points: FloatArray) -> ComplexArray:

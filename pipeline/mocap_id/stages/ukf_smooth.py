@@ -160,8 +160,9 @@ def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoot
         reasons.append(
             Reason(
                 "gap",
-                f"the angle of the {name} is not given for {seconds:.2f} s ({where}): its markers were missing for "
-                f"so long that {_limit(settings)}. Fill or re-label them, or leave the stretch out with `window:`.",
+                f"the angle of the {name} is not given for {seconds:.2f} s ({where}): its markers were missing, "
+                f"or did not fit the chain, for so long that {_limit(settings)}. Fill or re-label them, or leave the "
+                "stretch out with `window:`.",
                 float(seconds),
                 0.0,
             )
@@ -206,7 +207,7 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=2,
+    version=3,
     inputs=("planar.parquet", "chain.h5"),
     outputs=("states.parquet", "markers.parquet"),
     uses=("encoder",),

@@ -1,0 +1,76 @@
+"""What nobody would record on purpose: nothing that moves, few and many frames a second, markers that come late."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_chains import Moving, measured, rms, swinging
+from test_ukf_smooth_stage import STAGE, Context, Files, Path, TrialKeys, chain, planar
+
+from mocap_id.estimation.inverse import Chain
+from mocap_id.stages.state_errors import state_sd
+from mocap_id.store.parquet import conform
+
+FLOOR = 5e-5
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-4])
+def test_a_chain_at_rest_has_an_angle_and_no_velocity(noise: float) -> None:
+    truth = np.zeros((600, 3, 4))
+    truth[..., 0] = [0.3, -0.8, 1.2]
+    moving = measured(truth, 100.0, noise, np.random.default_rng(3))
+    states = moving.smoothed()
+    sd, _ = state_sd(states, moving.markers, moving.rate, Chain(moving.centres, moving.segment, moving.local), FLOOR)
+    assert np.isfinite(states.mean).all()
+    assert np.isfinite(sd).all()
+    off = np.abs(states.mean - truth)
+    assert np.all(off <= 6 * sd + 1e-9)
+    assert off[..., 1].max() < 0.05
+
+
+@pytest.mark.parametrize(("rate", "seconds"), [(25.0, 20.0), (2000.0, 3.0)])
+def test_slow_and_fast_cameras(rate: float, seconds: float) -> None:
+    moving = swinging(joints=3, seconds=seconds, rate=rate, seed=8)
+    states = moving.smoothed()
+    sd, _ = state_sd(states, moving.markers, moving.rate, Chain(moving.centres, moving.segment, moving.local), FLOOR)
+    assert np.isfinite(states.mean).all()
+    error = states.mean - moving.truth
+    assert np.all(rms(error)[:, :3] < [0.003, 0.02, 0.3])
+    inside = np.mean(np.abs(error) <= 1.96 * sd, axis=(0, 1))
+    assert np.all(inside[:3] > 0.88)
+
+
+def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
+    moving = swinging(joints=2, seconds=3.0, seed=1)
+    markers = moving.markers.copy()
+    markers[0] = np.nan
+    trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
+    inputs = {"planar.parquet": planar(moving, markers), "chain.h5": chain(moving)}
+    states, predicted = STAGE.function(Context(trial, STAGE.settings(), inputs))
+    conform(states)
+    conform(predicted)
+    assert not states.reasons
+    assert states.frame["observed_2"].to_numpy().nonzero()[0].tolist() == list(range(1, 300))
+    np.testing.assert_allclose(states.frame["theta_2"][0], moving.truth[0, 1, 0], atol=0.01)
+
+
+def memory(moving: Moving, frames: int) -> int:
+    """Bytes above the input, at most, for the first frames."""
+    moving = replace(moving, markers=moving.markers[:frames])
+    tracemalloc.start()
+    states = moving.smoothed()
+    state_sd(states, moving.markers, moving.rate, Chain(moving.centres, moving.segment, moving.local), FLOOR)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_memory_grows_with_the_frames_and_no_faster() -> None:
+    moving = swinging(joints=3, per_segment=13, seconds=80.0, rate=100.0)
+    moving.smoothed_from(moving.markers[:100])
+    few, many = memory(moving, 4000), memory(moving, 8000)
+    assert many < 2.3 * few
+    assert many * 2 < 200e6  # 16,000 frames of 40 markers
