@@ -36,7 +36,7 @@ def test_the_first_frames_are_bridged_from_behind(moving: Moving) -> None:
 
 
 def test_it_is_what_the_process_says_of_a_beginning_of_which_nothing_else_is_known(moving: Moving) -> None:
-    """Against the information smoother: the same posterior from a start that is a million times vaguer."""
+    """Against draws of the process run backwards; and nothing else is touched."""
     problem = moving.problem(marker_sd=5e-4, sigma_v=100.0)
     track = smooth_backwards(problem, filter_forwards(problem))
     mean, sd = track.by_joint()
