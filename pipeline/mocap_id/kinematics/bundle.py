@@ -16,7 +16,7 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.kinematics.centre_covariance import centre_covariance
-from mocap_id.kinematics.chain_equations import Problem, State, left_by_pose, moved, predicted, reduce
+from mocap_id.kinematics.chain_equations import Problem, State, moved, predicted, reduce, shared_variance
 from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.links import frames_used, rigid_body_links
@@ -113,20 +113,13 @@ def _reweighted(problem: Problem, state: State, scale: FloatArray) -> Problem:
 
 
 def _marker_weights(problem: Problem, state: State) -> FloatArray:
-    """Inverse variance of each marker that is not pinned, a third its own and the rest its segment's, 1 on average.
-
-    A marker's own residual alone would in the end pull the segment onto its two best markers.
-    """
+    """Inverse variance of each marker that is not pinned, 1 on average."""
     own = ~problem.pinned
     seen = (problem.weights > 0)[:, own]
     off = np.where(seen, np.abs(problem.points - predicted(problem, state))[:, own], 0)
     square = np.minimum(off, _HUBER * np.sqrt(np.mean(off**2, axis=0))) ** 2
     variance = square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    for k in range(1, problem.joints + 1):
-        members = problem.segment[own] == k
-        weights = problem.weights[:, own][:, members].mean(axis=0)
-        variance[members] /= left_by_pose(weights, state.local[own][members])
-        variance[members] = (variance[members] + 2 * variance[members].mean()) / 3
+    variance = shared_variance(variance, problem.weights[:, own].mean(axis=0), problem.segment[own], state.local[own])
     weight = 1 / np.maximum(variance, _EXACT**2)
     return np.asarray(weight / weight.mean())
 

@@ -209,3 +209,26 @@ def left_by_pose(weights: FloatArray, local: ComplexArray) -> FloatArray:
     arm = share * np.abs(local - np.sum(share * local)) ** 2
     leverage = share + arm / (2 * max(float(arm.sum()), 1e-12))
     return np.asarray(np.maximum(1 - leverage, 0.2))
+
+
+def shared_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
+    """(K,) variance by whose inverse each marker weighs: a third its own, the rest its segment's mean.
+
+    A marker's own residual alone would in the end pull the segment onto its two best markers.
+
+    Parameters
+    ----------
+    square : (K,) array
+        Mean squared residual, m^2; what the pose took out of it is put back.
+    weights : (K,) array
+        That it was fitted with.
+    segment : (K,) int array
+    local : (K,) complex array
+        Coordinates, m.
+    """
+    shared = np.empty_like(square)
+    for k in np.unique(segment):
+        members = segment == k
+        own = square[members] / left_by_pose(weights[members], local[members])
+        shared[members] = (own + 2 * own.mean()) / 3
+    return shared

@@ -27,6 +27,7 @@ from mocap_id.kinematics.chain_equations import (
     normal_equations,
     predicted,
     reduce,
+    shared_variance,
 )
 from mocap_id.kinematics.sampling import frames_along_motion
 
@@ -158,10 +159,9 @@ def _sizes(problem: Problem, state: State, shape: FloatArray) -> tuple[FloatArra
         left[own, k] -= basis @ np.linalg.lstsq(basis, off[own, k], rcond=None)[0]
     square = np.sum(np.abs(off) ** 2, axis=0) / np.maximum(seen.sum(axis=0), 1) / 2
     size, rest, often = _lasting(problem, off), _lasting(problem, left), seen.mean(axis=0)
+    square = shared_variance(square, often, problem.segment, state.local)  # as the joint fit weighs
     for k in range(1, problem.joints + 1):
         members = problem.segment == k
-        own = square[members] / left_by_pose(often[members], state.local[members])
-        square[members] = (own + 2 * own.mean()) / 3  # as the joint fit weighs
         weights = often[members] / np.maximum(square[members], _EXACT**2)
         size[members] /= left_by_pose(weights, state.local[members])
         rest[members] /= left_by_pose(weights, state.local[members])
