@@ -11,6 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation import compiled, reference, rivals
+from mocap_id.estimation.dropouts import held
 from mocap_id.estimation.inverse import Chain, FrameAngles, angle_covariance, frame_angles, information, observed_angles
 from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
@@ -141,8 +142,10 @@ def smooth(
     moves, dt = segment > 0, 1.0 / rate
     chain = Chain(centres, segment[moves], local[moves])
     frames = frame_angles(observed[:, moves], chain, settings.gate, settings.marker_sd_floor)
-    noise = _noise(frames, dt, settings)
-    problem = _problem(observed[:, moves], dt, chain, frames=frames, noise=noise, settings=settings)
+    marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
+    steady, frames = held(observed[:, moves], frames, chain, marker_sd, rate)
+    noise = _noise(frames, dt, marker_sd, settings)
+    problem = _problem(steady, dt, chain, frames=frames, noise=noise, settings=settings)
     found = _estimate(problem, settings)
     mean, sd = found.mean, found.sd
     determined = _determined(found, problem, noise, settings)
@@ -184,9 +187,8 @@ def _turns(angles: FloatArray) -> FloatArray:
     return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
 
 
-def _noise(frames: FrameAngles, dt: float, settings: FilterSettings) -> Noise:
-    """The noise that the settings give, the rest estimated."""
-    marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
+def _noise(frames: FrameAngles, dt: float, marker_sd: float, settings: FilterSettings) -> Noise:
+    """The noise of the process that the settings give, or estimated."""
     if settings.sigma_v is not None:
         return Noise(marker_sd, np.full(frames.angles.shape[1], settings.sigma_v))
     return Noise(marker_sd, process_noise(frames.anchors(marker_sd), dt))

@@ -6,9 +6,9 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
 from mocap_id.estimation import States
+from mocap_id.estimation.absent import growth
 from mocap_id.estimation.inverse import Chain
 from mocap_id.estimation.skin import camera_sd, with_lasting_errors
-from mocap_id.estimation.steps import stepping_errors
 from mocap_id.kinematics import angle_errors
 
 _LEAST = 50  # frames that show every joint, below which nothing is told of the skin
@@ -50,8 +50,8 @@ def state_sd(states: States, observed: FloatArray, rate: float, chain: Chain, fl
         camera_sd=camera,
         rate=rate,
     )
-    sd = with_lasting_errors(states, rate, camera, frames, lasting)
-    return np.sqrt(sd**2 + stepping_errors(states, observed, angles, rate, chain)), SKIN
+    grown = lasting * growth(states, observed, angles, frames, rate=rate, chain=chain, camera=camera)[..., None]
+    return with_lasting_errors(states, rate, camera, frames, grown), SKIN
 
 
 def _complex(points: FloatArray) -> ComplexArray:

@@ -56,9 +56,9 @@ class Trajectories:
         return np.asarray(self.points[..., 0] + 1j * self.points[..., 1])
 
     def without_bursts(self) -> Trajectories:
-        """The same with short jumps there and back taken for unseen."""
+        """The same with jumps there and back taken for unseen."""
         points = self.points.copy()
-        points[find_bursts(self.plane, self.rate)] = np.nan
+        points[find_bursts(points, self.rate)] = np.nan
         return replace(self, points=points)
 
     def along_motion(self, count: int, useful: BoolArray) -> Trajectories:

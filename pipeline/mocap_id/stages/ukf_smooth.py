@@ -63,7 +63,8 @@ def ukf_smooth(context: Context) -> Outputs:
     chain = context.tree("chain.h5")
     labels, segment = [str(label) for label in _node(chain, "markers/name")], _node(chain, "markers/segment")
     columns = [trajectories.labels.index(label) for label in labels]
-    observed = np.ascontiguousarray(trajectories.points[:, columns, :2])
+    measured = trajectories.points[:, columns, :2]
+    observed = np.ascontiguousarray(trajectories.without_bursts().points[:, columns, :2])
     centres, local = _node(chain, "joints/centre"), _node(chain, "markers/local")
     states = smooth(
         observed, trajectories.rate, centres, segment, local, settings=FilterSettings(**settings.model_dump())
@@ -74,7 +75,7 @@ def ukf_smooth(context: Context) -> Outputs:
         whole = Chain(centres, segment, local)
         sd, sd_holds = state_sd(states, observed, trajectories.rate, whole, settings.marker_sd_floor)
         states = replace(states, sd=sd)
-    residual = np.linalg.norm(observed - states.predicted, axis=-1)
+    residual = np.linalg.norm(measured - states.predicted, axis=-1)
     reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
     reasons += _for_comparison(settings)
     if context.trial.encoder is not None:
@@ -142,6 +143,7 @@ def _marker_table(states: States, residual: FloatArray, trajectories: Trajectori
             "x": states.predicted[..., 0].ravel(),
             "y": states.predicted[..., 1].ravel(),
             "residual": residual.ravel(),
+            "used": states.used.ravel(),
         }
     )
 
@@ -207,7 +209,7 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=3,
+    version=4,
     inputs=("planar.parquet", "chain.h5"),
     outputs=("states.parquet", "markers.parquet"),
     uses=("encoder",),

@@ -110,6 +110,7 @@ MARKERS = TableSchema(
         Column("x", "float64", "m", "predicted from the states, plane frame"),
         Column("y", "float64", "m", "predicted from the states, plane frame"),
         Column("residual", "float64", "m", "distance to the measurement, NaN where unseen"),
+        Column("used", "bool", "", "the states rest on it: on a moving segment, no jump, within the gate"),
     ),
 )
 

@@ -1,0 +1,87 @@
+"""How much less sure of the angles the markers of a frame are than all of them would be.
+
+Slides of the skin of variance s² make an error of the variance A⁻¹ (Σ s² JᵀJ) A⁻¹ with A = Σ JᵀJ, the sums over the
+markers that are seen: more where fewer are. Near the edge of a gap it is still that of all of them, for how those that
+are missing had slid is remembered (:mod:`mocap_id.estimation.dropouts`), and grows as that is forgotten.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.dropouts import forgotten
+from mocap_id.estimation.inverse import Chain, angle_covariance, observed_angles
+from mocap_id.estimation.smoothing import States
+from mocap_id.geometry.planar import marker_jacobian
+
+_CHUNK = 1024  # frames at a time, to bound the memory
+_LEAST = 1e-5  # m; least slide that counts
+
+
+def growth(
+    states: States,
+    observed: FloatArray,
+    angles: FloatArray,
+    frames: IntArray,
+    *,
+    rate: float,
+    chain: Chain,
+    camera: float,
+) -> FloatArray:
+    """(T, n) by which the variance of errors that last is larger at ``frames`` than with all markers; 1 or more.
+
+    Where the markers do not determine an angle it is 1: the filter's own variance tells.
+
+    Parameters
+    ----------
+    states : States
+    observed : (F, M, 2) array
+        Markers in the plane, m.
+    angles : (F, n) array
+        The states', rad, without gaps.
+    frames : (T,) int array
+    rate : float
+        Frames per second.
+    chain : Chain
+        With all M markers.
+    camera : float
+        Camera noise of a coordinate, m.
+    """
+    counts = states.used.any(axis=0)
+    used = states.used[:, counts]
+    chain = Chain(chain.centres, chain.segment[counts], chain.local[counts])
+    off = observed[:, counts] - states.predicted[:, counts]
+    known = used & np.isfinite(off).all(axis=2)
+    square = np.where(known[..., None], off**2, 0.0).sum(axis=(0, 2)) / np.maximum(2 * known.sum(axis=0), 1)
+    slide = np.maximum(square - camera**2, _LEAST**2)
+    new = forgotten(used, rate)
+    found = np.ones((len(frames), angles.shape[1]))
+    some = np.flatnonzero(~used[frames].all(axis=1))
+    for start in range(0, len(some), _CHUNK):
+        part = some[start : start + _CHUNK]
+        at = frames[part]
+        jacobian = marker_jacobian(angles[at], chain.centres, chain.segment, chain.local)
+        found[part] = _growth(
+            jacobian, used[at], often=used.mean(axis=0), slide=slide, new=new[at], marker_sd=states.noise.marker_sd
+        )
+    return found
+
+
+def _growth(
+    jacobian: FloatArray, used: BoolArray, *, often: FloatArray, slide: FloatArray, new: FloatArray, marker_sd: float
+) -> FloatArray:
+    """(f, n) of frames with Jacobians (f, M, 2, n), markers used (f, M) and new (f, M) since they vanished."""
+    own = np.einsum("fmik,fmil->fmkl", jacobian, jacobian)  # (f, M, n, n)
+    seen = np.einsum("fm,fmkl->fkl", used, own)
+    observed = observed_angles(angle_covariance(seen, marker_sd))
+    both = observed[:, :, None] & observed[:, None, :]
+    inverse = np.where(both, np.linalg.inv(np.where(both, seen, np.eye(seen.shape[1]))), 0.0)
+    usual = np.linalg.inv(np.einsum("m,fmkl->fkl", often, own))
+    now, usually = (
+        np.einsum("fjk,fkl,flj->fj", left, np.einsum("fm,fmkl->fkl", weight * slide, own), left)
+        for left, weight in ((inverse, used), (usual, np.broadcast_to(often**2, used.shape)))
+    )
+    share = np.einsum("fkl,fmkl->fm", usual, own) * often * ~used
+    forgot = np.sum(share * new, axis=1) / np.sum(share, axis=1)
+    return np.asarray(1.0 + forgot[:, None] * np.where(observed, np.maximum(now / usually - 1.0, 0.0), 0.0))

@@ -1,0 +1,148 @@
+"""What a marker that vanishes takes along: the angle stepped by it would be, if nothing were known of how it had slid.
+
+Skin carries every marker off its place in the segment, and the angle that a frame gives is off by what its markers
+slid, averaged as the fit does. Where a marker vanishes the average is over fewer and the angle steps, which smoothed is
+a swing of the acceleration. But how far the marker had slid is seen beside the gap, in its residual, and skin moves
+slowly: it is taken to be there still, and to fade as it is remembered. A missing marker with a residual r of which
+nothing else is known adds Jᵀ r to the right side of the normal equations, and nothing to the left:
+
+    (Σ_seen Jᵀ J) δ = Σ_missing Jᵀ r
+
+At either edge of the gap δ is just what the missing markers had added to the angles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.inverse import Chain, FrameAngles
+from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate, segment_poses
+
+_MEMORY = 0.9  # s, in which what skin did is forgotten: its correlation is 0.57 after 0.5 s
+_BESIDE = 5  # frames on either side of a gap over which a residual is averaged
+_ROUNDS = 2  # the residuals beside a gap are those of angles within others
+
+
+def held(
+    observed: FloatArray, frames: FrameAngles, chain: Chain, marker_sd: float, rate: float
+) -> tuple[FloatArray, FrameAngles]:
+    """The markers, and the frames' angles, as if those that are missing still took part.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Markers of the moving segments, plane frame, m; NaN where missing.
+    frames : FrameAngles
+        Found from them.
+    chain : Chain
+    marker_sd : float
+        m.
+    rate : float
+        Frames per second.
+
+    Returns
+    -------
+    observed : (F, M, 2) array
+        Moved with the segments by what the missing ones would turn them.
+    frames : FrameAngles
+        With these angles.
+    """
+    anchors = frames.anchors(marker_sd)
+    some = np.flatnonzero(~frames.used.all(axis=1) & anchors.observed.any(axis=1))
+    if not some.size:
+        return observed, frames
+    turn = _response(frames.information[some], anchors.observed[some])
+    angles = frames.angles.copy()
+    for _ in range(_ROUNDS):
+        push = np.zeros_like(angles)
+        for marker in range(observed.shape[1]):
+            one = Chain(chain.centres, chain.segment[[marker]], chain.local[[marker]])
+            _push(push, observed[:, marker], frames.used[:, marker], angles=angles, chain=one, memory=_MEMORY * rate)
+        angles[some] = frames.angles[some] + np.einsum("fkl,fl->fk", turn, push[some])
+    moved = observed.copy()
+    before, after = (
+        marker_positions(q[some], chain.centres, chain.segment, chain.local) for q in (frames.angles, angles)
+    )
+    moved[some] += after - before
+    return moved, replace(frames, angles=angles)
+
+
+def forgotten(used: BoolArray, rate: float) -> FloatArray:
+    """(F, M) share of the variance of what a missing marker slid that its residuals beside the gap do not tell.
+
+    That of a first-order Markov process between two values. Where a marker is used it is 0, where it never is, 1.
+    """
+    new = np.zeros(used.shape)
+    for marker in range(used.shape[1]):
+        edges, missing = _gaps(used[:, marker])
+        if missing.size:
+            s, u = _away(edges, missing, len(used), _MEMORY * rate)
+            new[missing, marker] = np.expm1(-2 * s) * np.expm1(-2 * u) / -np.expm1(-2 * (s + u))
+    return new
+
+
+def _response(information: FloatArray, observed: BoolArray) -> FloatArray:
+    """(f, n, n) inverse of Jᵀ J over the joints that are observed, zero elsewhere."""
+    both = observed[:, :, None] & observed[:, None, :]
+    inverse = np.linalg.inv(np.where(both, information, np.eye(observed.shape[1])))
+    return np.where(both, inverse, 0.0)
+
+
+def _push(
+    push: FloatArray, observed: FloatArray, used: BoolArray, *, angles: FloatArray, chain: Chain, memory: float
+) -> None:
+    """Add Jᵀ r of one marker (F, 2) in the frames that miss it; in place."""
+    edges, missing = _gaps(used)
+    if not missing.size or not used.any():
+        return
+    before, after = (_slid(observed, used, angles, chain, side) for side in _sides(edges, len(used)))
+    since, until = _away(edges, missing, len(used), memory)
+    gap = np.searchsorted(edges[:, 0], missing, side="right") - 1
+    slid = _bridge(before[gap], after[gap], since, until)
+    turned = segment_poses(angles[missing], chain.centres)[0][:, chain.segment[0]]
+    jacobian = marker_jacobian(angles[missing], chain.centres, chain.segment, chain.local)[:, 0]
+    push[missing] += np.einsum("fik,fi->fk", jacobian, rotate(turned, slid))
+
+
+def _gaps(used: BoolArray) -> tuple[IntArray, IntArray]:
+    """First frames of the gaps and frames after them (G, 2), and all frames within."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], used, [True]]).astype(np.int8)))
+    return edges.reshape(-1, 2), np.flatnonzero(~used)
+
+
+def _away(edges: IntArray, missing: IntArray, frames: int, memory: float) -> tuple[FloatArray, FloatArray]:
+    """How long since the gap began and until it ends, in memories; infinite where it does not within the trial."""
+    first, after = edges[np.searchsorted(edges[:, 0], missing, side="right") - 1].T
+    since = np.where(first > 0, missing - first + 1, np.inf)
+    until = np.where(after < frames, after - missing, np.inf)
+    return since / memory, until / memory
+
+
+def _sides(edges: IntArray, frames: int) -> tuple[IntArray, IntArray]:
+    """The frames (G, b) before and after every gap; -1 where there are none."""
+    beside = np.arange(_BESIDE)
+    before, after = edges[:, :1] - 1 - beside, edges[:, 1:] + beside
+    return np.maximum(before, -1), np.where(after < frames, after, -1)
+
+
+def _slid(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain, at: IntArray) -> FloatArray:
+    """(G, 2) mean residual of the marker at frames (G, b), in its segment's frame, m; NaN where it is not seen."""
+    there = (at >= 0) & used[at]
+    residual = observed[at] - marker_positions(angles[at], chain.centres, chain.segment, chain.local)[..., 0, :]
+    turned = segment_poses(angles[at], chain.centres)[0][..., chain.segment[0]]
+    own = np.where(there[..., None], rotate(-turned, residual), 0.0)
+    count = there.sum(axis=1, keepdims=True)
+    return np.where(count > 0, own.sum(axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _bridge(before: FloatArray, after: FloatArray, since: FloatArray, until: FloatArray) -> FloatArray:
+    """(T, 2) what is expected between residuals ``before`` and ``after`` (T, 2), so many memories from either (T,).
+
+    The mean of a first-order Markov process: sinh(u)/sinh(s + u) of the one and sinh(s)/sinh(s + u) of the other.
+    """
+    both = -np.expm1(-2 * (since + until))
+    one, other = np.exp(-since) * -np.expm1(-2 * until) / both, np.exp(-until) * -np.expm1(-2 * since) / both
+    return one[:, None] * np.nan_to_num(before) + other[:, None] * np.nan_to_num(after)
