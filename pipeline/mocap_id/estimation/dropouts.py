@@ -23,6 +23,7 @@ from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate, 
 
 _MEMORY = 0.9  # s, in which what skin did is forgotten: its correlation is 0.57 after 0.5 s
 _BESIDE = 5  # frames on either side of a gap over which a residual is averaged
+_PAIRS = 1000  # of consecutive frames that tell what of a residual lasts
 _ROUNDS = 2  # the residuals beside a gap are those of angles within others
 
 
@@ -129,13 +130,33 @@ def _sides(edges: IntArray, frames: int) -> tuple[IntArray, IntArray]:
 
 
 def _slid(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain, at: IntArray) -> FloatArray:
-    """(G, 2) mean residual of the marker at frames (G, b), in its segment's frame, m; NaN where it is not seen."""
-    there = (at >= 0) & used[at]
-    residual = observed[at] - marker_positions(angles[at], chain.centres, chain.segment, chain.local)[..., 0, :]
+    """(G, 2) what a marker had slid at frames (G, b), in its segment's frame, m; NaN where it is not seen.
+
+    The mean of what is seen, less as noise has a part in it.
+    """
+    lasting, noise = _kinds(observed, used, angles, chain)
+    residual = _residual(observed, used, angles, chain, at)
+    count = np.isfinite(residual[..., 0]).sum(axis=1, keepdims=True)
+    sure = lasting / np.maximum(count * lasting + noise, np.finfo(np.float64).tiny)
+    return np.where(count > 0, sure * np.nansum(residual, axis=1), np.nan)
+
+
+def _kinds(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> tuple[float, float]:
+    """Variances, m^2 a coordinate, of what of a marker's residual is there still one frame later, and of the rest."""
+    pairs = np.flatnonzero(used[1:] & used[:-1])
+    pairs = pairs[:: max(1, len(pairs) // _PAIRS)]
+    one, other = (_residual(observed, used, angles, chain, pairs + step) for step in (0, 1))
+    if not pairs.size:
+        return 0.0, 1.0
+    lasting, whole = float(np.mean(one * other)), float(np.mean(one**2 + other**2)) / 2
+    return max(lasting, 0.0), max(whole - max(lasting, 0.0), 0.0)
+
+
+def _residual(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain, at: IntArray) -> FloatArray:
+    """(..., 2) of a marker at frames (...), in its segment's frame, m; NaN at frame -1 and where it is not used."""
+    off = observed[at] - marker_positions(angles[at], chain.centres, chain.segment, chain.local)[..., 0, :]
     turned = segment_poses(angles[at], chain.centres)[0][..., chain.segment[0]]
-    own = np.where(there[..., None], rotate(-turned, residual), 0.0)
-    count = there.sum(axis=1, keepdims=True)
-    return np.where(count > 0, own.sum(axis=1) / np.maximum(count, 1), np.nan)
+    return np.where(((at >= 0) & used[at])[..., None], rotate(-turned, off), np.nan)
 
 
 def _bridge(before: FloatArray, after: FloatArray, since: FloatArray, until: FloatArray) -> FloatArray:
