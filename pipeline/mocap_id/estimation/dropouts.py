@@ -13,7 +13,7 @@ At either edge of the gap δ is just what the missing markers had added to the a
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,84 @@ _MEMORY = 0.9  # s, in which what skin did is forgotten: its correlation is 0.57
 _BESIDE = 5  # frames on either side of a gap over which a residual is averaged
 _PAIRS = 1000  # of consecutive frames that tell what of a residual lasts
 _ROUNDS = 2  # the residuals beside a gap are those of angles within others
+
+
+@dataclass(frozen=True)
+class _Missed:
+    """A marker with gaps.
+
+    Parameters
+    ----------
+    observed : (F, 2) array
+    used : (F,) bool array
+    chain : Chain
+        With this marker alone.
+    missing : (T,) int array
+        Frames without it.
+    gap : (T,) int array
+        Of each of them.
+    sides : pair of (G, b) int arrays
+        Frames before and after every gap; -1 where there are none.
+    since, until : (T,) array
+        How long the gap has lasted and will last, in memories.
+    lasting, noise : float
+        Variances, m^2 a coordinate, of what of the residual is there still one frame later, and of the rest.
+    """
+
+    observed: FloatArray
+    used: BoolArray
+    chain: Chain
+    missing: IntArray
+    gap: IntArray
+    sides: tuple[IntArray, IntArray]
+    since: FloatArray
+    until: FloatArray
+    lasting: float
+    noise: float
+
+    @classmethod
+    def of(cls, observed: FloatArray, frames: FrameAngles, chain: Chain, marker: int, memory: float) -> _Missed | None:
+        """None for a marker that is never missing, or always."""
+        track, used = observed[:, marker], frames.used[:, marker]
+        edges, missing = _gaps(used)
+        pairs = np.flatnonzero(used[1:] & used[:-1])
+        if not missing.size or not pairs.size:
+            return None
+        since, until = _away(edges, missing, len(used), memory)
+        gap = np.searchsorted(edges[:, 0], missing, side="right") - 1
+        one = Chain(chain.centres, chain.segment[[marker]], chain.local[[marker]])
+        found = cls(track, used, one, missing, gap, _sides(edges, len(used)), since, until, 0.0, 0.0)
+        pairs = pairs[:: max(1, len(pairs) // _PAIRS)]
+        first, second = (found.residual(frames.angles, pairs + step) for step in (0, 1))
+        lasting = max(float(np.mean(first * second)), 0.0)
+        noise = max(float(np.mean(first**2 + second**2)) / 2 - lasting, 0.0)
+        return replace(found, lasting=lasting, noise=noise)
+
+    def push(self, push: FloatArray, angles: FloatArray) -> None:
+        """Add Jᵀ r (F, n) in the frames that miss it; in place."""
+        before, after = (self.slid(angles, side) for side in self.sides)
+        slid = _bridge(before[self.gap], after[self.gap], self.since, self.until)
+        at = angles[self.missing]
+        turned = segment_poses(at, self.chain.centres)[0][:, self.chain.segment[0]]
+        jacobian = marker_jacobian(at, self.chain.centres, self.chain.segment, self.chain.local)[:, 0]
+        push[self.missing] += np.einsum("fik,fi->fk", jacobian, rotate(turned, slid))
+
+    def slid(self, angles: FloatArray, at: IntArray) -> FloatArray:
+        """(G, 2) what it had slid at frames (G, b), m: the mean of what is seen, less as noise has a part in it.
+
+        NaN where it is not seen.
+        """
+        residual = self.residual(angles, at)
+        count = np.isfinite(residual[..., 0]).sum(axis=1, keepdims=True)
+        sure = self.lasting / np.maximum(count * self.lasting + self.noise, np.finfo(np.float64).tiny)
+        return np.where(count > 0, sure * np.nansum(residual, axis=1), np.nan)
+
+    def residual(self, angles: FloatArray, at: IntArray) -> FloatArray:
+        """(..., 2) at frames (...), in the segment's frame, m; NaN at frame -1 and where it is not used."""
+        centres, segment, local = self.chain.centres, self.chain.segment, self.chain.local
+        off = self.observed[at] - marker_positions(angles[at], centres, segment, local)[..., 0, :]
+        turned = segment_poses(angles[at], centres)[0][..., segment[0]]
+        return np.where(((at >= 0) & self.used[at])[..., None], rotate(-turned, off), np.nan)
 
 
 def held(
@@ -57,11 +135,12 @@ def held(
         return observed, frames
     turn = _response(frames.information[some], anchors.observed[some])
     angles = frames.angles.copy()
+    missed = [_Missed.of(observed, frames, chain, marker, _MEMORY * rate) for marker in range(observed.shape[1])]
     for _ in range(_ROUNDS):
         push = np.zeros_like(angles)
-        for marker in range(observed.shape[1]):
-            one = Chain(chain.centres, chain.segment[[marker]], chain.local[[marker]])
-            _push(push, observed[:, marker], frames.used[:, marker], angles=angles, chain=one, memory=_MEMORY * rate)
+        for marker in missed:
+            if marker is not None:
+                marker.push(push, angles)
         angles[some] = frames.angles[some] + np.einsum("fkl,fl->fk", turn, push[some])
     moved = observed.copy()
     before, after = (
@@ -92,22 +171,6 @@ def _response(information: FloatArray, observed: BoolArray) -> FloatArray:
     return np.where(both, inverse, 0.0)
 
 
-def _push(
-    push: FloatArray, observed: FloatArray, used: BoolArray, *, angles: FloatArray, chain: Chain, memory: float
-) -> None:
-    """Add Jᵀ r of one marker (F, 2) in the frames that miss it; in place."""
-    edges, missing = _gaps(used)
-    if not missing.size or not used.any():
-        return
-    before, after = (_slid(observed, used, angles, chain, side) for side in _sides(edges, len(used)))
-    since, until = _away(edges, missing, len(used), memory)
-    gap = np.searchsorted(edges[:, 0], missing, side="right") - 1
-    slid = _bridge(before[gap], after[gap], since, until)
-    turned = segment_poses(angles[missing], chain.centres)[0][:, chain.segment[0]]
-    jacobian = marker_jacobian(angles[missing], chain.centres, chain.segment, chain.local)[:, 0]
-    push[missing] += np.einsum("fik,fi->fk", jacobian, rotate(turned, slid))
-
-
 def _gaps(used: BoolArray) -> tuple[IntArray, IntArray]:
     """First frames of the gaps and frames after them (G, 2), and all frames within."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], used, [True]]).astype(np.int8)))
@@ -127,36 +190,6 @@ def _sides(edges: IntArray, frames: int) -> tuple[IntArray, IntArray]:
     beside = np.arange(_BESIDE)
     before, after = edges[:, :1] - 1 - beside, edges[:, 1:] + beside
     return np.maximum(before, -1), np.where(after < frames, after, -1)
-
-
-def _slid(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain, at: IntArray) -> FloatArray:
-    """(G, 2) what a marker had slid at frames (G, b), in its segment's frame, m; NaN where it is not seen.
-
-    The mean of what is seen, less as noise has a part in it.
-    """
-    lasting, noise = _kinds(observed, used, angles, chain)
-    residual = _residual(observed, used, angles, chain, at)
-    count = np.isfinite(residual[..., 0]).sum(axis=1, keepdims=True)
-    sure = lasting / np.maximum(count * lasting + noise, np.finfo(np.float64).tiny)
-    return np.where(count > 0, sure * np.nansum(residual, axis=1), np.nan)
-
-
-def _kinds(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> tuple[float, float]:
-    """Variances, m^2 a coordinate, of what of a marker's residual is there still one frame later, and of the rest."""
-    pairs = np.flatnonzero(used[1:] & used[:-1])
-    pairs = pairs[:: max(1, len(pairs) // _PAIRS)]
-    one, other = (_residual(observed, used, angles, chain, pairs + step) for step in (0, 1))
-    if not pairs.size:
-        return 0.0, 1.0
-    lasting, whole = float(np.mean(one * other)), float(np.mean(one**2 + other**2)) / 2
-    return max(lasting, 0.0), max(whole - max(lasting, 0.0), 0.0)
-
-
-def _residual(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain, at: IntArray) -> FloatArray:
-    """(..., 2) of a marker at frames (...), in its segment's frame, m; NaN at frame -1 and where it is not used."""
-    off = observed[at] - marker_positions(angles[at], chain.centres, chain.segment, chain.local)[..., 0, :]
-    turned = segment_poses(angles[at], chain.centres)[0][..., chain.segment[0]]
-    return np.where(((at >= 0) & used[at])[..., None], rotate(-turned, off), np.nan)
 
 
 def _bridge(before: FloatArray, after: FloatArray, since: FloatArray, until: FloatArray) -> FloatArray:
