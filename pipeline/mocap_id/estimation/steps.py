@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.estimation.inverse import Chain, angle_covariance, observed_angles
+from mocap_id.estimation.inverse import angle_covariance, observed_angles
 from mocap_id.estimation.process import ORDER
 from mocap_id.estimation.skin import corner
 from mocap_id.estimation.smoothing import States
@@ -18,8 +18,10 @@ from mocap_id.geometry.planar import marker_jacobian
 
 _BESIDE = 5  # frames on either side of an edge over which a residual is taken
 
+_CHUNK = 256  # edges at a time, to bound the memory
 
-def stepping_errors(states: States, observed: FloatArray, angles: FloatArray, rate: float, chain: Chain) -> FloatArray:
+
+def stepping_errors(states: States, rested: FloatArray, angles: FloatArray, rate: float) -> FloatArray:
     """(F, n, 4) variances of the states about the frames where the set of the markers used changes.
 
     The steps pass the smoother, H = 1 / (1 + (w / w0)^8), and its derivatives; the mean square over its memory counts.
@@ -28,21 +30,20 @@ def stepping_errors(states: States, observed: FloatArray, angles: FloatArray, ra
     ----------
     states : States
         With the filter's own deviations.
-    observed : (F, M, 2) array
-        Markers in the plane, m.
+    rested : (F, M, 2) array
+        Markers that the states rest on, plane frame, m; NaN elsewhere.
     angles : (F, n) array
         The states', rad, without gaps.
     rate : float
         Frames per second.
-    chain : Chain
-        With all M markers.
     """
     count, n = angles.shape
     total = np.zeros((count, n, ORDER))
     edges = 1 + np.flatnonzero((states.used[1:] != states.used[:-1]).any(axis=1))
     if not edges.size:
         return total
-    size = _steps(states, observed, angles, chain, edges)
+    parts = np.split(edges, range(_CHUNK, len(edges), _CHUNK))
+    size = np.concatenate([_steps(states, rested, angles, part) for part in parts])
     turning = 2 * np.pi * np.fft.rfftfreq(2 * count, 1 / rate)  # as long again, so that the end does not meet the start
     steady = np.median(states.sd**2, axis=0)
     for j in range(n):
@@ -58,17 +59,18 @@ def stepping_errors(states: States, observed: FloatArray, angles: FloatArray, ra
     return total
 
 
-def _steps(states: States, observed: FloatArray, angles: FloatArray, chain: Chain, edges: IntArray) -> FloatArray:
+def _steps(states: States, rested: FloatArray, angles: FloatArray, edges: IntArray) -> FloatArray:
     """(E, n) steps of the angles, rad; 0 where what stays does not determine the angle.
 
     What goes counts with the residuals before the edge, what comes with those after it: the pose that they refer to is
     already on its way from one to the other.
     """
-    off = np.where(states.used[..., None], observed - states.predicted, np.nan)
+    chain = states.chain
     jacobian = marker_jacobian(angles[edges], chain.centres, chain.segment, chain.local)  # (E, M, 2, n)
     step = np.zeros((len(edges), angles.shape[1]))
     for side, beside in ((-1, np.arange(-_BESIDE, 0)), (1, np.arange(_BESIDE))):
-        near = off[np.clip(edges[:, None] + beside, 0, len(off) - 1)]  # (E, b, M, 2)
+        frames = np.clip(edges[:, None] + beside, 0, len(rested) - 1)
+        near = rested[frames] - states.predicted_in(frames)  # (E, b, M, 2)
         known = np.isfinite(near)
         slid = np.where(known, near, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
         there = states.used[edges + min(side, 0)] & known.any(axis=(1, 3))

@@ -66,7 +66,7 @@ class Trajectories:
         candidates = np.flatnonzero(useful)
         if len(candidates) <= count:
             return self
-        return self._at(candidates[frames_along_motion(self.plane[candidates], count)])
+        return self._at(frames_along_motion(self.plane, count, candidates))
 
     def thinned(self, count: int) -> Trajectories:
         """At most ``count`` frames, evenly over the trial."""

@@ -71,8 +71,8 @@ def ukf_smooth(context: Context) -> Outputs:
     sd_holds = UNKNOWN if settings.method in FRAMEWISE else NOISE
     # other estimators tell nothing of how skin moved what they found, other methods nothing of what they let pass
     if chain.facts.get("estimator") == "bundle" and settings.method == "rts":
-        whole = Chain(centres, segment, local)
-        sd, sd_holds = state_sd(states, observed, trajectories.rate, whole, settings.marker_sd_floor)
+        rested = np.where(states.used[..., None], observed, np.nan)
+        sd, sd_holds = state_sd(states, rested, trajectories.rate, settings.marker_sd_floor)
         states = replace(states, sd=sd)
     residual = np.linalg.norm(observed - states.predicted, axis=-1)
     reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
