@@ -12,6 +12,49 @@ from mocap_id.store import Table
 
 
 @dataclass(frozen=True)
+class PlanarView:
+    """The x and y of a ``planar.parquet`` where they stand: for a stage that cannot afford a copy.
+
+    Parameters
+    ----------
+    frames : (F,) int array
+        The file's own frame numbers.
+    time : (F,) array
+        s, the recording's clock.
+    labels : tuple of str
+        The M markers.
+    x, y : (F, M) array
+        Along the motion and up, m; NaN where unseen. Not to be written to.
+    rate : float
+        Frames per second.
+    """
+
+    frames: IntArray
+    time: FloatArray
+    labels: tuple[str, ...]
+    x: FloatArray
+    y: FloatArray
+    rate: float
+
+    @classmethod
+    def of(cls, planar: Table) -> PlanarView:
+        """Views of a table whose rows are sorted by frame, every frame holding every marker."""
+        frame = planar.frame
+        count = len(frame["marker"].cat.categories)
+        labels = tuple(str(label) for label in frame["marker"].iloc[:count])
+        frames, time = (frame[name].to_numpy()[::count].copy() for name in ("frame", "time"))
+        x, y = (frame[name].to_numpy(dtype=np.float64).reshape(-1, count) for name in ("x", "y"))
+        return cls(frames, time, labels, x, y, float(planar.facts["rate_hz"]))
+
+    def points(self, markers: IntArray, frames: slice = slice(None)) -> FloatArray:
+        """(f, m, 2) copy of some markers, by their columns, m."""
+        found = np.empty((len(self.x[frames]), len(markers), 2))
+        for axis, values in enumerate((self.x, self.y)):
+            found[..., axis] = values[frames, markers]
+        return found
+
+
+@dataclass(frozen=True)
 class Trajectories:
     """Marker trajectories in the plane frame.
 
@@ -38,17 +81,9 @@ class Trajectories:
     @classmethod
     def of(cls, planar: Table) -> Trajectories:
         """Arrays of a ``planar.parquet``, whose rows are sorted by frame, every frame holding every marker."""
-        frame = planar.frame
-        count = len(frame["marker"].cat.categories)
-        labels = tuple(str(label) for label in frame["marker"].iloc[:count])
-        points = frame[["x", "y", "z"]].to_numpy(dtype=np.float64).reshape(-1, count, 3)
-        return cls(
-            frame["frame"].to_numpy(dtype=np.int64)[::count],
-            frame["time"].to_numpy(dtype=np.float64)[::count],
-            labels,
-            points,
-            float(planar.facts["rate_hz"]),
-        )
+        view = PlanarView.of(planar)
+        points = planar.frame[["x", "y", "z"]].to_numpy(dtype=np.float64).reshape(-1, len(view.labels), 3)
+        return cls(view.frames, view.time, view.labels, points, view.rate)
 
     @property
     def plane(self) -> ComplexArray:
