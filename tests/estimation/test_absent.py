@@ -9,7 +9,6 @@ from simulated_chains import swinging
 from mocap_id.estimation import absent
 from mocap_id.estimation.absent import growth
 from mocap_id.estimation.dropouts import forgotten
-from mocap_id.estimation.inverse import Chain
 from mocap_id.geometry.planar import marker_jacobian
 
 
@@ -34,7 +33,7 @@ def test_what_is_forgotten_is_the_variance_of_a_markov_process_between_its_ends(
     rate, memory = 100.0, 90.0
     used = np.ones((300, 3), dtype=bool)
     used[100:160, 0], used[250:, 1], used[:, 2] = False, False, False
-    found = forgotten(used, rate)
+    found = forgotten(used, np.arange(300), rate)
     at, ends = np.arange(100, 160), np.array([99, 160])
     between, among = (np.exp(-np.abs(a[:, None] - ends) / memory) for a in (at, ends))
     expected = 1.0 - np.einsum("ti,ij,tj->t", between, np.linalg.inv(among), between)
@@ -47,14 +46,13 @@ def test_what_is_forgotten_is_the_variance_of_a_markov_process_between_its_ends(
 @pytest.mark.parametrize("gone", [1, 2, 3])
 def test_without_a_segment_its_neighbours_are_less_sure_and_without_gaps_nothing_grows(gone: int) -> None:
     moving = swinging(joints=3, per_segment=6, seconds=10.0, seed=7)
-    chain = Chain(moving.centres, moving.segment, moving.local)
     frames = np.arange(0, 1000, 4)
     for start, stop in ((0, 0), (400, 600)):
         markers = moving.markers.copy()
         markers[start:stop, moving.segment == gone] = np.nan
         states = moving.smoothed_from(markers)
         angles = moving.truth[..., 0]
-        found = growth(states, markers, angles, frames, rate=moving.rate, chain=chain, camera=2e-4)
+        found = growth(states, markers, angles, frames, rate=moving.rate, camera=2e-4)
         inside = (frames >= start) & (frames < stop)
         assert found.min() >= 1.0
         assert found[~inside].max() < 1.1

@@ -8,7 +8,6 @@ from scipy.ndimage import gaussian_filter1d
 from simulated_chains import Moving, rms, swinging
 
 from mocap_id.estimation import dropouts
-from mocap_id.estimation.dropouts import held
 from mocap_id.estimation.inverse import Chain, FrameAngles, frame_angles
 from mocap_id.geometry.planar import marker_positions, rotate, segment_poses
 
@@ -24,15 +23,15 @@ def slid() -> Moving:
     return Moving(moving.truth, markers, moving.rate, moving.centres, moving.segment, moving.local)
 
 
-def hold(moving: Moving, markers: np.ndarray) -> tuple[np.ndarray, FrameAngles, FrameAngles]:
+def holding(moving: Moving, markers: np.ndarray) -> tuple[np.ndarray, FrameAngles, FrameAngles]:
     """Markers and frames' angles afterwards, and the angles before."""
-    chain = Chain(moving.centres, moving.segment, moving.local)
+    chain, moved = Chain(moving.centres, moving.segment, moving.local), markers.copy()
     frames = frame_angles(markers, chain, 1e3, 5e-5)
-    return *held(markers, frames, chain, MARKER_SD, moving.rate), frames
+    return moved, dropouts.hold(moved, frames, chain, MARKER_SD, moving.rate), frames
 
 
 def test_where_all_are_seen_nothing_changes(slid: Moving) -> None:
-    markers, after, before = hold(slid, slid.markers)
+    markers, after, before = holding(slid, slid.markers)
     assert (markers == slid.markers).all()
     assert (after.angles == before.angles).all()
 
@@ -40,11 +39,11 @@ def test_where_all_are_seen_nothing_changes(slid: Moving) -> None:
 @pytest.mark.parametrize("gone", [[3], [1, 6], [0, 1, 2, 3], [5, 6, 7, 8, 9]])
 def test_the_angle_stays_where_all_markers_had_it(slid: Moving, gone: list[int]) -> None:
     """A whole segment too, whose neighbours still determine it."""
-    whole = hold(slid, slid.markers)[2].angles
+    whole = holding(slid, slid.markers)[2].angles
     gap = np.arange(300, 308)
     markers = slid.markers.copy()
     markers[np.ix_(gap, gone)] = np.nan
-    moved, after, before = hold(slid, markers)
+    moved, after, before = holding(slid, markers)
     step = np.abs(before.angles - whole)[gap].max()
     assert step > 5e-4
     assert np.abs(after.angles - whole)[gap].max() < 0.05 * step
@@ -54,11 +53,11 @@ def test_the_angle_stays_where_all_markers_had_it(slid: Moving, gone: list[int])
 
 
 def test_gaps_that_overlap(slid: Moving) -> None:
-    whole = hold(slid, slid.markers)[2].angles
+    whole = holding(slid, slid.markers)[2].angles
     markers = slid.markers.copy()
     for k, marker in enumerate((0, 4, 6, 7, 11, 13)):
         markers[200 + 3 * k : 208 + 4 * k, marker] = np.nan
-    _, after, before = hold(slid, markers)
+    _, after, before = holding(slid, markers)
     stretch = slice(200, 230)
     assert np.abs(after.angles - whole)[stretch].max() < 0.1 * np.abs(before.angles - whole)[stretch].max()
 
@@ -66,7 +65,7 @@ def test_gaps_that_overlap(slid: Moving) -> None:
 def test_what_no_marker_determines_is_left_alone(slid: Moving) -> None:
     markers = slid.markers.copy()
     markers[100:140, slid.segment == 3] = np.nan
-    _, after, before = hold(slid, markers)
+    _, after, before = holding(slid, markers)
     assert (after.angles[100:140, 2] == before.angles[100:140, 2]).all()
     assert np.abs(after.angles - before.angles).max() < 0.05
 
@@ -98,7 +97,7 @@ def test_drop_outs_cost_little_more_with_skin_than_without(monkeypatch: pytest.M
     angle = segment_poses(moving.truth[..., 0], moving.centres)[0][:, moving.segment]
     skin = rotate(angle, slides)
     without, cost = loss(moving, moving.markers, seen), loss(moving, moving.markers + skin, seen)
-    monkeypatch.setattr("mocap_id.estimation.smoothing.held", lambda observed, frames, *_: (observed, frames))
+    monkeypatch.setattr("mocap_id.estimation.smoothing.hold", lambda observed, frames, *_: frames)
     stepping = loss(moving, moving.markers + skin, seen)
     assert np.all(stepping > 1.3)
     assert np.all(cost - without < 0.3 * (stepping - without))

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.dropouts import forgotten
-from mocap_id.estimation.inverse import Chain, angle_covariance, observed_angles
+from mocap_id.estimation.inverse import angle_covariance, observed_angles
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import marker_jacobian
 
@@ -20,14 +20,7 @@ _LEAST = 1e-5  # m; least slide that counts
 
 
 def growth(
-    states: States,
-    observed: FloatArray,
-    angles: FloatArray,
-    frames: IntArray,
-    *,
-    rate: float,
-    chain: Chain,
-    camera: float,
+    states: States, rested: FloatArray, angles: FloatArray, frames: IntArray, *, rate: float, camera: float
 ) -> FloatArray:
     """(T, n) by which the variance of errors that last is larger at ``frames`` than with all markers; 1 or more.
 
@@ -36,36 +29,40 @@ def growth(
     Parameters
     ----------
     states : States
-    observed : (F, M, 2) array
-        Markers in the plane, m.
+    rested : (F, M, 2) array
+        Markers that the states rest on, plane frame, m; NaN elsewhere.
     angles : (F, n) array
         The states', rad, without gaps.
     frames : (T,) int array
     rate : float
         Frames per second.
-    chain : Chain
-        With all M markers.
     camera : float
         Camera noise of a coordinate, m.
     """
-    counts = states.used.any(axis=0)
-    used = states.used[:, counts]
-    chain = Chain(chain.centres, chain.segment[counts], chain.local[counts])
-    off = observed[:, counts] - states.predicted[:, counts]
-    known = used & np.isfinite(off).all(axis=2)
-    square = np.where(known[..., None], off**2, 0.0).sum(axis=(0, 2)) / np.maximum(2 * known.sum(axis=0), 1)
-    slide = np.maximum(square - camera**2, _LEAST**2)
-    new = forgotten(used, rate)
+    used, chain = states.used, states.chain
+    often, slide, new = used.mean(axis=0), _slides(states, rested, camera), forgotten(used, frames, rate)
     found = np.ones((len(frames), angles.shape[1]))
-    some = np.flatnonzero(~used[frames].all(axis=1))
+    some = np.flatnonzero(~used[frames][:, often > 0].all(axis=1))
     for start in range(0, len(some), _CHUNK):
         part = some[start : start + _CHUNK]
         at = frames[part]
         jacobian = marker_jacobian(angles[at], chain.centres, chain.segment, chain.local)
         found[part] = _growth(
-            jacobian, used[at], often=used.mean(axis=0), slide=slide, new=new[at], marker_sd=states.noise.marker_sd
+            jacobian, used[at], often=often, slide=slide, new=new[part], marker_sd=states.noise.marker_sd
         )
     return found
+
+
+def _slides(states: States, rested: FloatArray, camera: float) -> FloatArray:
+    """(M,) mean square of a coordinate's residual, camera noise apart, m^2."""
+    squares, count = np.zeros(rested.shape[1]), np.zeros(rested.shape[1])
+    for start in range(0, len(rested), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        off = rested[part] - states.predicted_in(part)
+        known = np.isfinite(off)
+        squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))
+        count += known.sum(axis=(0, 2))
+    return np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _LEAST**2))
 
 
 def _growth(

@@ -23,6 +23,7 @@ from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate, 
 
 _MEMORY = 0.9  # s, in which what skin did is forgotten: its correlation is 0.57 after 0.5 s
 _BESIDE = 5  # frames on either side of a gap over which a residual is averaged
+_CHUNK = 1024  # frames at a time, to bound the memory
 _PAIRS = 1000  # of consecutive frames that tell what of a residual lasts
 _ROUNDS = 2  # the residuals beside a gap are those of angles within others
 
@@ -105,15 +106,14 @@ class _Missed:
         return np.where(((at >= 0) & self.used[at])[..., None], rotate(-turned, off), np.nan)
 
 
-def held(
-    observed: FloatArray, frames: FrameAngles, chain: Chain, marker_sd: float, rate: float
-) -> tuple[FloatArray, FrameAngles]:
-    """The markers, and the frames' angles, as if those that are missing still took part.
+def hold(observed: FloatArray, frames: FrameAngles, chain: Chain, marker_sd: float, rate: float) -> FrameAngles:
+    """Move the markers, and the frames' angles, as if those that are missing still took part.
 
     Parameters
     ----------
     observed : (F, M, 2) array
-        Markers of the moving segments, plane frame, m; NaN where missing.
+        Markers of the moving segments, plane frame, m; NaN where missing. Changed: moved with the segments by what
+        the missing ones would turn them.
     frames : FrameAngles
         Found from them.
     chain : Chain
@@ -124,15 +124,13 @@ def held(
 
     Returns
     -------
-    observed : (F, M, 2) array
-        Moved with the segments by what the missing ones would turn them.
-    frames : FrameAngles
+    FrameAngles
         With these angles.
     """
     anchors = frames.anchors(marker_sd)
     some = np.flatnonzero(~frames.used.all(axis=1) & anchors.observed.any(axis=1))
     if not some.size:
-        return observed, frames
+        return frames
     turn = _response(frames.information[some], anchors.observed[some])
     angles = frames.angles.copy()
     missed = [_Missed.of(observed, frames, chain, marker, _MEMORY * rate) for marker in range(observed.shape[1])]
@@ -142,25 +140,26 @@ def held(
             if marker is not None:
                 marker.push(push, angles)
         angles[some] = frames.angles[some] + np.einsum("fkl,fl->fk", turn, push[some])
-    moved = observed.copy()
-    before, after = (
-        marker_positions(q[some], chain.centres, chain.segment, chain.local) for q in (frames.angles, angles)
-    )
-    moved[some] += after - before
-    return moved, replace(frames, angles=angles)
+    for start in range(0, len(some), _CHUNK):
+        own = some[start : start + _CHUNK]
+        for sign, at in ((-1.0, frames.angles[own]), (1.0, angles[own])):
+            observed[own] += sign * marker_positions(at, chain.centres, chain.segment, chain.local)
+    return replace(frames, angles=angles)
 
 
-def forgotten(used: BoolArray, rate: float) -> FloatArray:
-    """(F, M) share of the variance of what a missing marker slid that its residuals beside the gap do not tell.
+def forgotten(used: BoolArray, frames: IntArray, rate: float) -> FloatArray:
+    """(T, M) share of the variance of what a marker slid that its residuals beside a gap do not tell, at some frames.
 
     That of a first-order Markov process between two values. Where a marker is used it is 0, where it never is, 1.
     """
-    new = np.zeros(used.shape)
+    new = np.zeros((len(frames), used.shape[1]))
     for marker in range(used.shape[1]):
         edges, missing = _gaps(used[:, marker])
         if missing.size:
             s, u = _away(edges, missing, len(used), _MEMORY * rate)
-            new[missing, marker] = np.expm1(-2 * s) * np.expm1(-2 * u) / -np.expm1(-2 * (s + u))
+            share = np.zeros(len(used))
+            share[missing] = np.expm1(-2 * s) * np.expm1(-2 * u) / -np.expm1(-2 * (s + u))
+            new[:, marker] = share[frames]
     return new
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.problem import Anchors
-from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
+from mocap_id.geometry.planar import linearised_markers, marker_positions, rotate
 
 OBSERVED_SD = 0.1
 """Standard deviation, rad, up to which a frame's markers count as observing an angle."""
@@ -107,14 +107,19 @@ def frame_angles(observed: FloatArray, chain: Chain, gate: float, floor: float) 
     -------
     FrameAngles
     """
-    used: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1), dtype=np.bool_)
-    angles = _refine(observed, used, _closed_form(observed, used, chain), chain)
-    residual = _residual(observed, angles, chain)
+    chunks = _chunks(len(observed))
+    used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in chunks])
+    angles, residual = _closed_form(observed, used, chain), np.empty(used.shape)
+    for s in chunks:
+        angles[s] = _refine(observed[s], used[s], angles[s], chain)
+        residual[s] = _residual(observed[s], angles[s], chain)
     scale = _scale(residual, used, chain.segment)
     for _ in range(_ROUNDS):
-        _take_out(observed, used, angles, residual, chain, limit=gate * np.fmax(scale, floor))
+        limit = gate * np.fmax(scale, floor)
+        for s in chunks:
+            _take_out(observed[s], used[s], angles[s], residual[s], chain, limit=limit)
         scale = _scale(residual, used, chain.segment)
-    reliable = _reliable(observed, used, chain)
+    reliable = np.concatenate([_reliable(observed[s], used[s], chain) for s in chunks])
     return FrameAngles(angles, information(angles, used, chain), used, reliable, residual, scale)
 
 
@@ -143,8 +148,7 @@ def _take_out(
 
 def information(angles: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
     """Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
-    parts = [_normal(angles[s], used[s], chain)[0] for s in _chunks(len(angles))]
-    return np.concatenate(parts)
+    return np.concatenate([_normal(_linearised(angles[s], used[s], chain)[1]) for s in _chunks(len(angles))])
 
 
 def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
@@ -158,34 +162,36 @@ def _chunks(frames: int) -> list[slice]:
     return [slice(start, start + _CHUNK) for start in range(0, max(frames, 1), _CHUNK)]
 
 
-def _normal(angles: FloatArray, used: BoolArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Jᵀ J (f, n, n) and Jᵀ (f, n, 2M) with the rows of unused markers zero."""
-    jacobian = marker_jacobian(angles, chain.centres, chain.segment, chain.local) * used[..., None, None]
-    transposed = np.moveaxis(jacobian.reshape(len(angles), -1, angles.shape[1]), 2, 1)
-    return transposed @ np.moveaxis(transposed, 1, 2), transposed
+def _linearised(angles: FloatArray, used: BoolArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Positions (f, M, 2) of the markers and Jᵀ (f, n, 2M) with the rows of unused markers zero."""
+    expected, jacobian = linearised_markers(angles, chain.centres, chain.segment, chain.local, used)
+    return expected, np.moveaxis(jacobian.reshape(len(angles), -1, angles.shape[1]), 2, 1)
+
+
+def _normal(transposed: FloatArray) -> FloatArray:
+    """Jᵀ J (f, n, n) from Jᵀ."""
+    return np.asarray(transposed @ np.moveaxis(transposed, 1, 2))
 
 
 def _refine(observed: FloatArray, used: BoolArray, start: FloatArray, chain: Chain) -> FloatArray:
     """Gauss–Newton from ``start`` (f, n); what no marker determines stays where it is."""
-    angles = start.copy()
-    for s in _chunks(len(angles)):
-        moving = np.arange(len(angles))[s]
-        for _ in range(_ITERATIONS):
-            if not moving.size:
-                break
-            change = _step(observed[moving], used[moving], angles[moving], chain)
-            angles[moving] += change
-            moving = moving[np.abs(change).max(axis=1) > _CONVERGED]
+    angles, moving = start.copy(), np.arange(len(start))
+    for _ in range(_ITERATIONS):
+        if not moving.size:
+            break
+        change = _step(observed[moving], used[moving], angles[moving], chain)
+        angles[moving] += change
+        moving = moving[np.abs(change).max(axis=1) > _CONVERGED]
     return angles
 
 
 def _step(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> FloatArray:
     """One Gauss–Newton step (f, n)."""
-    expected = marker_positions(angles, chain.centres, chain.segment, chain.local)
+    expected, transposed = _linearised(angles, used, chain)
     misfit = np.where(used[..., None], observed - expected, 0.0)
-    normal, transposed = _normal(angles, used, chain)
     gradient = transposed @ misfit.reshape(len(angles), -1, 1)
-    return np.asarray(np.linalg.solve(normal + _DAMPING * np.eye(angles.shape[1]), gradient)[..., 0])
+    damped = _normal(transposed) + _DAMPING * np.eye(angles.shape[1])
+    return np.asarray(np.linalg.solve(damped, gradient)[..., 0])
 
 
 def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
@@ -198,15 +204,21 @@ def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatAr
     absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
     for j in range(n):
         origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
-        turned = _towards_own(observed, used, chain, j, origin)
-        if j + 1 < n:
-            turned = np.where(np.isnan(turned), _towards_next(observed, used, chain, j, origin), turned)
+        turned = np.concatenate([_turned(observed[s], used[s], chain, j, origin[s]) for s in _chunks(len(observed))])
         found = np.flatnonzero(np.isfinite(turned))
         if found.size:
             relative = np.unwrap((turned - absolute)[found])
             angles[:, j] = np.interp(np.arange(len(observed)), found, relative)
         absolute = absolute + angles[:, j]
     return angles
+
+
+def _turned(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
+    """Absolute angle (f,) of segment j + 1, NaN where neither its own markers nor the next one's give it."""
+    turned = _towards_own(observed, used, chain, j, origin)
+    if j + 1 == len(chain.centres):
+        return turned
+    return np.where(np.isnan(turned), _towards_next(observed, used, chain, j, origin), turned)
 
 
 def _towards_own(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
@@ -247,7 +259,7 @@ def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArr
     A marker that bursts more often than the quantile allows would set its own limit: it is taken for ordinary only as
     far as its median, or its segment's markers, speak for it.
     """
-    scale, middle = (_from_quantile(residual, used, share) for share in (_QUANTILE, 0.5))
+    scale, middle = _from_quantiles(residual, used, (_QUANTILE, 0.5))
     limit = np.full(len(scale), np.nan)
     for s in np.unique(segment):
         own = (segment == s) & np.isfinite(scale)
@@ -257,9 +269,9 @@ def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArr
     return np.asarray(np.fmin(scale, limit))
 
 
-def _from_quantile(residual: FloatArray, used: BoolArray, share: float) -> FloatArray:
-    """Standard deviation (M,) per coordinate of normal residuals that have this quantile."""
-    scale = np.full(residual.shape[1], np.nan)
+def _from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
+    """Standard deviations (S, M) per coordinate of normal residuals that have these quantiles."""
+    quantiles = np.full((len(shares), residual.shape[1]), np.nan)
     for m in np.flatnonzero(used.any(axis=0)):
-        scale[m] = np.quantile(residual[used[:, m], m], share) / np.sqrt(-2.0 * np.log(1.0 - share))
-    return scale
+        quantiles[:, m] = np.quantile(residual[used[:, m], m], shares)
+    return quantiles / np.sqrt(-2.0 * np.log(1.0 - np.array(shares)))[:, None]

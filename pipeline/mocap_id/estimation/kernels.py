@@ -45,12 +45,21 @@ class Measured(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """What the filter fills; all of it zero before."""
+    """What the filter fills; the flags false before."""
 
     mean: FloatArray  # (F, 4n)
     covariance: FloatArray  # (F, 4n, 4n)
     used: BoolArray  # (F, M)
     restarted: BoolArray  # (F, n)
+
+
+class Memory(NamedTuple):
+    """All that the filter takes from a frame to the next: to go on, or to do a stretch again."""
+
+    mean: FloatArray  # (4n,)
+    covariance: FloatArray  # (4n, 4n)
+    held: FloatArray  # (n,) angle at which a joint was last seen
+    failing: IntArray  # (n,) frames in a row in which more than half of the segment's markers failed
 
 
 @compiled
@@ -381,23 +390,14 @@ def _keep(gain: FloatArray, step: FloatArray, keep: FloatArray) -> None:
 
 
 @compiled
-def run_filter(model: Model, measured: Measured, filtered: Filtered) -> tuple[int, float]:
-    """Fill ``filtered``; the frame that failed (−1: none) and the log-likelihood."""
-    mean, covariance = filtered.mean, filtered.covariance
-    n, held = len(model.centres), np.empty(len(model.centres))
-    failing = np.zeros(n, dtype=np.int64)
-    for j in range(n):
-        held[j] = measured.angles[0, j]
-        covariance[0, j, j] = math.inf  # lost
-    log_likelihood = 0.0
-    for k in range(len(mean)):
-        x, p, z = mean[k], covariance[k], measured.markers[k]
-        if k > 0:
-            for r in range(len(x)):
-                x[r] = mean[k - 1, r]
-            _copy(covariance[k - 1], p)
-            _times_transition(p, model.step)
-            _finish_prediction(x, p, model.step, model.shape, model.density)
+def run_filter(model: Model, measured: Measured, memory: Memory, filtered: Filtered) -> tuple[int, float]:
+    """Fill ``filtered``, and leave in ``memory`` the last frame's; the frame that failed (−1: none), log-likelihood."""
+    x, p, held, failing = memory
+    n, log_likelihood = len(held), 0.0
+    for k in range(len(filtered.mean)):
+        z = measured.markers[k]
+        _times_transition(p, model.step)
+        _finish_prediction(x, p, model.step, model.shape, model.density)
         for j in range(n):
             if p[j, j] > model.start[0] or failing[j] > model.patience:
                 filtered.restarted[k, j] = True
@@ -419,6 +419,9 @@ def run_filter(model: Model, measured: Measured, filtered: Filtered) -> tuple[in
         for j in range(n):
             if measured.angle_observed[k, j] and failing[j] == 0:
                 held[j] = x[j]
+        for r in range(len(x)):
+            filtered.mean[k, r] = x[r]
+        _copy(p, filtered.covariance[k])
     return -1, log_likelihood
 
 

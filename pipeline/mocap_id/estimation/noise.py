@@ -52,7 +52,8 @@ def marker_noise(frames: FrameAngles, floor: float) -> float:
     The floor keeps filtered or synthetic recordings, which hold no noise, from being trusted without limit.
     """
     sound, n = frames.reliable.all(axis=1), frames.angles.shape[1]
-    squares = np.sum(frames.residual[sound][frames.used[sound]] ** 2)
+    counted = frames.residual[frames.used & sound[:, None]]
+    squares = np.sum(np.square(counted, out=counted))
     kept = np.linalg.inv(np.eye(n) + frames.information[sound] / _FREEDOM_LEVER)
     angles = np.sum(n - np.trace(kept, axis1=1, axis2=2))
     freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(angles)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,8 +129,8 @@ class Track:
     ----------
     mean : (F, 4n) array
         Filtered, or after the smoother smoothed, state.
-    covariance : (F, 4n, 4n) array
-        Its covariance.
+    variance : (F, 4n) array
+        Its variance.
     used : (F, M) bool array
         Markers that were measured and passed the gate.
     restarted : (F, n) bool array
@@ -139,7 +140,7 @@ class Track:
     """
 
     mean: FloatArray
-    covariance: FloatArray
+    variance: FloatArray
     used: BoolArray
     restarted: BoolArray
     log_likelihood: float
@@ -147,6 +148,38 @@ class Track:
     def by_joint(self) -> tuple[FloatArray, FloatArray]:
         """Means and standard deviations, (F, n, 4) each."""
         shape = (len(self.mean), ORDER, self.restarted.shape[1])
-        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
         mean = np.swapaxes(self.mean.reshape(shape), 1, 2)
-        return mean.copy(), np.sqrt(np.swapaxes(variance.reshape(shape), 1, 2))
+        return mean.copy(), np.sqrt(np.swapaxes(self.variance.reshape(shape), 1, 2))
+
+    @property
+    def found(self) -> BoolArray:
+        """Where (F, n) a joint that was lost is found: it starts over for the last time."""
+        after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
+        return self.restarted & ~after
+
+
+@dataclass(frozen=True)
+class FilteredTrack(Track):
+    """What a filter returns.
+
+    Parameters
+    ----------
+    covariance : callable
+        From a slice of frames to their covariances (f, 4n, 4n). All of them at once would take six times the room of
+        everything else, so that an engine may keep few of them and work out the others again.
+    """
+
+    covariance: Callable[[slice], FloatArray]
+
+
+@dataclass(frozen=True)
+class SmoothedTrack(Track):
+    """What a smoother returns.
+
+    Parameters
+    ----------
+    covariance : mapping
+        From every frame in which a joint is found to its covariance (4n, 4n).
+    """
+
+    covariance: Mapping[int, FloatArray]

@@ -19,22 +19,36 @@ from mocap_id.estimation.smoothing import States
 _WITHHELD = (2 * np.arange(ORDER) + 1) / (2 * ORDER)
 """Share of the variance of each derivative that is movement which the smoother does not pass."""
 
+_CHUNK = 1024  # frames at a time, to bound the memory
+
 _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
 """Share of the noise passed that smoothing once more takes off: of H^2, what H^2 (1 - H)^2 is."""
 
 
-def camera_sd(observed: FloatArray, states: States, floor: float) -> float:
-    """Standard deviation (m) of what of the markers (F, M, 2) changes from frame to frame beside the movement.
+def camera_sd(rested: FloatArray, states: States, floor: float) -> float:
+    """Standard deviation (m) of what of the markers changes from frame to frame beside the movement.
 
     From second differences of the residuals, in which nothing is left of what lasts; the filter's own where no marker
     is seen three times in a row, and never less than ``floor``.
+
+    Parameters
+    ----------
+    rested : (F, M, 2) array
+        Markers that the states rest on, plane frame, m; NaN elsewhere.
+    states : States
+    floor : float
+        m.
     """
-    off = np.where(states.used[..., None], observed - states.predicted, np.nan)
-    bends = off[2:] - 2 * off[1:-1] + off[:-2]
-    known = bends[np.isfinite(bends)]
-    if not known.size:
+    squares, count = 0.0, 0
+    for start in range(0, len(rested), _CHUNK):
+        part = slice(start, start + _CHUNK + 2)  # two frames are the next chunk's as well
+        off = rested[part] - states.predicted_in(part)
+        bends = off[2:] - 2 * off[1:-1] + off[:-2]
+        known = bends[np.isfinite(bends)]
+        squares, count = squares + float(np.sum(known**2)), count + known.size
+    if count == 0:
         return states.noise.marker_sd
-    return min(states.noise.marker_sd, max(floor, float(np.sqrt(np.mean(known**2) / 6))))
+    return min(states.noise.marker_sd, max(floor, float(np.sqrt(squares / count / 6))))
 
 
 def with_lasting_errors(
@@ -55,16 +69,17 @@ def with_lasting_errors(
     lasting : (T, n, 4) array
         Variance at ``frames`` of errors that do not average out.
     """
-    variance = states.sd**2
-    steady = np.median(variance, axis=0)  # (n, 4); gaps and ends have more
-    white = np.minimum(variance, steady) * (1 - _WITHHELD) * (camera / states.noise.marker_sd) ** 2
-    withheld = np.maximum(_withheld(states.mean, steady, rate) - _TWICE * white, 0)
-    total = white + np.maximum(variance - steady, 0) + withheld
-    every = np.arange(len(variance))
-    for joint in range(variance.shape[1]):
+    sd, every = np.empty(states.sd.shape), np.arange(len(states.sd))
+    for joint in range(sd.shape[1]):
+        variance = states.sd[:, joint] ** 2
+        steady = np.median(variance, axis=0)  # (4,); gaps and ends have more
+        white = np.minimum(variance, steady) * (1 - _WITHHELD) * (camera / states.noise.marker_sd) ** 2
+        withheld = np.maximum(_withheld(states.mean[:, joint, 0], steady, rate) - _TWICE * white, 0)
+        total = white + np.maximum(variance - steady, 0) + withheld
         for order in range(ORDER):
-            total[:, joint, order] += np.interp(every, frames, lasting[:, joint, order])
-    return np.asarray(np.sqrt(total))
+            total[:, order] += np.interp(every, frames, lasting[:, joint, order])
+        sd[:, joint] = np.sqrt(total)
+    return sd
 
 
 def corner(steady: FloatArray) -> float:
@@ -73,19 +88,16 @@ def corner(steady: FloatArray) -> float:
     return float(ratio**0.25)
 
 
-def _withheld(mean: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
-    """(F, n, 4) mean square, over the smoother's memory, of what it takes off the movement: smoothed once more."""
-    count = len(mean)
-    squares = np.zeros(mean.shape)
-    for joint in range(mean.shape[1]):
-        angle = _continued(mean[:, joint, 0])
-        w0 = corner(steady[joint])
-        turning = 2 * np.pi * np.fft.rfftfreq(len(angle), 1 / rate)
-        stopped = np.fft.rfft(angle) * (1 - 1 / (1 + (turning / w0) ** (2 * ORDER)))
-        memory = np.exp(-0.5 * (turning / w0) ** 2)
-        for order in range(ORDER):
-            part = np.fft.irfft((1j * turning) ** order * stopped, len(angle))
-            squares[:, joint, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(angle))[:count]
+def _withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
+    """(F, 4) mean square, over the smoother's memory, of what it takes off the movement: smoothed once more."""
+    squares = np.empty((len(angle), ORDER))
+    twice, w0 = _continued(angle), corner(steady)
+    turning = 2 * np.pi * np.fft.rfftfreq(len(twice), 1 / rate)
+    stopped = np.fft.rfft(twice) * (1 - 1 / (1 + (turning / w0) ** (2 * ORDER)))
+    memory = np.exp(-0.5 * (turning / w0) ** 2)
+    for order in range(ORDER):
+        part = np.fft.irfft((1j * turning) ** order * stopped, len(twice))
+        squares[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(twice))[: len(angle)]
     return squares
 
 

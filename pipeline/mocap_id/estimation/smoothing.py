@@ -11,8 +11,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation import compiled, reference, rivals
-from mocap_id.estimation.dropouts import held
-from mocap_id.estimation.inverse import Chain, FrameAngles, angle_covariance, frame_angles, information, observed_angles
+from mocap_id.estimation.dropouts import hold
+from mocap_id.estimation.inverse import Chain, angle_covariance, frame_angles, information, observed_angles
 from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
 from mocap_id.estimation.problem import Problem, Track
@@ -88,10 +88,10 @@ class States:
         Markers that the states rest on: measured, on a moving segment, within the gate.
     noise : Noise
         Marker and process noise, estimated or given.
-    predicted : (F, M, 2) array
-        Positions of all markers from the states, plane frame, m (eq. 3.18); NaN beyond an angle that is not given.
     log_likelihood : float
         Of the filter's innovations; NaN where the method has none.
+    chain : Chain
+        That they are states of, with all M markers.
     """
 
     mean: FloatArray
@@ -99,8 +99,17 @@ class States:
     observed: BoolArray
     used: BoolArray
     noise: Noise
-    predicted: FloatArray
     log_likelihood: float
+    chain: Chain
+
+    @property
+    def predicted(self) -> FloatArray:
+        """Positions (F, M, 2) of all markers from the states, plane frame, m (eq. 3.18), as :meth:`predicted_in`."""
+        return self.predicted_in(slice(None))
+
+    def predicted_in(self, frames: slice | IntArray) -> FloatArray:
+        """Positions (..., M, 2) in some frames (...); NaN beyond an angle that is not given."""
+        return marker_positions(self.mean[frames, :, 0], self.chain.centres, self.chain.segment, self.chain.local)
 
 
 def smooth(
@@ -111,6 +120,7 @@ def smooth(
     local: FloatArray,
     *,
     settings: FilterSettings | None = None,
+    overwrite: bool = False,
 ) -> States:
     """Estimate the states of every joint at every frame.
 
@@ -128,6 +138,9 @@ def smooth(
         Coordinates in the segment frame, m.
     settings : FilterSettings, optional
         Default: :class:`FilterSettings`.
+    overwrite : bool
+        ``observed`` may be changed, which saves a copy: where markers are missing, the others are moved as
+        :func:`mocap_id.estimation.dropouts.hold` tells.
 
     Returns
     -------
@@ -139,22 +152,17 @@ def smooth(
         Where a covariance stops being positive definite.
     """
     settings = settings or FilterSettings()
-    moves, dt = segment > 0, 1.0 / rate
-    chain = Chain(centres, segment[moves], local[moves])
-    frames = frame_angles(observed[:, moves], chain, settings.gate, settings.marker_sd_floor)
-    marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
-    steady, frames = held(observed[:, moves], frames, chain, marker_sd, rate)
-    noise = _noise(frames, dt, marker_sd, settings)
-    problem = _problem(steady, dt, chain, frames=frames, noise=noise, settings=settings)
+    moves = segment > 0
+    moving = observed[:, moves] if not moves.all() else observed if overwrite else observed.copy()
+    noise, problem = _posed(moving, 1.0 / rate, Chain(centres, segment[moves], local[moves]), settings)
     found = _estimate(problem, settings)
     mean, sd = found.mean, found.sd
     determined = _determined(found, problem, noise, settings)
     mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
     mean[..., 0] -= _turns(mean[..., 0])
-    predicted = marker_positions(mean[..., 0], centres, segment, local)
     used = np.zeros(observed.shape[:2], dtype=np.bool_)
     used[:, moves] = found.used
-    return States(mean, sd, determined, used, noise, predicted, found.log_likelihood)
+    return States(mean, sd, determined, used, noise, found.log_likelihood, Chain(centres, segment, local))
 
 
 def _estimate(problem: Problem, settings: FilterSettings) -> Estimate:
@@ -187,27 +195,24 @@ def _turns(angles: FloatArray) -> FloatArray:
     return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
 
 
-def _noise(frames: FrameAngles, dt: float, marker_sd: float, settings: FilterSettings) -> Noise:
-    """The noise of the process that the settings give, or estimated."""
-    if settings.sigma_v is not None:
-        return Noise(marker_sd, np.full(frames.angles.shape[1], settings.sigma_v))
-    return Noise(marker_sd, process_noise(frames.anchors(marker_sd), dt))
-
-
-def _problem(
-    observed: FloatArray, dt: float, chain: Chain, *, frames: FrameAngles, noise: Noise, settings: FilterSettings
-) -> Problem:
-    """What the engines are given."""
-    return Problem(
+def _posed(observed: FloatArray, dt: float, chain: Chain, settings: FilterSettings) -> tuple[Noise, Problem]:
+    """The noise, as the settings give it or estimated, and what the engines are given; ``observed`` changes."""
+    frames = frame_angles(observed, chain, settings.gate, settings.marker_sd_floor)
+    marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
+    frames = hold(observed, frames, chain, marker_sd, 1.0 / dt)
+    anchors = frames.anchors(marker_sd)
+    given = settings.sigma_v
+    sigma_v = process_noise(anchors, dt) if given is None else np.full(len(chain.centres), given)
+    return Noise(marker_sd, sigma_v), Problem(
         observed=observed,
         dt=dt,
         centres=chain.centres,
         segment=chain.segment,
         local=chain.local,
-        variance=np.full(len(chain.segment), noise.marker_sd**2),
-        gate_variance=np.fmax(noise.marker_sd, frames.scale) ** 2,
+        variance=np.full(len(chain.segment), marker_sd**2),
+        gate_variance=np.fmax(marker_sd, frames.scale) ** 2,
         gate=settings.gate,
-        density=noise.sigma_v**2 * dt,
-        anchors=frames.anchors(noise.marker_sd),
+        density=sigma_v**2 * dt,
+        anchors=anchors,
         sigma_points=settings.sigma_points,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,38 @@ from mocap_id.store.artefacts import Facts
 from mocap_id.store.provenance import dumps
 from mocap_id.verdict import Reason
 
-_CHUNK = 1 << 20
+_CHUNK = 1 << 20  # bytes of a file
+_ROWS = 1 << 17  # numbers of an array, at a time
 
 
-def hash_table(table: pa.Table, facts: Facts, reasons: Iterable[Reason]) -> str:
-    """Hash of a table's columns (names, types, values), facts and reasons.
+class TableHash:
+    """Hash of a table's columns (names, types, values), facts and reasons, taken up column by column.
 
     NaN is one value whatever its bits, −0 is 0, and strings count by their values, not by the order or the leftovers
     of a dictionary.
     """
-    digest = hashlib.sha256()
-    for name in table.column_names:
+
+    def __init__(self) -> None:
+        self._digest = hashlib.sha256()
+
+    def add(self, name: str, column: pa.ChunkedArray) -> None:
+        """Take up the next column."""
+        digest = self._digest
         digest.update(f"column {name} ".encode())
-        _add_column(digest, table.column(name))
-    return _finish(digest, facts, reasons)
+        if _is_text(column.type):
+            values, codes = ranked_strings(column)
+            digest.update(f"strings {dumps(values)} {np.dtype(np.int64).str} {(len(column),)} ".encode())
+            for part in codes:
+                digest.update(part.data)
+            return
+        if column.null_count and pa.types.is_integer(column.type):
+            _add_array(digest, column.is_null().to_numpy())
+            column = pc.fill_null(column, 0)
+        _add_array(digest, column.to_numpy())
+
+    def result(self, facts: Facts, reasons: Iterable[Reason]) -> str:
+        """The hash, once all columns are taken up."""
+        return _finish(self._digest, facts, reasons)
 
 
 def hash_nodes(nodes: Mapping[str, np.ndarray[Any, Any]], facts: Facts, reasons: Iterable[Reason]) -> str:
@@ -67,39 +85,46 @@ def _finish(digest: Any, facts: Facts, reasons: Iterable[Reason]) -> str:
     return result
 
 
-def _add_column(digest: Any, column: pa.ChunkedArray) -> None:
-    if pa.types.is_dictionary(column.type) or pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        values, codes = canonical_strings(column)
-        digest.update(f"strings {dumps(values)} ".encode())
-        _add_array(digest, codes)
-        return
-    if column.null_count and pa.types.is_integer(column.type):
-        _add_array(digest, column.is_null().to_numpy())
-        column = pc.fill_null(column, 0)
-    _add_array(digest, column.to_numpy())
+def _is_text(kind: pa.DataType) -> bool:
+    return pa.types.is_dictionary(kind) or pa.types.is_string(kind) or pa.types.is_large_string(kind)
 
 
-def canonical_strings(column: pa.ChunkedArray) -> tuple[list[str], np.ndarray[Any, Any]]:
-    """Sorted values in use and, for each row, the index of its value (int64; −1 = null)."""
+def ranked_strings(column: pa.ChunkedArray) -> tuple[list[str], Iterator[np.ndarray[Any, Any]]]:
+    """Sorted values in use and, part by part, for each row the index of its value (int64; −1 = null)."""
     encoded = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
-    whole = encoded.unify_dictionaries().combine_chunks()
-    if isinstance(whole, pa.ChunkedArray):  # an empty column has no chunk to combine
-        return [], np.empty(0, np.int64)
-    codes = pc.fill_null(whole.indices.cast(pa.int64()), -1).to_numpy(zero_copy_only=False)
-    dictionary = whole.dictionary.to_pylist()
-    used = sorted(dictionary[code] for code in np.unique(codes) if code >= 0)
+    whole = encoded.unify_dictionaries()
+    if not whole.num_chunks:
+        return [], iter(())
+    dictionary = whole.chunk(0).dictionary.to_pylist()
+
+    def parts() -> Iterator[np.ndarray[Any, Any]]:
+        for chunk in whole.chunks:
+            for start in range(0, len(chunk), _ROWS):
+                codes = pc.fill_null(chunk.indices.slice(start, _ROWS).cast(pa.int64()), -1)
+                yield codes.to_numpy(zero_copy_only=False)
+
+    found = {int(code) for part in parts() for code in np.unique(part) if code >= 0}
+    used = sorted(dictionary[code] for code in found)
     rank = {value: index for index, value in enumerate(used)}
     order = np.array([*(rank.get(value, -1) for value in dictionary), -1], np.int64)  # the last one answers to code −1
-    return used, order[codes]
+    return used, (order[part] for part in parts())
 
 
 def _add_array(digest: Any, array: np.ndarray[Any, Any]) -> None:
     if array.dtype.kind in "OUT":
         digest.update(f"strings {array.shape} {dumps(array.tolist())} ".encode())
         return
-    if array.dtype.kind == "f":
-        array = array.copy()
-        array[np.isnan(array)] = np.nan
-        array[array == 0] = 0
     digest.update(f"{array.dtype.str} {array.shape} ".encode())
-    digest.update(np.ascontiguousarray(array).data)
+    flat = np.ascontiguousarray(array).reshape(-1)
+    for start in range(0, flat.size, _ROWS):
+        digest.update(_canonical(flat[start : start + _ROWS]).data)
+
+
+def _canonical(part: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """With one NaN and one zero."""
+    if part.dtype.kind != "f":
+        return part
+    part = part.copy()
+    part[np.isnan(part)] = np.nan
+    part[part == 0] = 0
+    return part
