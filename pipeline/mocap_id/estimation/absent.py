@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.dropouts import forgotten
 from mocap_id.estimation.inverse import angle_covariance, observed_angles
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import marker_jacobian
 
-_CHUNK = 1024  # frames at a time, to bound the memory
 _LEAST = 1e-5  # m; least slide that counts
 
 
@@ -43,8 +42,8 @@ def growth(
     often, slide, new = used.mean(axis=0), _slides(states, rested, camera), forgotten(used, frames, rate)
     found = np.ones((len(frames), angles.shape[1]))
     some = np.flatnonzero(~used[frames][:, often > 0].all(axis=1))
-    for start in range(0, len(some), _CHUNK):
-        part = some[start : start + _CHUNK]
+    for some_of_them in chunks(len(some)):
+        part = some[some_of_them]
         at = frames[part]
         jacobian = marker_jacobian(angles[at], chain.centres, chain.segment, chain.local)
         found[part] = _growth(
@@ -56,8 +55,7 @@ def growth(
 def _slides(states: States, rested: FloatArray, camera: float) -> FloatArray:
     """(M,) mean square of a coordinate's residual, camera noise apart, m^2."""
     squares, count = np.zeros(rested.shape[1]), np.zeros(rested.shape[1])
-    for start in range(0, len(rested), _CHUNK):
-        part = slice(start, start + _CHUNK)
+    for part in chunks(len(rested)):
         off = rested[part] - states.predicted_in(part)
         known = np.isfinite(off)
         squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))

@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.inverse import Chain, FrameAngles
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate, segment_poses
 
 _MEMORY = 0.9  # s, in which what skin did is forgotten: its correlation is 0.57 after 0.5 s
 _BESIDE = 5  # frames on either side of a gap over which a residual is averaged
-_CHUNK = 1024  # frames at a time, to bound the memory
 _PAIRS = 1000  # of consecutive frames that tell what of a residual lasts
 _ROUNDS = 2  # the residuals beside a gap are those of angles within others
 
@@ -140,8 +139,8 @@ def hold(observed: FloatArray, frames: FrameAngles, chain: Chain, marker_sd: flo
             if marker is not None:
                 marker.push(push, angles)
         angles[some] = frames.angles[some] + np.einsum("fkl,fl->fk", turn, push[some])
-    for start in range(0, len(some), _CHUNK):
-        own = some[start : start + _CHUNK]
+    for part in chunks(len(some)):
+        own = some[part]
         for sign, at in ((-1.0, frames.angles[own]), (1.0, angles[own])):
             observed[own] += sign * marker_positions(at, chain.centres, chain.segment, chain.local)
     return replace(frames, angles=angles)

@@ -10,16 +10,16 @@ itself.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.estimation.process import ORDER
 from mocap_id.estimation.smoothing import States
 
 _WITHHELD = (2 * np.arange(ORDER) + 1) / (2 * ORDER)
 """Share of the variance of each derivative that is movement which the smoother does not pass."""
-
-_CHUNK = 1024  # frames at a time, to bound the memory
 
 _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
 """Share of the noise passed that smoothing once more takes off: of H^2, what H^2 (1 - H)^2 is."""
@@ -40,8 +40,8 @@ def camera_sd(rested: FloatArray, states: States, floor: float) -> float:
         m.
     """
     squares, count = 0.0, 0
-    for start in range(0, len(rested), _CHUNK):
-        part = slice(start, start + _CHUNK + 2)  # two frames are the next chunk's as well
+    for s in chunks(len(rested)):
+        part = slice(s.start, s.stop + 2)  # two frames are the next one's as well
         off = rested[part] - states.predicted_in(part)
         bends = off[2:] - 2 * off[1:-1] + off[:-2]
         known = bends[np.isfinite(bends)]
@@ -51,33 +51,36 @@ def camera_sd(rested: FloatArray, states: States, floor: float) -> float:
     return min(states.noise.marker_sd, max(floor, float(np.sqrt(squares / count / 6))))
 
 
-def with_lasting_errors(
-    states: States, rate: float, camera: float, frames: IntArray, lasting: FloatArray
-) -> FloatArray:
-    """(F, n, 4) standard deviations of the states.
+@dataclass(frozen=True)
+class LastingErrors:
+    """What the markers tell of errors that do not average out.
 
     Parameters
     ----------
-    states : States
-        As filtered.
-    rate : float
-        Frames per second.
     camera : float
-        Camera noise of a coordinate, m.
+        Camera noise of a coordinate, m, which does.
     frames : (T,) int array
         Ascending.
-    lasting : (T, n, 4) array
-        Variance at ``frames`` of errors that do not average out.
+    variance : (T, n, 4) array
+        At ``frames``, of the errors from skin and the chain's geometry.
     """
-    sd, every = np.empty(states.sd.shape), np.arange(len(states.sd))
+
+    camera: float
+    frames: IntArray
+    variance: FloatArray
+
+
+def with_lasting_errors(states: States, rate: float, errors: LastingErrors) -> FloatArray:
+    """(F, n, 4) standard deviations of the states, as filtered at ``rate``, Hz, with these errors."""
+    sd, every = np.empty_like(states.sd), np.arange(len(states.sd))
     for joint in range(sd.shape[1]):
-        variance = states.sd[:, joint] ** 2
+        variance: FloatArray = states.sd[:, joint] ** 2
         steady = np.median(variance, axis=0)  # (4,); gaps and ends have more
-        white = np.minimum(variance, steady) * (1 - _WITHHELD) * (camera / states.noise.marker_sd) ** 2
+        white = np.minimum(variance, steady) * (1 - _WITHHELD) * (errors.camera / states.noise.marker_sd) ** 2
         withheld = np.maximum(_withheld(states.mean[:, joint, 0], steady, rate) - _TWICE * white, 0)
         total = white + np.maximum(variance - steady, 0) + withheld
         for order in range(ORDER):
-            total[:, order] += np.interp(every, frames, lasting[:, joint, order])
+            total[:, order] += np.interp(every, errors.frames, errors.variance[:, joint, order])
         sd[:, joint] = np.sqrt(total)
     return sd
 

@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation import compiled, reference, rivals
 from mocap_id.estimation.dropouts import hold
-from mocap_id.estimation.inverse import Chain, angle_covariance, frame_angles, information, observed_angles
+from mocap_id.estimation.inverse import Chain, determined_angles, frame_angles
 from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
-from mocap_id.estimation.problem import Problem, Track
+from mocap_id.estimation.problem import FilteredTrack, Problem, SmoothedTrack
 from mocap_id.estimation.rivals import Estimate
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
+
+_Filter: TypeAlias = Callable[[Problem], FilteredTrack]
+_Smoother: TypeAlias = Callable[[Problem, FilteredTrack], SmoothedTrack]
 
 Engine = Literal["compiled", "filterpy"]
 Method = Literal["rts", "two-filter", "butterworth", "spline"]
@@ -26,7 +29,7 @@ Method = Literal["rts", "two-filter", "butterworth", "spline"]
 FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
 """Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
 
-_ENGINES: dict[Engine, tuple[Callable[[Problem], Track], Callable[[Problem, Track], Track]]] = {
+_ENGINES: dict[Engine, tuple[_Filter, _Smoother]] = {
     "compiled": (compiled.filter_forwards, compiled.smooth_backwards),
     "filterpy": (reference.filter_forwards, reference.smooth_backwards),
 }
@@ -185,7 +188,7 @@ def _determined(found: Estimate, problem: Problem, noise: Noise, settings: Filte
     if settings.method in FRAMEWISE:  # they start from the frames' own angles, and give none beyond a long gap
         return np.asarray(problem.anchors.observed & np.isfinite(found.mean[..., 0]))
     chain = Chain(problem.centres, problem.segment, problem.local)
-    determined = observed_angles(angle_covariance(information(found.mean[..., 0], found.used, chain), noise.marker_sd))
+    determined = determined_angles(found.mean[..., 0], found.used, chain, noise.marker_sd)
     return determined if found.carried is None else np.asarray(determined & ~found.carried)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import se3
 from mocap_id.geometry.chain import Chain
 from mocap_id.geometry.joints import Revolute
@@ -66,7 +66,7 @@ def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, loca
         Positions in the plane frame, m.
     """
     angle, origin = segment_poses(q, centres)
-    return _placed(angle, origin, segment, local)
+    return origin[..., segment, :] + rotate(angle[..., segment], local)
 
 
 def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
@@ -80,33 +80,12 @@ def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local
         Column j - 1 is z × (marker - joint j) for the markers of segment j and beyond, else zero: the planar part of
         the spatial Jacobian's columns (eq. 2.47).
     """
-    every = np.ones((*q.shape[:-1], len(segment)), dtype=np.bool_)
-    return linearised_markers(q, centres, segment, local, every)[1]
-
-
-def linearised_markers(
-    q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray, used: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """:func:`marker_positions` and :func:`marker_jacobian` at once, the rows of markers not ``used`` (..., M) zero."""
     angle, origin = segment_poses(q, centres)
-    position = _placed(angle, origin, segment, local)
-    jacobian = np.empty((*position.shape, len(centres)))
-    for j in range(len(centres)):
-        moved = (used & (segment > j)).astype(np.float64)
-        joint = origin[..., None, j + 1, :]
-        np.multiply(joint[..., 1] - position[..., 1], moved, out=jacobian[..., 0, j])
-        np.multiply(position[..., 0] - joint[..., 0], moved, out=jacobian[..., 1, j])
-    return position, jacobian
-
-
-def _placed(angle: FloatArray, origin: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Markers (..., M, 2) on segments of these poses, with one sine and cosine for all markers of a segment."""
-    c, s = np.cos(angle)[..., segment], np.sin(angle)[..., segment]
-    x, y = local[:, 0], local[:, 1]
-    position = np.empty((*c.shape, 2))
-    position[..., 0] = origin[..., segment, 0] + (c * x - s * y)
-    position[..., 1] = origin[..., segment, 1] + (s * x + c * y)
-    return position
+    position = origin[..., segment, :] + rotate(angle[..., segment], local)
+    arm = position[..., :, None, :] - origin[..., None, 1:, :]  # (..., M, n, 2)
+    moved = segment[:, None] >= np.arange(1, centres.shape[0] + 1)  # (M, n)
+    columns = np.stack([-arm[..., 1], arm[..., 0]], axis=-2)  # (..., M, 2, n)
+    return np.where(moved[:, None, :], columns, 0.0)
 
 
 def spatial_chain(centres: FloatArray) -> Chain:

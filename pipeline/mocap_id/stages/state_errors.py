@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
 from mocap_id.estimation import States
 from mocap_id.estimation.absent import growth
-from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.estimation.skin import LastingErrors, camera_sd
 from mocap_id.kinematics import angle_errors
 
 _LEAST = 50  # frames that show every joint, below which nothing is told of the skin
@@ -17,8 +17,8 @@ NOISE = "noise taken for white"
 SKIN = "camera noise and skin"
 
 
-def state_sd(states: States, rested: FloatArray, rate: float, floor: float) -> tuple[FloatArray, str]:
-    """Standard deviations (F, n, 4) of states of a chain that was fitted as a whole, and what they hold.
+def lasting_errors(states: States, rested: FloatArray, rate: float, floor: float) -> LastingErrors | None:
+    """Errors of states of a chain that was fitted as a whole; None where too little is seen to tell.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def state_sd(states: States, rested: FloatArray, rate: float, floor: float) -> t
     chain, counts = states.chain, states.used.any(axis=0)
     shown: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
     if np.count_nonzero(shown) < _LEAST or set(chain.segment[counts]) < set(range(1, len(chain.centres) + 1)):
-        return states.sd, NOISE
+        return None
     camera, angles = camera_sd(rested, states, floor), _filled(states.mean[..., 0])
-    frames, lasting = angle_errors(
+    frames, variance = angle_errors(
         _complex(rested),
         chain.segment,
         _complex(chain.centres),
@@ -45,8 +45,8 @@ def state_sd(states: States, rested: FloatArray, rate: float, floor: float) -> t
         camera_sd=camera,
         rate=rate,
     )
-    grown = lasting * growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
-    return with_lasting_errors(states, rate, camera, frames, grown), SKIN
+    variance *= growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
+    return LastingErrors(camera, frames, variance)
 
 
 def _complex(points: FloatArray) -> ComplexArray:

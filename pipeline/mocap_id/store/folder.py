@@ -73,6 +73,7 @@ class Folder:
         facts = copy.deepcopy(artefact.facts)
         if isinstance(artefact, Table):  # pandas copies on writing
             return replace(artefact, frame=artefact.frame.copy(deep=False), facts=facts)
+        assert isinstance(artefact, Tree)  # a long table is read as a plain one
         return replace(artefact, data=copy.deepcopy(artefact.data), facts=facts)
 
     def provenance(self, file: str) -> Provenance:
