@@ -122,7 +122,8 @@ def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
 def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
-    assert {key for key, value in dynamics.items() if value is not None} == {"why"}
+    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "why"}
+    assert dynamics["rivals"] == {}
     assert dynamics["why"] == "the recording has no force plate"
     assert summary["joints"] and summary["repetitions"]
     assert_nulls_explained(summary)
