@@ -49,6 +49,7 @@ def reference_body(
     mass: float | None,
     sex: Sex | None,
     plate_mass: float | None,
+    standing: FloatArray | None = None,
 ) -> ReferenceBody:
     """A person of this height, mass and sex on a foot-shank-thigh-torso chain (or with the torso in two).
 
@@ -64,6 +65,8 @@ def reference_body(
         plates; without the sex de Leva's table is the mean of both.
     plate_mass : float or None
         What the plates show, kg.
+    standing : (n,) array or None
+        Angle of each segment's frame while the person stands, rad.
     """
     if len(centres) not in (3, 4):
         return no_reference(len(centres), f"the tables describe people of 4 or 5 segments, not of {len(centres) + 1}")
@@ -92,7 +95,7 @@ def reference_body(
         reasons = (Reason("reference-assumed", message, level="ok"),)
     return ReferenceBody(
         table=name,
-        parameters=full_parameters(reference, centres, height, mass, facing),
+        parameters=full_parameters(reference, centres, height, mass, facing, standing=standing),
         height=height,
         mass=mass,
         assumed=tuple(assumed),

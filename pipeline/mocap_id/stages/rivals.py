@@ -12,6 +12,7 @@ from mocap_id.dynamics.allometry import TableName
 from mocap_id.dynamics.comparison import compare
 from mocap_id.dynamics.prepare import Recorded
 from mocap_id.protocols.movement import Movement, facing
+from mocap_id.protocols.posture import standing_angles
 from mocap_id.protocols.reference_body import ReferenceBody, no_reference, reference_body
 from mocap_id.stages.base import Context
 
@@ -51,6 +52,7 @@ def rivals(context: Context, recorded: Recorded, movement: Movement) -> Rivals:
             mass=subject.mass,
             sex=subject.sex,
             plate_mass=mass,
+            standing=None if movement.posture is None else standing_angles(recorded.q, movement.posture),
         )
         for name in get_args(TableName)
     }
