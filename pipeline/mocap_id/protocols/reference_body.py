@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.allometry import Sex, TableName, full_parameters, height_from_legs, table
+from mocap_id.dynamics.allometry import Sex, Table, TableName, full_parameters, height_from_legs, table
 from mocap_id.verdict import Reason
 
 
@@ -77,22 +77,14 @@ def reference_body(
     reference = table(name, sex)
     assumed: list[str] = []
     if mass is None:
+        assert plate_mass is not None
         mass = plate_mass
         assumed.append(f"a mass of {mass:.1f} kg, from the plates")
     if height is None:
-        shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
-        height = height_from_legs(reference, shank, thigh)
-        factor = reference.shank.length + reference.thigh.length
-        assumed.append(
-            f"a height of {height:.2f} m, from the lengths of shank and thigh ({shank + thigh:.3f} m / {factor:.3f})"
-        )
+        height, how = _height(reference, centres)
+        assumed.append(how)
     if name == "de-leva" and sex is None:
         assumed.append("the mean of the female and the male table")
-    assert mass is not None
-    reasons: tuple[Reason, ...] = ()
-    if assumed:
-        message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give `subject:` to be exact"
-        reasons = (Reason("reference-assumed", message, level="ok"),)
     return ReferenceBody(
         table=name,
         parameters=full_parameters(reference, centres, height, mass, facing, standing=standing),
@@ -100,8 +92,23 @@ def reference_body(
         mass=mass,
         assumed=tuple(assumed),
         why=None,
-        reasons=reasons,
+        reasons=_told(name, assumed),
     )
+
+
+def _height(reference: Table, centres: FloatArray) -> tuple[float, str]:
+    """Stature, m, by the lengths of shank and thigh, and how it came about."""
+    shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
+    height, factor = height_from_legs(reference, shank, thigh), reference.shank.length + reference.thigh.length
+    legs = f"{shank + thigh:.3f} m / {factor:.3f}"
+    return height, f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})"
+
+
+def _told(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
+    if not assumed:
+        return ()
+    message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give `subject:` to be exact"
+    return (Reason("reference-assumed", message, level="ok"),)
 
 
 def no_reference(joints: int, why: str | None) -> ReferenceBody:
