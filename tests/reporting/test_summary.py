@@ -83,6 +83,10 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     }  # fmt: skip
     assert summary["dynamics"]["wrench"]["Fy"]["r2"] == 0.991
     assert summary["dynamics"]["samples"] == 900
+    assert summary["dynamics"]["consistency"] == "grid"
+    assert list(summary["dynamics"]["rivals"]) == ["winter", "de-leva"]
+    rival = summary["dynamics"]["rivals"]["winter"]
+    assert (rival["cop_rms_m"], rival["wrench"]["tauz"]["bias"]) == (0.0345, 4.5)
     assert summary["time_s"] == {"planarise": 0.21, "segment": 0.4}
     assert_nulls_explained(summary)
 
