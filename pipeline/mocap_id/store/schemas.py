@@ -159,7 +159,7 @@ DYNAMICS_TREE = TreeSchema(
         Column("full/reference", "float64", "", "(4(n+1),) allometric values, NaN where none apply"),
         Column("grid/segment", "int64", "", "(p,) segment of each point mass"),
         Column("grid/position", "float64", "m", "(p, 2) in the segment frame"),
-        Column("grid/mass", "float64", "kg", "(p,) point masses, none negative"),
+        Column("grid/mass", "float64", "kg", "(p,) point masses, none negative; NaN where `consistency` is not `grid`"),
     ),
 )
 
