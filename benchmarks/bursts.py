@@ -29,7 +29,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE as FIT_JOINTS
 from mocap_id.stages.segment import STAGE as SEGMENT
 from mocap_id.stages.ukf_smooth import STAGE as UKF_SMOOTH
-from mocap_id.store import Document, Folder
+from mocap_id.store import Document, Folder, LongTable
 from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 960_000  # the first seed; nothing was tuned on these
@@ -179,7 +179,9 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
         outputs = stage.function(replace(context, settings=stage.settings()))
         made = {name: each for name, each in zip(stage.outputs, outputs, strict=True) if not isinstance(each, Document)}
         context = replace(context, inputs={**context.inputs, **made})
-    states, markers = (context.table(name).frame for name in ("states.parquet", "markers.parquet"))
+    states, markers = context.table("states.parquet").frame, context.inputs["markers.parquet"]
+    if not isinstance(markers, LongTable):
+        raise TypeError("not the artefact that was expected")
     if f"theta_{truth.shape[1]}" not in states or f"theta_{truth.shape[1] + 1}" in states:
         raise OtherCount
     found = [states[[f"{name}_{j + 1}" for j in range(truth.shape[1])]].to_numpy() for name in STATES]
@@ -187,7 +189,7 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     segments = context.table("segments.parquet").frame.set_index("marker")["segment"]
     segment = np.array([-1 if segments[label] is pd.NA else int(segments[label]) for label in labels])
-    table = markers.pivot(index="frame", columns="marker", values="used").reindex(columns=list(labels))
+    table = markers.frame.pivot(index="frame", columns="marker", values="used").reindex(columns=list(labels))
     return Run(error, segment, np.asarray(table.fillna(False).to_numpy(dtype=np.bool_)))
 
 
