@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, chunks
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.kernels import Filtered, Measured, Memory, Model, run_filter, run_smoother
 from mocap_id.estimation.problem import ANCHOR_SD, FilteredTrack, Problem, SmoothedTrack, start_sd
@@ -42,24 +42,26 @@ def filter_forwards(problem: Problem) -> FilteredTrack:
     frames, n = len(problem.observed), problem.joints
     model, measured = _model(problem), _measured(problem)
     whole = _blank(frames, measured, block=min(_BLOCK, frames))
-    variance, log_likelihood, noted = np.empty_like(whole.mean), 0.0, []
+    sd, log_likelihood, noted = np.empty_like(whole.mean), 0.0, []
     memory = Memory(  # every joint starts over at once
         np.zeros(4 * n), np.zeros((4 * n, 4 * n)), measured.angles[0].copy(), np.full(n, problem.patience + 1)
     )
-    for start in range(0, frames, _BLOCK):
-        part = slice(start, min(start + _BLOCK, frames))
+    for part in chunks(frames, _BLOCK):
         noted.append(_copied(memory))
-        here = Filtered(
-            whole.mean[part], whole.covariance[: part.stop - start], whole.used[part], whole.restarted[part]
+        here = whole._replace(
+            mean=whole.mean[part],
+            covariance=whole.covariance[: part.stop - part.start],
+            used=whole.used[part],
+            restarted=whole.restarted[part],
         )
         failed, gained = run_filter(model, _part(measured, part), memory, here)
         if failed >= 0:
-            sample = start + failed
+            sample = part.start + failed
             raise NumericalError(f"the filter's covariance is not positive definite at sample {sample} of {frames}")
         log_likelihood += gained
-        variance[part] = _diagonals(here.covariance)
+        sd[part] = _deviations(here.covariance)
     again = _Again(model, measured, tuple(noted))
-    return FilteredTrack(whole.mean, variance, whole.used, whole.restarted, log_likelihood, again)
+    return FilteredTrack(whole.mean, sd, whole.used, whole.restarted, log_likelihood, again)
 
 
 def smooth_backwards(problem: Problem, track: FilteredTrack) -> SmoothedTrack:
@@ -70,20 +72,20 @@ def smooth_backwards(problem: Problem, track: FilteredTrack) -> SmoothedTrack:
     NumericalError
         Where a predicted covariance is not positive definite.
     """
-    model, mean, frames = _model(problem), track.mean, len(track.mean)
+    model, mean = _model(problem), track.mean
     found, kept = np.flatnonzero(track.found.any(axis=1)), {}
     beyond = np.empty((0, mean.shape[1], mean.shape[1]))
-    for start in reversed(range(0, frames, _BLOCK)):
-        part = slice(start, min(start + _BLOCK, frames))
+    for part in reversed(chunks(len(mean), _BLOCK)):
+        start = part.start
         covariance = np.concatenate([track.covariance(part), beyond])  # (f + 1, 4n, 4n), but for the last block
         reach = slice(start, start + len(covariance))
         failed = run_smoother(model, track.restarted[reach], mean[reach], covariance)
         if failed >= 0:
             raise NumericalError(f"the smoother's covariance is not positive definite at sample {start + failed}")
-        track.variance[part] = _diagonals(covariance)[: part.stop - start]
+        track.sd[part] = _deviations(covariance[: part.stop - start])
         kept |= {k: covariance[k - start].copy() for k in found[(found >= start) & (found < part.stop)].tolist()}
         beyond = covariance[:1].copy()
-    return SmoothedTrack(mean, track.variance, track.used, track.restarted, track.log_likelihood, kept)
+    return SmoothedTrack(mean, track.sd, track.used, track.restarted, track.log_likelihood, kept)
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,8 @@ def _copied(memory: Memory) -> Memory:
     return Memory(*(each.copy() for each in memory))
 
 
-def _diagonals(covariance: FloatArray) -> FloatArray:
-    return np.diagonal(covariance, axis1=1, axis2=2)
+def _deviations(covariance: FloatArray) -> FloatArray:
+    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
 
 def _measured(problem: Problem) -> Measured:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.problem import Anchors
 from mocap_id.geometry.planar import linearised_markers, marker_positions, rotate
 
@@ -19,7 +19,6 @@ OBSERVED_SD = 0.1
 
 _WEAK_SD = 1.0  # rad: all that is known of an angle without markers
 _UNOBSERVED_VARIANCE = 1e6  # rad^2: beyond any prior
-_CHUNK = 1024  # frames at a time, to bound the memory
 _ITERATIONS = 20
 _CONVERGED = 1e-6  # rad
 _DAMPING = 1e-6  # m^2/rad^2: holds still what no marker moves, and slows nothing that one does
@@ -52,8 +51,8 @@ class FrameAngles:
         Markers that were seen and are no outliers.
     reliable : (F, n) bool array
         Few of the markers up to the joint's own segment are outliers; of many, the wrong ones may be left.
-    residual : (F, M) array
-        Distance of each marker from its prediction, m; NaN where unseen.
+    squares : float
+        Sum of the squared distances, m^2, of the markers used from their predictions, over frames reliable throughout.
     scale : (M,) array
         Ordinary size of each marker's residual, m, per coordinate; NaN where never seen.
     """
@@ -62,16 +61,17 @@ class FrameAngles:
     information: FloatArray
     used: BoolArray
     reliable: BoolArray
-    residual: FloatArray
+    squares: float
     scale: FloatArray
 
     def anchors(self, marker_sd: float) -> Anchors:
         """The angles as a linear measurement, for a marker noise in m."""
-        covariance = angle_covariance(self.information, marker_sd)
-        observed = observed_angles(covariance) & self.reliable
-        n = observed.shape[1]
-        both = observed[:, :, None] & observed[:, None, :]
-        covariance = np.where(both, covariance, np.eye(n) * _UNOBSERVED_VARIANCE)
+        covariance, observed = np.empty_like(self.information), self.reliable.copy()
+        for s in chunks(len(covariance)):
+            found = angle_covariance(self.information[s], marker_sd)
+            observed[s] &= observed_angles(found)
+            both = observed[s, :, None] & observed[s, None, :]
+            covariance[s] = np.where(both, found, np.eye(both.shape[1]) * _UNOBSERVED_VARIANCE)
         return Anchors(self.angles, covariance, observed, self.used)
 
 
@@ -79,6 +79,14 @@ def angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
     """Covariance (F, n, n) of a frame's angles, rad^2, from Jᵀ J, where a priori each is known to a radian."""
     n = information.shape[1]
     return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
+
+
+def determined_angles(angles: FloatArray, used: BoolArray, chain: Chain, marker_sd: float) -> BoolArray:
+    """Which angles (F, n), rad, the markers used (F, M) determine in their own frame, for a marker noise in m."""
+    found = np.empty(angles.shape, dtype=np.bool_)
+    for s in chunks(len(angles)):
+        found[s] = observed_angles(angle_covariance(information(angles[s], used[s], chain), marker_sd))
+    return found
 
 
 def observed_angles(covariance: FloatArray) -> BoolArray:
@@ -107,20 +115,23 @@ def frame_angles(observed: FloatArray, chain: Chain, gate: float, floor: float) 
     -------
     FrameAngles
     """
-    chunks = _chunks(len(observed))
-    used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in chunks])
+    parts = chunks(len(observed))
+    used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in parts])
     angles, residual = _closed_form(observed, used, chain), np.empty(used.shape)
-    for s in chunks:
+    for s in parts:
         angles[s] = _refine(observed[s], used[s], angles[s], chain)
         residual[s] = _residual(observed[s], angles[s], chain)
     scale = _scale(residual, used, chain.segment)
     for _ in range(_ROUNDS):
         limit = gate * np.fmax(scale, floor)
-        for s in chunks:
+        for s in parts:
             _take_out(observed[s], used[s], angles[s], residual[s], chain, limit=limit)
         scale = _scale(residual, used, chain.segment)
-    reliable = np.concatenate([_reliable(observed[s], used[s], chain) for s in chunks])
-    return FrameAngles(angles, information(angles, used, chain), used, reliable, residual, scale)
+    reliable = np.concatenate([_reliable(observed[s], used[s], chain) for s in parts])
+    counted = residual[used & reliable.all(axis=1)[:, None]]
+    del residual
+    squares = float(np.sum(np.square(counted, out=counted)))
+    return FrameAngles(angles, information(angles, used, chain), used, reliable, squares, scale)
 
 
 def _take_out(
@@ -148,7 +159,10 @@ def _take_out(
 
 def information(angles: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
     """Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
-    return np.concatenate([_normal(_linearised(angles[s], used[s], chain)[1]) for s in _chunks(len(angles))])
+    found = np.empty((*angles.shape, angles.shape[1]))
+    for s in chunks(len(angles)):
+        found[s] = _normal(_linearised(angles[s], used[s], chain)[1])
+    return found
 
 
 def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
@@ -156,10 +170,6 @@ def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
     seen = np.isfinite(observed).all(axis=-1).astype(np.int64) @ own
     out = seen - used.astype(np.int64) @ own
     return np.asarray(np.cumsum(out > _OUTLIER_SHARE * seen, axis=1) == 0, dtype=np.bool_)
-
-
-def _chunks(frames: int) -> list[slice]:
-    return [slice(start, start + _CHUNK) for start in range(0, max(frames, 1), _CHUNK)]
 
 
 def _linearised(angles: FloatArray, used: BoolArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
@@ -204,7 +214,7 @@ def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatAr
     absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
     for j in range(n):
         origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
-        turned = np.concatenate([_turned(observed[s], used[s], chain, j, origin[s]) for s in _chunks(len(observed))])
+        turned = np.concatenate([_turned(observed[s], used[s], chain, j, origin[s]) for s in chunks(len(observed))])
         found = np.flatnonzero(np.isfinite(turned))
         if found.size:
             relative = np.unwrap((turned - absolute)[found])

@@ -129,8 +129,8 @@ class Track:
     ----------
     mean : (F, 4n) array
         Filtered, or after the smoother smoothed, state.
-    variance : (F, 4n) array
-        Its variance.
+    sd : (F, 4n) array
+        Its standard deviation.
     used : (F, M) bool array
         Markers that were measured and passed the gate.
     restarted : (F, n) bool array
@@ -140,16 +140,16 @@ class Track:
     """
 
     mean: FloatArray
-    variance: FloatArray
+    sd: FloatArray
     used: BoolArray
     restarted: BoolArray
     log_likelihood: float
 
     def by_joint(self) -> tuple[FloatArray, FloatArray]:
-        """Means and standard deviations, (F, n, 4) each."""
+        """Means and standard deviations, (F, n, 4) each: the track's own numbers in another order."""
         shape = (len(self.mean), ORDER, self.restarted.shape[1])
-        mean = np.swapaxes(self.mean.reshape(shape), 1, 2)
-        return mean.copy(), np.sqrt(np.swapaxes(self.variance.reshape(shape), 1, 2))
+        mean, sd = (np.swapaxes(each.reshape(shape), 1, 2) for each in (self.mean, self.sd))
+        return mean, sd
 
     @property
     def found(self) -> BoolArray:

@@ -49,7 +49,7 @@ def filter_forwards(problem: Problem) -> FilteredTrack:
         failing = _failing(problem, k, used[k], failing)
         held = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], held)
         mean[k], covariance[k] = ukf.x, ukf.P
-    return FilteredTrack(mean, _variance(covariance), used, restarted, log_likelihood, covariance.__getitem__)
+    return FilteredTrack(mean, _deviations(covariance), used, restarted, log_likelihood, covariance.__getitem__)
 
 
 def smooth_backwards(problem: Problem, track: FilteredTrack) -> SmoothedTrack:
@@ -71,12 +71,13 @@ def smooth_backwards(problem: Problem, track: FilteredTrack) -> SmoothedTrack:
         keep = np.eye(4 * n) - gain @ f
         covariance[k] = keep @ covariance[k] @ keep.T + gain @ (covariance[k + 1] + q) @ gain.T
     found = {k: covariance[k] for k in np.flatnonzero(track.found.any(axis=1)).tolist()}
-    variance = _variance(covariance)
-    return SmoothedTrack(mean, variance, track.used, track.restarted, track.log_likelihood, found)
+    return SmoothedTrack(
+        mean, _deviations(covariance), track.used, track.restarted, track.log_likelihood, found
+    )
 
 
-def _variance(covariance: FloatArray) -> FloatArray:
-    return np.diagonal(covariance, axis1=1, axis2=2).copy()
+def _deviations(covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
 
 
 def _filterpy(problem: Problem) -> UnscentedKalmanFilter:

@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.estimation.process import ORDER
 from mocap_id.estimation.smoothing import States
 
 _WITHHELD = (2 * np.arange(ORDER) + 1) / (2 * ORDER)
 """Share of the variance of each derivative that is movement which the smoother does not pass."""
-
-_CHUNK = 1024  # frames at a time, to bound the memory
 
 _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
 """Share of the noise passed that smoothing once more takes off: of H^2, what H^2 (1 - H)^2 is."""
@@ -40,8 +38,8 @@ def camera_sd(rested: FloatArray, states: States, floor: float) -> float:
         m.
     """
     squares, count = 0.0, 0
-    for start in range(0, len(rested), _CHUNK):
-        part = slice(start, start + _CHUNK + 2)  # two frames are the next chunk's as well
+    for s in chunks(len(rested)):
+        part = slice(s.start, s.stop + 2)  # two frames are the next one's as well
         off = rested[part] - states.predicted_in(part)
         bends = off[2:] - 2 * off[1:-1] + off[:-2]
         known = bends[np.isfinite(bends)]

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation import compiled, reference, rivals
-from mocap_id.estimation.inverse import Chain, angle_covariance, frame_angles, information, observed_angles
+from mocap_id.estimation.inverse import Chain, determined_angles, frame_angles
 from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
 from mocap_id.estimation.problem import Problem, Track
@@ -180,7 +180,7 @@ def _determined(found: Estimate, problem: Problem, noise: Noise, settings: Filte
     if settings.method in FRAMEWISE:  # they start from the frames' own angles, and give none beyond a long gap
         return np.asarray(problem.anchors.observed & np.isfinite(found.mean[..., 0]))
     chain = Chain(problem.centres, problem.segment, problem.local)
-    determined = observed_angles(angle_covariance(information(found.mean[..., 0], found.used, chain), noise.marker_sd))
+    determined = determined_angles(found.mean[..., 0], found.used, chain, noise.marker_sd)
     return determined if found.carried is None else np.asarray(determined & ~found.carried)
 
 

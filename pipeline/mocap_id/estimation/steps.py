@@ -7,9 +7,11 @@ far it steps can be told: the residuals of the markers, beside the edge, give th
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.inverse import angle_covariance, observed_angles
 from mocap_id.estimation.process import ORDER
 from mocap_id.estimation.skin import corner
@@ -18,48 +20,64 @@ from mocap_id.geometry.planar import marker_jacobian
 
 _BESIDE = 5  # frames on either side of an edge over which a residual is taken
 
-_CHUNK = 256  # edges at a time, to bound the memory
+_EDGES = 256  # at a time, to bound the memory
 
 
-def stepping_errors(states: States, rested: FloatArray, angles: FloatArray, rate: float) -> FloatArray:
-    """(F, n, 4) variances of the states about the frames where the set of the markers used changes.
+class Steps(NamedTuple):
+    """Frames (E,) before which the set of the markers used changes, and by how much the angles step (E, n), rad."""
+
+    edges: IntArray
+    sizes: FloatArray
+
+
+def steps(states: States, rested: FloatArray, angles: FloatArray) -> Steps:
+    """Find the steps.
+
+    Parameters
+    ----------
+    states : States
+    rested : (F, M, 2) array
+        Markers that the states rest on, plane frame, m; NaN elsewhere.
+    angles : (F, n) array
+        The states', rad, without gaps.
+    """
+    edges = 1 + np.flatnonzero((states.used[1:] != states.used[:-1]).any(axis=1))
+    sizes = [_sizes(states, rested, angles, edges[part]) for part in chunks(len(edges), _EDGES)]
+    return Steps(edges, np.concatenate(sizes))
+
+
+def stepping_errors(found: Steps, states: States, joint: int, rate: float) -> FloatArray:
+    """(F, 4) variances of a joint's states about the steps.
 
     The steps pass the smoother, H = 1 / (1 + (w / w0)^8), and its derivatives; the mean square over its memory counts.
 
     Parameters
     ----------
+    found : Steps
     states : States
         With the filter's own deviations.
-    rested : (F, M, 2) array
-        Markers that the states rest on, plane frame, m; NaN elsewhere.
-    angles : (F, n) array
-        The states', rad, without gaps.
+    joint : int
     rate : float
         Frames per second.
     """
-    count, n = angles.shape
-    total = np.zeros((count, n, ORDER))
-    edges = 1 + np.flatnonzero((states.used[1:] != states.used[:-1]).any(axis=1))
-    if not edges.size:
+    count = len(states.sd)
+    total = np.zeros((count, ORDER))
+    if not found.edges.size:
         return total
-    parts = np.split(edges, range(_CHUNK, len(edges), _CHUNK))
-    size = np.concatenate([_steps(states, rested, angles, part) for part in parts])
     turning = 2 * np.pi * np.fft.rfftfreq(2 * count, 1 / rate)  # as long again, so that the end does not meet the start
-    steady = np.median(states.sd**2, axis=0)
-    for j in range(n):
-        impulses = np.zeros(2 * count)
-        impulses[edges] = size[:, j] * rate  # the derivative of the steps
-        w0 = corner(steady[j])
-        passed = np.fft.rfft(impulses) / (1 + (turning / w0) ** (2 * ORDER))
-        memory = np.exp(-0.5 * (turning / w0) ** 2)
-        for order in range(1, ORDER):
-            part = np.fft.irfft((1j * turning) ** (order - 1) * passed, 2 * count)
-            square = np.fft.irfft(np.fft.rfft(part**2) * memory, 2 * count)[:count]
-            total[:, j, order] = np.maximum(square, 0)
+    impulses = np.zeros(2 * count)
+    impulses[found.edges] = found.sizes[:, joint] * rate  # the derivative of the steps
+    w0 = corner(np.median(states.sd[:, joint] ** 2, axis=0))
+    passed = np.fft.rfft(impulses) / (1 + (turning / w0) ** (2 * ORDER))
+    memory = np.exp(-0.5 * (turning / w0) ** 2)
+    for order in range(1, ORDER):
+        part = np.fft.irfft((1j * turning) ** (order - 1) * passed, 2 * count)
+        square = np.fft.irfft(np.fft.rfft(part**2) * memory, 2 * count)[:count]
+        total[:, order] = np.maximum(square, 0)
     return total
 
 
-def _steps(states: States, rested: FloatArray, angles: FloatArray, edges: IntArray) -> FloatArray:
+def _sizes(states: States, rested: FloatArray, angles: FloatArray, edges: IntArray) -> FloatArray:
     """(E, n) steps of the angles, rad; 0 where what stays does not determine the angle.
 
     What goes counts with the residuals before the edge, what comes with those after it: the pose that they refer to is

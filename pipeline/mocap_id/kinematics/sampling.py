@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray, chunks
 
 _STILL_SHARE = 0.1  # of the frames, spread evenly over time whatever moves
-_CHUNK = 1024  # frames at a time, to bound the memory
 _WINDOWS = 200  # stretches of the trial over which a movement is measured
 
 
@@ -46,8 +45,7 @@ def frames_along_motion(points: ComplexArray, count: int, among: IntArray | None
 def _speed(points: ComplexArray, among: IntArray, window: int) -> FloatArray:
     """(A,) rms displacement of the markers over a window of frames ``among`` about each, of those seen at both ends."""
     rms = np.empty(len(among) - window)
-    for start in range(0, len(rms), _CHUNK):
-        here = slice(start, min(start + _CHUNK, len(rms)))
+    for here in chunks(len(rms)):
         step = np.abs(points[among[window:][here]] - points[among[here]])
         seen = np.isfinite(step)
         square = np.where(seen, step, 0) ** 2

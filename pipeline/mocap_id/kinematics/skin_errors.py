@@ -33,7 +33,6 @@ from mocap_id.kinematics.sampling import frames_along_motion
 _FRAMES = 400  # of the joint fit that is re-traced
 _RATE = 30.0  # Hz; postures a second at which the errors are computed, a movement's own frequencies being below 3 Hz
 _EXACT = 1e-4  # m; markers with smaller residuals weigh alike, as in the joint fit
-_MARKERS = 4  # at a time, to bound the memory
 _CHUNK = 500  # postures at a time, to bound the memory
 _OVERLAP = 3  # postures that the next chunk has in common with this one, for the derivatives
 
@@ -161,14 +160,11 @@ def _sizes(
     What of a residual is still there one frame later is no camera noise. The last is how often each marker is seen.
     """
     origin, turn = joint_positions(state)
-    parts = []
-    for own in (slice(k, k + _MARKERS) for k in range(0, len(segment), _MARKERS)):
-        these, joint = np.asfortranarray(points[:, own]), segment[own] - 1  # a marker after the other
-        seen = np.isfinite(these)
-        off = (these - (origin[:, joint] + turn[:, joint] * state.local[own])) * np.conj(turn[:, joint])
-        off[~seen] = 0
-        parts.append(_own_sizes(off, seen, _shapes(relative, spread[own], segment[own])))
-    size, rest, square, often = np.concatenate(parts, axis=1)
+    found = np.empty((4, len(segment)))
+    for k, joint in enumerate(segment - 1):  # one by one, to bound the memory
+        off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
+        found[:, k] = _own_sizes(off, _shapes(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
+    size, rest, square, often = found
     square = shared_variance(square, often, segment, state.local)  # as the joint fit weighs
     for k in range(1, len(state.centres) + 1):
         members = segment == k
@@ -178,23 +174,22 @@ def _sizes(
     return size, np.minimum(rest, size), square, often
 
 
-def _own_sizes(off: ComplexArray, seen: BoolArray, shape: FloatArray) -> FloatArray:
-    """(4, k) of some markers: variances of what lasts of their offsets (F, k), of what is left of it beside the shapes
-    (F, k, 2), and of the offsets, m^2 a coordinate; and how often they are seen.
+def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
+    """Variances of what lasts of a marker's offset (F,), of what is left of it beside its shapes (F, 2), and of the
+    offset, m^2 a coordinate; and how often the marker is seen.
     """
-    left = off.copy()
-    for k in range(off.shape[1]):
-        own = seen[:, k]
-        basis = np.column_stack([np.ones(np.count_nonzero(own)), shape[own, k]])
-        left[own, k] -= basis @ np.linalg.lstsq(basis, off[own, k], rcond=None)[0]
-    square = np.sum(np.abs(off) ** 2, axis=0) / np.maximum(seen.sum(axis=0), 1) / 2
-    return np.stack([_lasting(off, seen), _lasting(left, seen), square, seen.mean(axis=0)])
+    seen = np.isfinite(off)
+    off = np.where(seen, off, 0)
+    basis, left = np.column_stack([np.ones(np.count_nonzero(seen)), shape[seen]]), off.copy()
+    left[seen] -= basis @ np.linalg.lstsq(basis, off[seen], rcond=None)[0]
+    square = np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2
+    return _lasting(off, seen), _lasting(left, seen), float(square), float(np.mean(seen))
 
 
-def _lasting(off: ComplexArray, seen: BoolArray) -> FloatArray:
-    """(k,) covariance of each marker's offset (F, k) with itself one frame later, a coordinate, m^2."""
-    pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
-    return np.asarray(np.maximum((np.conj(off[1:]) * off[:-1]).real.sum(axis=0) / pairs, 0) / 2)
+def _lasting(off: ComplexArray, seen: BoolArray) -> float:
+    """Covariance of a marker's offset (F,) with itself one frame later, a coordinate, m^2."""
+    pairs = max(np.count_nonzero(seen[1:] & seen[:-1]), 1)
+    return max(float((np.conj(off[1:]) * off[:-1]).real.sum()) / pairs, 0.0) / 2
 
 
 def _series(skin: _Skin, frames: IntArray) -> tuple[FloatArray, FloatArray]:

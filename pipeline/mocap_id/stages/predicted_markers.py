@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.estimation import States
 from mocap_id.estimation.inverse import Chain
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.trajectories import PlanarView
-
-_CHUNK = 1024  # frames at a time, to bound the memory
 
 
 def beside_measured(states: States, view: PlanarView, columns: IntArray, chain: Chain) -> dict[str, FloatArray]:
@@ -33,8 +31,7 @@ def beside_measured(states: States, view: PlanarView, columns: IntArray, chain: 
     """
     names = ("x", "y", "residual")
     found = {name: np.empty((len(view.time), len(columns))) for name in names}
-    for start in range(0, len(view.time), _CHUNK):
-        part = slice(start, start + _CHUNK)
+    for part in chunks(len(view.time)):
         predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
         residual = np.linalg.norm(view.points(columns, part) - predicted, axis=-1)
         for name, values in zip(names, (predicted[..., 0], predicted[..., 1], residual), strict=True):

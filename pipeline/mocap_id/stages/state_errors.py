@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.estimation import States
 from mocap_id.estimation.skin import camera_sd, with_lasting_errors
-from mocap_id.estimation.steps import stepping_errors
+from mocap_id.estimation.steps import Steps, stepping_errors, steps
 from mocap_id.kinematics import angle_errors
 
 _LEAST = 50  # frames that show every joint, below which nothing is told of the skin
@@ -17,8 +19,30 @@ NOISE = "noise taken for white"
 SKIN = "camera noise and skin"
 
 
-def state_sd(states: States, rested: FloatArray, rate: float, floor: float) -> tuple[FloatArray, str]:
-    """Standard deviations (F, n, 4) of states of a chain that was fitted as a whole, and what they hold.
+@dataclass(frozen=True)
+class LastingErrors:
+    """What the markers tell of the errors of states.
+
+    Parameters
+    ----------
+    camera : float
+        Camera noise of a coordinate, m.
+    frames : (T,) int array
+        Ascending.
+    variance : (T, n, 4) array
+        At ``frames``, of the errors from skin and the chain's geometry.
+    steps : Steps
+        What drop-outs do.
+    """
+
+    camera: float
+    frames: IntArray
+    variance: FloatArray
+    steps: Steps
+
+
+def lasting_errors(states: States, rested: FloatArray, rate: float, floor: float) -> LastingErrors | None:
+    """Errors of states of a chain that was fitted as a whole; None where too little is seen to tell.
 
     Parameters
     ----------
@@ -33,9 +57,9 @@ def state_sd(states: States, rested: FloatArray, rate: float, floor: float) -> t
     chain, counts = states.chain, states.used.any(axis=0)
     shown: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
     if np.count_nonzero(shown) < _LEAST or set(chain.segment[counts]) < set(range(1, len(chain.centres) + 1)):
-        return states.sd, NOISE
+        return None
     camera, angles = camera_sd(rested, states, floor), _filled(states.mean[..., 0])
-    frames, lasting = angle_errors(
+    frames, variance = angle_errors(
         _complex(rested),
         chain.segment,
         _complex(chain.centres),
@@ -45,9 +69,15 @@ def state_sd(states: States, rested: FloatArray, rate: float, floor: float) -> t
         camera_sd=camera,
         rate=rate,
     )
-    variance = stepping_errors(states, rested, angles, rate)
-    variance += with_lasting_errors(states, rate, camera, frames, lasting) ** 2
-    return np.sqrt(variance, out=variance), SKIN
+    return LastingErrors(camera, frames, variance, steps(states, rested, angles))
+
+
+def state_sd(states: States, rate: float, errors: LastingErrors) -> FloatArray:
+    """Standard deviations (F, n, 4) that hold these errors beside the filter's own."""
+    sd = with_lasting_errors(states, rate, errors.camera, errors.frames, errors.variance)
+    for joint in range(sd.shape[1]):
+        sd[:, joint] = np.sqrt(sd[:, joint] ** 2 + stepping_errors(errors.steps, states, joint, rate))
+    return sd
 
 
 def _complex(points: FloatArray) -> ComplexArray:

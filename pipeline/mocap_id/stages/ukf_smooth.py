@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -9,13 +10,13 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.inverse import Chain
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.predicted_markers import beside_measured
-from mocap_id.stages.state_errors import NOISE, UNKNOWN, state_sd
+from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, lasting_errors, state_sd
 from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import MARKERS, STATES
@@ -98,11 +99,14 @@ def _states(
         chain.local[moves],
         settings=FilterSettings(**settings.model_dump()),
     )
-    if not lasting or settings.method != "rts":  # of other methods it is not known what they let pass
+    errors = None
+    if lasting and settings.method == "rts":  # of other methods it is not known what they let pass
+        observed[~states.used] = np.nan  # in its place: a copy would be as large as all the rest
+        errors = lasting_errors(states, observed, view.rate, settings.marker_sd_floor)
+    del observed
+    if errors is None:
         return states, UNKNOWN if settings.method in FRAMEWISE else NOISE
-    observed[~states.used] = np.nan  # in its place: a copy would be as large as all the rest
-    sd, holds = state_sd(states, observed, view.rate, settings.marker_sd_floor)
-    return replace(states, sd=sd), holds
+    return replace(states, sd=state_sd(states, view.rate, errors)), SKIN
 
 
 def _node(tree: Tree, path: str) -> np.ndarray[Any, Any]:
@@ -127,16 +131,17 @@ def _check_uniform(view: PlanarView, trial: str) -> None:
 
 def _facts(states: States, residual: FloatArray, moves: BoolArray, settings: UkfSmoothSettings) -> dict[str, Any]:
     """What the report reads, from the residuals (F, M), of which those of the markers that move (M,) count."""
-    seen = np.isfinite(residual) & moves
-    used = np.zeros_like(seen)
-    used[:, moves] = states.used
-    used &= seen
-    counted = residual[used]
+    used, seen, squares = 0, 0, 0.0
+    for part in chunks(len(residual)):
+        off = residual[part, moves]
+        there = np.isfinite(off)
+        counted = off[states.used[part] & there]
+        used, seen, squares = used + counted.size, seen + np.count_nonzero(there), squares + float(counted @ counted)
     return {
         "marker_sd_m": states.noise.marker_sd,
         "sigma_v": states.noise.sigma_v.tolist(),
-        "reprojection_rms_m": float(np.sqrt(np.mean(np.square(counted, out=counted)))) if counted.size else None,
-        "outlier_fraction": float(np.mean(~used[seen])) if seen.any() else None,
+        "reprojection_rms_m": math.sqrt(squares / used) if used else None,
+        "outlier_fraction": (seen - used) / seen if seen else None,
         "bridged_fraction": np.mean(~states.observed, axis=0).tolist(),
         "method": settings.method,
         "engine": settings.engine,
@@ -151,7 +156,7 @@ def _state_table(states: States, time: FloatArray) -> pd.DataFrame:
         for d, name in enumerate(("theta", "dtheta", "ddtheta")):
             columns[f"sd_{name}_{j + 1}"] = states.sd[:, j, d]
         columns[f"observed_{j + 1}"] = states.observed[:, j]
-    return pd.DataFrame(columns)
+    return pd.DataFrame(columns, copy=False)
 
 
 def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoothSettings) -> tuple[Reason, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from mocap_id.arrays import chunks
 from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema
 from mocap_id.store.content import TableHash, ranked_strings
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
@@ -38,7 +40,7 @@ def write(table: Table | LongTable, origin: Origin, stream: BinaryIO) -> None:
     """
     columns, content = _columns(table), TableHash()
     for column in columns:
-        content.add(column.name, _whole(table, column))
+        content.add(column.name, _TYPES[column.dtype], table.length, partial(_parts, table, column))
     provenance = Provenance(
         table.schema.file,
         table.schema.version,
@@ -50,11 +52,11 @@ def write(table: Table | LongTable, origin: Origin, stream: BinaryIO) -> None:
     empty = pd.DataFrame({name: table.column(name, slice(0)) for name in table.names})
     pandas = pa.Schema.from_pandas(empty, preserve_index=False).metadata or {}
     schema = pa.schema([_field(column) for column in columns], metadata=pandas | provenance.encode())
-    with pq.ParquetWriter(stream, schema, compression="zstd") as writer:
-        for start in range(0, max(table.length, 1), _ROWS):
-            rows = slice(start, start + _ROWS)
+    coded = [column.name for column in columns if column.dtype != "float64"]  # a dictionary of measurements gains nothing
+    with pq.ParquetWriter(stream, schema, compression="zstd", use_dictionary=coded) as writer:
+        for rows in chunks(table.length, _ROWS):
             arrays = [_arrow(table.column(column.name, rows), column, table.schema.file) for column in columns]
-            writer.write_table(pa.Table.from_arrays(arrays, schema=schema), row_group_size=_ROWS)
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
 
 
 def encode(table: Table | LongTable, origin: Origin) -> bytes:
@@ -91,7 +93,7 @@ def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
             column = file.read(columns=[name]).column(name)
         except (pa.ArrowException, OSError) as error:
             raise ValueError(f"is damaged ({_first_line(error)})") from error
-        digest.add(name, column)
+        digest.add(name, column.type, len(column), column.iterchunks)
         series[name] = _series(column, kinds.get(name))
     if digest.result(provenance.facts, provenance.reasons) != provenance.content:
         raise ValueError("is damaged or was edited: its content does not match its own hash")
@@ -129,7 +131,7 @@ def conform(table: Table | LongTable) -> pa.Table:
     """
     columns = _columns(table)
     schema = pa.schema([_field(column) for column in columns])
-    return pa.Table.from_arrays([_whole(table, column) for column in columns], schema=schema)
+    return pa.Table.from_arrays([pa.chunked_array(_parts(table, column)) for column in columns], schema=schema)
 
 
 def _columns(table: Table | LongTable) -> list[Column]:
@@ -143,8 +145,10 @@ def _columns(table: Table | LongTable) -> list[Column]:
     return columns
 
 
-def _whole(table: Table | LongTable, column: Column) -> pa.ChunkedArray:
-    return pa.chunked_array([_arrow(table.column(column.name), column, table.schema.file)])
+def _parts(table: Table | LongTable, column: Column) -> Iterator[pa.Array]:
+    """The column's values, a stretch of rows at a time."""
+    for rows in chunks(table.length, _ROWS):
+        yield _arrow(table.column(column.name, rows), column, table.schema.file)
 
 
 def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
@@ -191,7 +195,7 @@ def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
 def _series(column: pa.ChunkedArray, kind: str | None) -> Any:
     """One column as pandas has it; categories are sorted, whatever the order in the file."""
     if kind == "category":
-        values, parts = ranked_strings(column)
+        values, parts = ranked_strings(column.iterchunks)
         codes = np.concatenate([np.empty(0, np.int32), *(part.astype(np.int32) for part in parts)])
         return pd.Categorical.from_codes(codes, categories=pd.Index(values, dtype="str"))
     if kind == "Int64":
