@@ -202,20 +202,15 @@ def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: Float
 
 
 @compiled
-def _marker_rows(  # noqa: PLR0917
-    poses: FloatArray,
-    segment: int,
-    local: FloatArray,
-    weights: tuple[float, float, float],
-    z: FloatArray,
-    rows: FloatArray,
-    y: FloatArray,
-) -> None:
-    """Rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences; and its innovation (2,)."""
-    n = poses.shape[1] - 1
-    centre, other = weights[1], weights[2]
+def _marker_rows(model: Model, m: int, poses: FloatArray, z: FloatArray, rows: FloatArray, y: FloatArray) -> None:
+    """Rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences; and its innovation (2,).
+
+    Poses are indexed to the number: a view of an array costs more than what is done with it.
+    """
+    n, segment = poses.shape[1] - 1, model.segment[m]
+    centre, other = model.weights[1], model.weights[2]
     for axis in range(2):
-        a, b = local[axis], local[1 - axis] * (2 * axis - 1)  # cos a + sin b is the rotated local
+        a, b = model.local[m, axis], model.local[m, 1 - axis] * (2 * axis - 1)  # cos a + sin b is the rotated local
         h = poses[0, segment, 2 + axis] + poses[0, segment, 0] * a + poses[0, segment, 1] * b
         shift = 0.0  # of the transformed mean from h
         for k in range(n):
@@ -223,16 +218,16 @@ def _marker_rows(  # noqa: PLR0917
             rows[axis, 1 + n + k] = 0.0
             if k >= segment:  # a column beyond the segment's own joint does not displace it
                 continue
-            plus, minus = poses[1 + k, segment], poses[1 + n + k, segment]
-            up = plus[2 + axis] + plus[0] * a + plus[1] * b - h
-            down = minus[2 + axis] + minus[0] * a + minus[1] * b - h
+            plus, minus = 1 + k, 1 + n + k
+            up = poses[plus, segment, 2 + axis] + poses[plus, segment, 0] * a + poses[plus, segment, 1] * b - h
+            down = poses[minus, segment, 2 + axis] + poses[minus, segment, 0] * a + poses[minus, segment, 1] * b - h
             rows[axis, 1 + k] = math.sqrt(0.5 * other) * (up + down)
             rows[axis, 1 + n + k] = math.sqrt(0.5 * other) * (up - down)
             shift += other * (up + down)
         for k in range(n):
             rows[axis, 1 + k] -= math.sqrt(2.0 * other) * shift
         rows[axis, 0] = -math.sqrt(centre + 6.0 * n * other) * shift  # the mean and the 6n points that stay with it
-        y[axis] = z[axis] - h - shift
+        y[axis] = z[m, axis] - h - shift
 
 
 @compiled
@@ -260,7 +255,7 @@ def _update(x: FloatArray, p: FloatArray, z: FloatArray, used: BoolArray, model:
     for m in range(len(model.segment)):
         if math.isnan(z[m, 0] + z[m, 1]):
             continue
-        _marker_rows(poses, model.segment[m], model.local[m], model.weights, z[m], rows, y)
+        _marker_rows(model, m, poses, z, rows, y)
         if _distance(rows, y, model.gate_variance[m]) > model.gate**2:
             continue
         used[m] = True
