@@ -202,7 +202,9 @@ def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: Float
 
 
 @compiled
-def _marker_rows(model: Model, m: int, poses: FloatArray, z: FloatArray, rows: FloatArray, y: FloatArray) -> None:
+def _marker_rows(  # noqa: PLR0917
+    model: Model, m: int, poses: FloatArray, z: FloatArray, rows: FloatArray, y: FloatArray
+) -> None:
     """Rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences; and its innovation (2,).
 
     Poses are indexed to the number: a view of an array costs more than what is done with it.
