@@ -200,9 +200,10 @@ def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatAr
 def _turned(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
     """Absolute angle (f,) of segment j + 1, NaN where neither its own markers nor the next one's give it."""
     turned = _towards_own(observed, used, chain, j, origin)
-    if j + 1 == len(chain.centres):
-        return turned
-    return np.where(np.isnan(turned), _towards_next(observed, used, chain, j, origin), turned)
+    unseen = np.flatnonzero(np.isnan(turned))
+    if unseen.size and j + 1 < len(chain.centres):
+        turned[unseen] = _towards_next(observed[unseen], used[unseen], chain, j, origin[unseen])
+    return turned
 
 
 def _towards_own(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:

@@ -70,7 +70,8 @@ def _way(velocity: FloatArray, away: int, back: int) -> FloatArray:
 
 def _jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatArray]:
     """Steps (J,) that are jumps, and by how much (J, 3) each goes beyond what the steps beside it make likely, m."""
-    change = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
+    bend = np.diff(velocity, axis=0)
+    change = np.sqrt(np.einsum("ki,ki->k", bend, bend))
     limit = max(_LEAST, _JUMP * float(np.quantile(change, 0.95)))
     sudden = np.flatnonzero(change > limit / 2)
     steps = np.unique(np.concatenate([sudden, sudden + 1]))
