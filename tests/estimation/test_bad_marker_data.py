@@ -67,19 +67,22 @@ def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
 
 
 def memory(moving: Moving, frames: int) -> int:
-    """Bytes above the input, at most, for the first frames."""
-    moving = replace(moving, markers=moving.markers[:frames])
+    """Bytes above the input, at most, that the stage takes for the first frames."""
+    trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
+    fitted = replace(chain(moving), facts={"estimator": "bundle"})
+    inputs = {"planar.parquet": planar(moving, moving.markers[:frames]), "chain.h5": fitted}
+    context = Context(trial, STAGE.settings(), inputs)
     tracemalloc.start()
-    states = moving.smoothed()
-    deviations(states, moving)
+    STAGE.function(context)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak
 
 
-def test_memory_grows_with_the_frames_and_no_faster() -> None:
-    moving = swinging(joints=3, per_segment=13, seconds=80.0, rate=100.0)
-    moving.smoothed_from(moving.markers[:100])
-    few, many = memory(moving, 4000), memory(moving, 8000)
-    assert many < 2.3 * few
-    assert many * 2 < 200e6  # 16,000 frames of 40 markers
+def test_twenty_minutes_of_40_markers_take_200_megabytes_above_the_input() -> None:
+    moving = swinging(joints=4, per_segment=10, seconds=120.0, rate=100.0)
+    gone = np.random.default_rng(0).random((len(moving.markers) // 50, 40)) < 0.05
+    moving.markers[np.repeat(gone, 50, axis=0)] = np.nan
+    memory(moving, 100)
+    few, many = memory(moving, 6000), memory(moving, 12_000)
+    assert (many - few) / 6000 < 200e6 / (20 * 60 * 100)

@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, rms, swinging
 
+from mocap_id.arrays import FloatArray
 from mocap_id.estimation import compiled, reference
-from mocap_id.estimation.problem import START_SD, FilteredTrack, Problem, Track
+from mocap_id.estimation.problem import START_SD, FilteredTrack, Problem, SmoothedTrack, Track
 
 EQUAL = 1e-9
 
@@ -74,6 +75,34 @@ def test_smoother_equals_filterpys_own_where_no_joint_starts_over() -> None:
     theirs = replace(track, mean=mean, sd=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
     # theirs subtracts covariances, which at the first frames cancels the prior's far larger ones
     assert_same(compiled.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
+
+
+def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit: what is filtered again is what was filtered, whatever is lost, missing or failing by then."""
+    problem = damaged(swinging(joints=3, seconds=3.0), 4).problem(marker_sd=1e-3, sigma_v=3e3)
+    problem.observed[120:200, problem.segment == 3] = np.nan
+    problem.observed[250:270, problem.segment == 2] += 0.3
+
+    def run(block: int) -> tuple[FilteredTrack, FloatArray, SmoothedTrack]:
+        monkeypatch.setattr(compiled, "_BLOCK", block)
+        track = compiled.filter_forwards(problem)
+        covariance = track.covariance(slice(None))
+        filtered = copied(track)
+        return filtered, covariance, compiled.smooth_backwards(problem, track)
+
+    whole, covariance, smoothed = run(len(problem.observed))
+    assert whole.restarted[1:].any()
+    assert len(smoothed.covariance) > 1
+    for block in (1, 7, 64):
+        again, covariance_again, smoothed_again = run(block)
+        np.testing.assert_array_equal(covariance_again, covariance)
+        np.testing.assert_array_equal(again.covariance(slice(130, 175)), covariance[130:175])
+        for one, other in ((again, whole), (smoothed_again, smoothed)):
+            for name in ("mean", "sd", "used", "restarted"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert smoothed_again.covariance.keys() == smoothed.covariance.keys()
+        for k, found in smoothed.covariance.items():
+            np.testing.assert_array_equal(smoothed_again.covariance[k], found)
 
 
 def test_a_marker_without_weight_changes_nothing() -> None:

@@ -33,16 +33,16 @@ def labels(moving: Moving) -> list[str]:
 
 def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) -> Table:
     """The chain's markers, two on the base, and one that belongs to no segment."""
-    names = labels(moving)
-    still = np.broadcast_to([0.1, 0.0], (FRAMES, STILL, 2))
-    loose = np.full((FRAMES, 1, 2), 3.0)
+    names, frames = labels(moving), len(markers)
+    still = np.broadcast_to([0.1, 0.0], (frames, STILL, 2))
+    loose = np.full((frames, 1, 2), 3.0)
     points = np.concatenate([markers, still, loose], axis=1)
-    time = np.arange(FRAMES) / moving.rate + 0.5 if time is None else time
+    time = np.arange(frames) / moving.rate + 0.5 if time is None else time
     frame = pd.DataFrame(
         {
-            "frame": np.repeat(np.arange(51, 51 + FRAMES), len(names)),
+            "frame": np.repeat(np.arange(51, 51 + frames), len(names)),
             "time": np.repeat(time, len(names)),
-            "marker": pd.Categorical(names * FRAMES, categories=sorted(names)),
+            "marker": pd.Categorical(names * frames, categories=sorted(names)),
             "x": points[..., 0].ravel(),
             "y": points[..., 1].ravel(),
             "z": 0.0,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -16,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_id.errors import StoreError
-from mocap_id.store import Column, Document, Folder, Origin, Table, TableSchema, Tree, hdf5, parquet
-from mocap_id.store.schemas import CHAIN, EVENTS, PLANAR, SCHEMAS, SEGMENTS, STATES, WRENCH
+from mocap_id.store import Column, Document, Folder, LongTable, Origin, Table, TableSchema, Tree, hdf5, parquet
+from mocap_id.store.schemas import CHAIN, EVENTS, MARKERS, PLANAR, SCHEMAS, SEGMENTS, STATES, WRENCH
 from mocap_id.verdict import Reason
 
 ORIGIN = Origin("segment", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)
@@ -140,7 +141,51 @@ def test_repeated_columns_come_in_order_of_their_number(tmp_path: Path) -> None:
     assert names.index("observed_9") < names.index("theta_10") < names.index("theta_12")
 
 
-def content(artefact: Table | Tree) -> str:
+def long(frames: int = 5, labels: tuple[str, ...] = ("RKNE", "LKNE", "ARM")) -> LongTable:
+    rng = np.random.default_rng(3)
+    values = {name: rng.normal(size=(frames, len(labels))) for name in ("x", "y", "residual")}
+    values["residual"][1:2, :1] = np.nan
+    values["used"] = np.isfinite(values["residual"])
+    time = np.arange(frames) / 50
+    return LongTable(MARKERS, np.arange(91, 91 + frames), time, labels, values, {"why": "x"}, (REASON,))
+
+
+@pytest.mark.parametrize("rows", [1, 4, 7, 1 << 18])
+def test_a_long_table_is_the_table_with_all_its_labels(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many rows are taken up at a time, of which none need be whole frames."""
+    one = long()
+    frame = pd.DataFrame(
+        {
+            "frame": np.repeat(one.frames, 3),
+            "time": np.repeat(one.time, 3),
+            "marker": pd.Categorical(list(one.labels) * 5),
+            **{name: values.ravel() for name, values in one.values.items()},
+        }
+    )
+    plain = Table(MARKERS, frame, one.facts, one.reasons)
+    expected = content(plain)
+    monkeypatch.setattr(parquet, "_ROWS", rows)
+    assert content(one) == content(plain) == expected
+    pd.testing.assert_frame_equal(one.frame, frame, check_categorical=False)
+    read = parquet.decode(parquet.encode(one, ORIGIN), MARKERS)[0].frame
+    pd.testing.assert_frame_equal(read, frame, check_categorical=False)
+    read.loc[0, "x"] = 0.0
+
+
+@pytest.mark.parametrize("empty", [long(0), long(3, ())], ids=["no frame", "no marker"])
+def test_a_long_table_of_nothing(empty: LongTable) -> None:
+    found = parquet.decode(parquet.encode(empty, ORIGIN), MARKERS)[0].frame
+    assert len(found) == 0
+    assert found.columns.tolist() == [column.name for column in MARKERS.columns]
+
+
+def test_a_long_table_is_held_to_its_schema() -> None:
+    one = long()
+    with pytest.raises(ValueError, match="residual"):
+        parquet.conform(replace(one, values={name: one.values[name] for name in ("x", "y")}))
+
+
+def content(artefact: Table | LongTable | Tree) -> str:
     if isinstance(artefact, Tree):
         return hdf5.decode(hdf5.encode(artefact, ORIGIN), artefact.schema)[1].content
     return parquet.decode(parquet.encode(artefact, ORIGIN), artefact.schema)[1].content

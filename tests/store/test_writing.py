@@ -64,6 +64,36 @@ except StoreError as error:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a limit on file sizes")
+def test_a_disk_that_fills_up_under_a_table_is_explained(tmp_path: Path) -> None:
+    """The table is written a stretch at a time: what was there before stands, and nothing half-written beside it."""
+    program = f"""
+import resource, sys
+from pathlib import Path
+import numpy as np
+from mocap_id.errors import StoreError
+from mocap_id.store import Folder, LongTable, Origin
+from mocap_id.store.schemas import MARKERS
+folder = Folder(Path({str(tmp_path)!r}))
+def table(frames):
+    values = {{name: np.random.default_rng(0).normal(size=(frames, 40)) for name in ("x", "y", "residual")}}
+    values["used"] = values["x"] > 0
+    return LongTable(MARKERS, np.arange(frames), np.arange(frames) / 100, [f"M{{m}}" for m in range(40)], values)
+origin = Origin("ukf-smooth", 1, {{}}, {{}}, "key", 0.0)
+folder.write([table(10)], origin)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+try:
+    folder.write([table(20_000)], origin)
+except StoreError as error:
+    print(error)
+print(len(folder.read("markers.parquet").frame))
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "markers.parquet cannot be written: the file is larger than this system allows" in result.stdout
+    assert result.stdout.split()[-1] == "400"
+    assert [path.name for path in tmp_path.iterdir()] == ["markers.parquet"]
+
+
 def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("not a folder")
     for out in (tmp_path / "runs", tmp_path / "runs" / "trial"):

@@ -18,7 +18,7 @@ from mocap_id.arrays import BoolArray, FloatArray, chunks
 from mocap_id.estimation.compiling import compiled
 from mocap_id.estimation.inverse import FrameAngles
 from mocap_id.estimation.problem import Anchors, start_sd
-from mocap_id.estimation.process import noise_shape, transition
+from mocap_id.estimation.process import ORDER, noise_shape, transition
 
 SIGMA_V_BOUNDS = (1.0, 1e6)
 """Where the snap's standard deviation over one frame is sought, rad/s^4."""
@@ -111,7 +111,7 @@ def log_likelihood(  # noqa: PLR0917
     outliers : float
         Share of angles that may lie anywhere on the circle. One that is likelier to be such is not followed.
     """
-    x, p, gain = np.zeros(4), np.zeros((4, 4)), np.empty(4)
+    x, p, gain = np.zeros(ORDER), np.zeros((ORDER, ORDER)), np.empty(ORDER)
     p[0, 0] = math.inf
     seen, total = 0, 0.0
     for k in range(len(angle)):
@@ -120,9 +120,9 @@ def log_likelihood(  # noqa: PLR0917
             continue
         if not p[0, 0] <= start[0]:
             seen = 0
-            for i in range(len(step)):
+            for i in range(ORDER):
                 x[i] = angle[k] if i == 0 else 0.0
-                for j in range(len(step)):
+                for j in range(ORDER):
                     p[i, j] = start[i] if i == j else 0.0
         s, y = p[0, 0] + variance[k], angle[k] - x[0]
         y -= 2.0 * math.pi * round(y / (2.0 * math.pi))
@@ -133,11 +133,11 @@ def log_likelihood(  # noqa: PLR0917
             total += max(likelihood, anywhere)
         if likelihood < anywhere:
             continue
-        for i in range(len(step)):
+        for i in range(ORDER):
             gain[i] = p[i, 0] / s
             x[i] += gain[i] * y
-        for i in range(len(step)):
-            for j in range(len(step)):
+        for i in range(ORDER):
+            for j in range(ORDER):
                 p[i, j] -= gain[i] * gain[j] * s
     return total
 
@@ -145,14 +145,13 @@ def log_likelihood(  # noqa: PLR0917
 @compiled
 def _predict(x: FloatArray, p: FloatArray, step: FloatArray, process: FloatArray) -> None:
     """F x and F P Fᵀ + Q of one joint, in their place."""
-    size = len(step)
-    for d in range(size):
-        for e in range(d + 1, size):
+    for d in range(ORDER):
+        for e in range(d + 1, ORDER):
             x[d] += step[e - d] * x[e]
-            for r in range(size):
+            for r in range(ORDER):
                 p[r, d] += step[e - d] * p[r, e]
-    for d in range(size):
-        for c in range(size):
-            for e in range(d + 1, size):
+    for d in range(ORDER):
+        for c in range(ORDER):
+            for e in range(d + 1, ORDER):
                 p[d, c] += step[e - d] * p[e, c]
             p[d, c] += process[d, c]

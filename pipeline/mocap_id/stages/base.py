@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from mocap_id.errors import Refused
-from mocap_id.store import Artefact, Document, Table, Tree
+from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 from mocap_id.verdict import Reason
 
 
@@ -120,7 +120,7 @@ class Context:
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
 
 
-Outputs: TypeAlias = tuple[Artefact | Document, ...]
+Outputs: TypeAlias = tuple[Artefact | LongTable | Document, ...]
 
 
 @dataclass(frozen=True)

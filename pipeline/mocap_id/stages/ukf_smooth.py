@@ -142,11 +142,8 @@ def _facts(
         off = residual[part, moves]
         there = np.isfinite(off)
         counted = off[states.used[part] & there]
-        used, seen, squares = (
-            used + counted.size,
-            seen + int(np.count_nonzero(there)),
-            squares + float(counted @ counted),
-        )
+        used, seen = used + counted.size, seen + int(np.count_nonzero(there))
+        squares += float(counted @ counted)
     return {
         "marker_sd_m": states.noise.marker_sd,
         "sigma_v": states.noise.sigma_v.tolist(),

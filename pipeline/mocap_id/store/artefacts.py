@@ -147,4 +147,4 @@ class Document:
     content: bytes
 
 
-Artefact: TypeAlias = Table | LongTable | Tree
+Artefact: TypeAlias = Table | Tree

@@ -84,7 +84,7 @@ class Folder:
         """Whether there is such a file, sound or not."""
         return (self.path / file).is_file()
 
-    def write(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
+    def write(self, outputs: Iterable[Artefact | LongTable | Document], origin: Origin) -> None:
         """Write what a stage gave: all of it appears together, and its documents of an earlier run that are no more go.
 
         Raises

@@ -52,9 +52,7 @@ def write(table: Table | LongTable, origin: Origin, stream: BinaryIO) -> None:
     empty = pd.DataFrame({name: table.column(name, slice(0)) for name in table.names})
     pandas = pa.Schema.from_pandas(empty, preserve_index=False).metadata or {}
     schema = pa.schema([_field(column) for column in columns], metadata=pandas | provenance.encode())
-    coded = [
-        column.name for column in columns if column.dtype != "float64"
-    ]  # a dictionary of measurements gains nothing
+    coded = [column.name for column in columns if column.dtype != "float64"]  # measurements hardly repeat
     with pq.ParquetWriter(stream, schema, compression="zstd", use_dictionary=coded) as writer:
         for rows in chunks(table.length, _ROWS):
             arrays = [_arrow(table.column(column.name, rows), column, table.schema.file) for column in columns]
