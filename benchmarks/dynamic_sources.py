@@ -145,6 +145,8 @@ CHANGED: Mapping[str, Variant] = {
     "contact: weight": _setting(contact="weight"),
     "contact: knee": _setting(contact="knee"),
     "grid: 9, 17": _setting(grid=(9, 17)),
+    "consistency: cone": _setting(consistency="cone"),
+    "reference_pulls: true": _setting(reference_pulls=True),
 }
 COLUMNS = (*SERIES, *NORMS[2:], "offset")
 

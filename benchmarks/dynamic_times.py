@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap_id.config import load
 from mocap_id.dynamics import identify
-from mocap_id.dynamics.solve import fit_masses
+from mocap_id.dynamics.consistent import fit_consistent
 from mocap_id.runner import run_stage
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
@@ -39,7 +39,7 @@ def timing(seed: int) -> Mapping[str, tuple[float, float]]:
     for name in ("states.parquet", "wrench.parquet"):
         inputs[name] = replace(inputs[name], frame=inputs[name].frame.iloc[:FRAMES])
     stage = _Timed(STAGE.function)
-    with patch.object(identify, "fit_masses", _Timed(fit_masses)) as solve:
+    with patch.object(identify, "fit_consistent", _Timed(fit_consistent)) as solve:
         for _ in range(CALLS):
             stage(Context(trial.keys, trial.settings[STAGE.name], inputs))
     return {"the whole stage": stage.quickest(), "of it, the constrained solve": solve.quickest()}
@@ -52,9 +52,9 @@ class _Timed:
         self.function = function
         self.calls: list[tuple[float, float]] = []
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         wall, own = perf_counter(), process_time()
-        result = self.function(*arguments)
+        result = self.function(*arguments, **named)
         self.calls.append((perf_counter() - wall, process_time() - own))
         return result
 

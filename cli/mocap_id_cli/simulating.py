@@ -24,6 +24,7 @@ def simulate(
     marker_noise: Annotated[float, typer.Option(help="Standard deviation a coordinate, m.")] = Options.marker_noise,
     soft_tissue: Annotated[float, typer.Option(help="Multiplies the skin's motion; 0 for none.")] = Options.soft_tissue,
     occlusions: Annotated[float, typer.Option(help="Multiplies how often markers vanish.")] = Options.occlusions,
+    jumps: Annotated[int, typer.Option(help="How often a marker is mistaken for something near.")] = Options.jumps,
     plate_sense: Annotated[Sense, typer.Option(help="Whose force the plate tells.")] = Options.plate_sense,
     plate_moved: Annotated[bool, typer.Option(help="Shift and turn the plate.")] = Options.plate_moved,
     plate_origin_flipped: Annotated[
@@ -43,6 +44,7 @@ def simulate(
         marker_noise=marker_noise,
         soft_tissue=soft_tissue,
         occlusions=occlusions,
+        jumps=jumps,
         plate_sense=plate_sense,
         plate_moved=plate_moved,
         plate_origin_flipped=plate_origin_flipped,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from mocap_id.dynamics.grid import segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.judge import judge, weak_parameters
 from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.dynamics.optimality import Optimality
 from mocap_id.dynamics.predict import agreement, predict
 from mocap_id.dynamics.prepare import FitSettings, Recorded, arcs, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure
@@ -171,6 +173,27 @@ def test_a_load_that_something_else_shares_is_said() -> None:
     (contradiction,) = judge(prepared, found, given=1.2 * mass, standing=None)
     assert contradiction.code == "mass-contradiction"
     assert "sit-to-stand" in contradiction.message
+
+
+def test_whose_answer_it_is_and_which_check_failed_is_said() -> None:
+    prepared, found = identified(moving_body(noise=NOISE))
+    solution = found.solution
+    fine, off = solution.answer, Optimality(0.0, 0.0, 1e-4, 0.0)
+
+    def codes(**changes: object) -> dict[str, str]:
+        told = replace(found, solution=replace(solution, **changes))
+        return {reason.code: reason.level for reason in judge(prepared, told, given=None, standing=None)}
+
+    assert codes() == {}
+    assert codes(answer=replace(fine, solver="nnls")) == {"solver-fallback": "ok"}
+    assert codes(other=replace(solution.other, optimality=off)) == {"solver-unconfirmed": "ok"}
+    assert codes(answer=replace(fine, optimality=off)) == {"solver-unproven": "caution"}
+    assert codes(asked="cone") == {"cone-unproven": "caution"}
+    assert codes(asked="cone", answer=replace(fine, optimality=off)) == {
+        "cone-unproven": "caution",
+        "solver-unproven": "caution",
+    }
+    assert codes(asked="cone", consistency="cone") == {}
 
 
 def test_without_Fy_no_mass_is_judged() -> None:

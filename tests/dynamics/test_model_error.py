@@ -139,3 +139,15 @@ def test_the_intervals_hold_the_truth(names: tuple[str, ...]) -> None:
     """Over all trials together: the errors of the torques are the geometry's, one draw a trial."""
     inside = [np.abs(scaled_errors(case)[name]) < 1.96 for case in TRIALS for name in names]
     assert 0.9 < np.mean(np.concatenate(inside)) <= 0.99
+
+
+def test_a_noisy_plate_hides_the_models_error_but_leaves_it_a_size() -> None:
+    """The plate's noise, as seen above the band, is more than all that is seen within it."""
+    rng = np.random.default_rng(2)
+    rate, noise = 100.0, np.full(1000, 1e-3)
+    jagged = 50.0 * rng.standard_normal(1000)
+    high = jagged - sosfiltfilt(butter(4, 20.0, fs=rate, output="sos"), jagged)
+    found = model_error(high, noise, np.ones(1000, dtype=bool), rate)
+    assert found is not None
+    assert all(np.isfinite([found.steady, found.scale, found.overall]))
+    assert found.steady + found.scale * noise[0] == pytest.approx(found.overall * noise[0])

@@ -121,6 +121,77 @@ def test_a_person_is_compared_with_the_reference() -> None:
     assert table.frame["Fx_reference"].notna().all()
 
 
+@pytest.mark.parametrize("reference", ["winter", "de-leva"])
+def test_the_rivals_are_always_computed(reference: str) -> None:
+    """Both tables, whichever is chosen, over the samples of the fit."""
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    subject = Subject(height=1.72, mass=77.0, sex="male")
+    _, table, tree = run(recorded, protocol="sit-to-stand", subject=subject, reference=reference)
+    facts = tree.facts
+    assert facts["reference_table"] == reference
+    assert set(facts["rivals"]) == {"winter", "de-leva"}
+    used = table.frame[table.frame["in_fit"]]
+    own = facts["rivals"][reference]
+    for name in ("Fx", "Fy", "tauz"):
+        error = used[f"{name}_reference"] - used[name]
+        assert own["wrench"][name]["bias"] == pytest.approx(error.mean())
+        assert own["wrench"][name]["sd"] == pytest.approx(error.std(ddof=0))
+    cop = np.sqrt(np.mean((used["cop_x_reference"] - used["cop_x"]) ** 2))
+    assert own["cop_rms_m"] == pytest.approx(cop)
+    assert own["cop_rms_m"] > 3 * facts["cop_rms_m"]
+    other = facts["rivals"][{"winter": "de-leva", "de-leva": "winter"}[reference]]
+    assert other["cop_rms_m"] != own["cop_rms_m"]
+    assert (own["height_m"], own["mass_kg"], own["assumed"]) == (1.72, 77.0, [])
+
+
+def test_the_rivals_do_not_need_a_fit() -> None:
+    """Where nothing can be identified the reference's wrench stands all the same, and off the seat its error."""
+    recorded = with_(moving_body(seconds=20.0), observed=np.zeros(2000, dtype=bool))
+    subject = Subject(height=1.72, mass=77.0, sex="male")
+    _, table, tree = run(recorded, protocol="sit-to-stand", subject=subject)
+    assert "too-few-samples" in codes(tree)
+    assert table.frame["Fy_reference"].mean() == pytest.approx(9.81 * 77.0, rel=0.02)
+    assert tree.facts["rivals"]["winter"]["cop_rms_m"] > 0
+    assert tree.facts["reference_table"] == "winter"
+    full: Any = tree.data["full"]
+    assert full["reference"][::4].sum() == pytest.approx(77.0)
+    nothing = np.full_like(recorded.wrench, np.nan)
+    _, table, tree = run(with_(recorded, wrench=nothing), protocol="sit-to-stand", subject=subject)
+    assert codes(tree)[-1] == "no-wrench"
+    assert table.frame["cop_x_reference"].notna().any()
+    assert tree.facts["rivals"]["winter"]["cop_rms_m"] is None
+
+
+@pytest.mark.parametrize("consistency", ["grid", "cone", "bounded-cone"])
+def test_the_artefacts_say_which_bodies_counted_as_possible(consistency: str) -> None:
+    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), consistency=consistency)
+    assert tree.facts["consistency"] == tree.facts["solver"]["asked"] == consistency
+    solver = tree.facts["solver"]
+    assert solver["name"] == ("osqp" if consistency == "grid" else "clarabel")
+    assert solver["proven"]
+    assert solver["second"]["proven"]
+    assert {"primal", "stationarity", "dual", "complementarity", "kkt"} <= set(solver)
+    base, full = tree.data["base"], tree.data["full"]
+    np.testing.assert_allclose(base["regrouping"] @ full["value"], base["value"], atol=1e-5)
+    m, mx, my, izz = full["value"].reshape(-1, 4).T
+    assert (m >= 0).all()
+    assert (m * izz >= (mx**2 + my**2) * (1 - 1e-9)).all()
+    assert np.isfinite(tree.data["grid"]["mass"]).all() == (consistency == "grid")
+    assert codes(tree) == []
+
+
+def test_a_reference_that_pulls_is_told() -> None:
+    recorded, subject = moving_body(noise=(5.0, 5.0, 1.5)), Subject(height=1.72, mass=77.0, sex="male")
+    keys = {"protocol": "sit-to-stand", "subject": subject, "contact": "knee"}
+    trees = [run(recorded, reference_pulls=pulls, **keys)[2] for pulls in (False, True)]
+    assert [tree.facts["reference_pulls"] for tree in trees] == [False, True]
+    off = [np.abs(t.data["base"]["value"] - t.data["base"]["regrouping"] @ t.data["full"]["reference"]) for t in trees]
+    scaled = [np.linalg.norm(o / trees[0].data["base"]["sd"]) for o in off]
+    assert scaled[1] < scaled[0]
+    _, _, without = run(moving_body(noise=(0.5, 0.5, 0.15)), reference_pulls=True)
+    assert without.facts["reference_pulls"] is False
+
+
 def assert_nothing_known(table: Table, tree: Tree, code: str, *, mass: float | None = None) -> None:
     assert code in codes(tree)
     assert [reason.level for reason in tree.reasons if reason.code == code] == ["caution"]
@@ -174,7 +245,7 @@ def seated() -> Recorded:
 def test_a_sit_to_stand_in_which_nobody_is_seen_to_stand_is_not_identified() -> None:
     _, table, tree = run(seated(), protocol="sit-to-stand", standing=None)
     assert_nothing_known(table, tree, "not-free")
-    assert codes(tree) == ["no-repetitions", "not-free"]
+    assert codes(tree) == ["no-repetitions", "no-reference", "not-free"]
 
 
 def test_a_free_movement_whose_mass_nothing_confirms_says_so() -> None:

@@ -10,11 +10,20 @@ import pytest
 from simulated_chains import Moving, measured, rms, swinging
 from test_ukf_smooth_stage import STAGE, Context, Files, Path, TrialKeys, chain, planar
 
-from mocap_id.estimation.inverse import Chain
-from mocap_id.stages.state_errors import state_sd
+from mocap_id.estimation import States
+from mocap_id.estimation.skin import with_lasting_errors
+from mocap_id.stages.state_errors import lasting_errors
 from mocap_id.store.parquet import conform
 
 FLOOR = 5e-5
+
+
+def deviations(states: States, moving: Moving) -> np.ndarray:
+    """(F, n, 4) that hold what the markers tell."""
+    rested = np.where(states.used[..., None], moving.markers, np.nan)
+    errors = lasting_errors(states, rested, moving.rate, FLOOR)
+    assert errors is not None
+    return with_lasting_errors(states, moving.rate, errors)
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
@@ -23,7 +32,7 @@ def test_a_chain_at_rest_has_an_angle_and_no_velocity(noise: float) -> None:
     truth[..., 0] = [0.3, -0.8, 1.2]
     moving = measured(truth, 100.0, noise, np.random.default_rng(3))
     states = moving.smoothed()
-    sd, _ = state_sd(states, moving.markers, moving.rate, Chain(moving.centres, moving.segment, moving.local), FLOOR)
+    sd = deviations(states, moving)
     assert np.isfinite(states.mean).all()
     assert np.isfinite(sd).all()
     off = np.abs(states.mean - truth)
@@ -35,7 +44,7 @@ def test_a_chain_at_rest_has_an_angle_and_no_velocity(noise: float) -> None:
 def test_slow_and_fast_cameras(rate: float, seconds: float) -> None:
     moving = swinging(joints=3, seconds=seconds, rate=rate, seed=8)
     states = moving.smoothed()
-    sd, _ = state_sd(states, moving.markers, moving.rate, Chain(moving.centres, moving.segment, moving.local), FLOOR)
+    sd = deviations(states, moving)
     assert np.isfinite(states.mean).all()
     error = states.mean - moving.truth
     assert np.all(rms(error)[:, :3] < [0.003, 0.02, 0.3])
@@ -62,7 +71,7 @@ def memory(moving: Moving, frames: int) -> int:
     moving = replace(moving, markers=moving.markers[:frames])
     tracemalloc.start()
     states = moving.smoothed()
-    state_sd(states, moving.markers, moving.rate, Chain(moving.centres, moving.segment, moving.local), FLOOR)
+    deviations(states, moving)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak

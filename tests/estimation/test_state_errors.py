@@ -12,9 +12,8 @@ from simulated_chains import Moving, measured, swinging
 from test_ukf_smooth_stage import chain, planar
 
 from mocap_id.estimation import States
-from mocap_id.estimation.inverse import Chain
 from mocap_id.estimation.process import noise_shape, transition
-from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.estimation.skin import LastingErrors, camera_sd, with_lasting_errors
 from mocap_id.stages import state_errors
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
@@ -34,16 +33,20 @@ def sliding(moving: Moving, size: float) -> Moving:
 
 def alone(states: States, moving: Moving) -> np.ndarray:
     """(F, n, 4) without any error that lasts."""
-    frames = np.array([0, len(states.sd) - 1])
-    camera = camera_sd(moving.markers, states, FLOOR)
-    return with_lasting_errors(states, moving.rate, camera, frames, np.zeros((2, *states.sd.shape[1:])))
+    nothing = np.zeros((2, *states.sd.shape[1:]))
+    errors = LastingErrors(camera(states, moving), np.array([0, len(states.sd) - 1]), nothing)
+    return with_lasting_errors(states, moving.rate, errors)
+
+
+def camera(states: States, moving: Moving) -> float:
+    return camera_sd(np.where(states.used[..., None], moving.markers, np.nan), states, FLOOR)
 
 
 @pytest.mark.parametrize("size", [0.0, 5e-3])
 def test_camera_noise_is_told_from_skin(size: float) -> None:
     moving = sliding(swinging(seconds=10, noise=5e-4), size)
     states = moving.smoothed()
-    assert camera_sd(moving.markers, states, FLOOR) == pytest.approx(5e-4, rel=0.05)
+    assert camera(states, moving) == pytest.approx(5e-4, rel=0.05)
     if size:
         assert states.noise.marker_sd > 1e-3
 
@@ -94,27 +97,24 @@ def test_a_gap_stays_as_uncertain_as_the_filter_says() -> None:
     assert np.isfinite(sd).all()
 
 
-def whole(moving: Moving) -> Chain:
-    return Chain(moving.centres, moving.segment, moving.local)
+def told(states: States, moving: Moving) -> LastingErrors | None:
+    rested = np.where(states.used[..., None], moving.markers, np.nan)
+    return state_errors.lasting_errors(states, rested, moving.rate, FLOOR)
 
 
 def test_skin_widens_the_angles() -> None:
     still, soft = swinging(seconds=6), sliding(swinging(seconds=6), 3e-3)
-    (firm, _), (wide, holds) = (
-        state_errors.state_sd(moving.smoothed(), moving.markers, moving.rate, whole(moving), FLOOR)
-        for moving in (still, soft)
+    firm, wide = (
+        with_lasting_errors(states, moving.rate, told(states, moving))
+        for states, moving in ((moving.smoothed(), moving) for moving in (still, soft))
     )
-    assert holds == state_errors.SKIN
     assert np.median(wide[..., 0]) > 3 * np.median(firm[..., 0])
 
 
-def test_a_segment_never_seen_leaves_the_filters_deviations() -> None:
+def test_of_a_segment_never_seen_nothing_is_told() -> None:
     moving = swinging(seconds=3)
     moving.markers[:, moving.segment == 3] = np.nan
-    states = moving.smoothed()
-    sd, holds = state_errors.state_sd(states, moving.markers, moving.rate, whole(moving), FLOOR)
-    assert holds == state_errors.NOISE
-    assert sd is states.sd
+    assert told(moving.smoothed(), moving) is None
 
 
 @pytest.mark.parametrize(

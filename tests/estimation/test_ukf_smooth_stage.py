@@ -15,7 +15,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Table, Tree
+from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform
 from mocap_id.store.schemas import CHAIN, PLANAR
 
@@ -69,12 +69,12 @@ def chain(moving: Moving) -> Tree:
     return Tree(CHAIN, data)
 
 
-def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, Table]:
+def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, LongTable]:
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     inputs = {"planar.parquet": table, "chain.h5": chain(moving)}
     states, markers = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table)
-    assert isinstance(markers, Table)
+    assert isinstance(markers, LongTable)
     return states, markers
 
 

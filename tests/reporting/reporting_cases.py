@@ -247,6 +247,17 @@ class Trial:
             "cop_rms_m": 0.006,
             "samples": 900,
             "reference_table": "winter",
+            "consistency": "grid",
+            "rivals": {
+                name: {
+                    "height_m": 1.75,
+                    "mass_kg": 71.0,
+                    "assumed": ["a mass of 71.0 kg, from the plates"],
+                    "wrench": {part: {"bias": 4.5, "sd": 12.5, "r2": 0.9} for part in ("Fx", "Fy", "tauz")},
+                    "cop_rms_m": 0.0345,
+                }
+                for name in ("winter", "de-leva")
+            },
             "solver": {"name": "osqp", "kkt": 1e-9},
             "why": None,
         }

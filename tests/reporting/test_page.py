@@ -184,6 +184,24 @@ def test_standing_still_shows_the_mass_and_draws_the_rest_as_unknown() -> None:
     assert "71.40" in page.text and "No point masses: the body stands still." in page.text
 
 
+def test_the_exact_cone_has_no_point_masses_and_says_so() -> None:
+    trial = Trial()
+    tree = trial.dynamics_tree()
+    grid = dict(tree.data["grid"]) | {"mass": np.full_like(tree.data["grid"]["mass"], np.nan)}
+    facts = dict(tree.facts) | {"consistency": "bounded-cone"}
+    exact = replace(tree, data=dict(tree.data) | {"grid": grid}, facts=facts)
+    page = checked(report(trial.artefacts() | {"dynamics.h5": exact}))
+    assert "No point masses: the bodies were not held to a grid" in page.text
+    assert "bounded-cone" in page.text
+
+
+def test_the_rivals_stand_beside_the_model() -> None:
+    page = checked(report(Trial().artefacts()))
+    assert "Model and allometric bodies against measurement" in page.text
+    table = page.text.partition("Model and allometric bodies against measurement")[2]
+    assert "winter" in table and "de-leva" in table and "34.5" in table
+
+
 def test_labels_are_shown_and_never_obeyed() -> None:
     name = "<script>steal()</script>"
     files = contents(documents(replace(material(context(relabelled(Trial()))), trial=name)))

@@ -83,6 +83,10 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     }  # fmt: skip
     assert summary["dynamics"]["wrench"]["Fy"]["r2"] == 0.991
     assert summary["dynamics"]["samples"] == 900
+    assert summary["dynamics"]["consistency"] == "grid"
+    assert list(summary["dynamics"]["rivals"]) == ["winter", "de-leva"]
+    rival = summary["dynamics"]["rivals"]["winter"]
+    assert (rival["cop_rms_m"], rival["wrench"]["tauz"]["bias"]) == (0.0345, 4.5)
     assert summary["time_s"] == {"planarise": 0.21, "segment": 0.4}
     assert_nulls_explained(summary)
 
@@ -122,7 +126,8 @@ def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
 def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
-    assert {key for key, value in dynamics.items() if value is not None} == {"why"}
+    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "why"}
+    assert dynamics["rivals"] == {}
     assert dynamics["why"] == "the recording has no force plate"
     assert summary["joints"] and summary["repetitions"]
     assert_nulls_explained(summary)

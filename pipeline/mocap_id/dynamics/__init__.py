@@ -5,6 +5,7 @@ function of its name.
 """
 
 from mocap_id.dynamics.base import BaseSet, base_names, base_set, base_units, full_names, structural_base
+from mocap_id.dynamics.consistent import Consistency, Solution
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import Identification
@@ -20,6 +21,7 @@ from mocap_id.dynamics.regressor import (
 
 __all__ = [
     "BaseSet",
+    "Consistency",
     "Fit",
     "FitSettings",
     "Identification",
@@ -28,6 +30,7 @@ __all__ = [
     "Prediction",
     "Prepared",
     "Recorded",
+    "Solution",
     "base_names",
     "base_set",
     "base_units",

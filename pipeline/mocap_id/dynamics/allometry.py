@@ -93,11 +93,20 @@ def height_from_legs(reference: Table, shank: float, thigh: float) -> float:
     return (shank + thigh) / (reference.shank.length + reference.thigh.length)
 
 
-def full_parameters(reference: Table, centres: FloatArray, height: float, mass: float, facing: int) -> FloatArray:
+def full_parameters(
+    reference: Table,
+    centres: FloatArray,
+    height: float,
+    mass: float,
+    facing: int,
+    *,
+    standing: FloatArray | None = None,
+) -> FloatArray:
     """Full planar parameters of a foot-shank-thigh-torso chain, or foot-shank-thigh-pelvis-trunk.
 
     The lengths of shank, thigh and pelvis are the chain's own; those of foot and HAT come from the height. The foot
-    lies flat under the ankle, a quarter of its length behind it.
+    lies flat under the ankle, a quarter of its length behind it. HAT is upright while the person stands: the last
+    segment's own frame follows its markers, which need not lie above the hip.
 
     Parameters
     ----------
@@ -108,6 +117,9 @@ def full_parameters(reference: Table, centres: FloatArray, height: float, mass: 
         m, kg.
     facing : {-1, 1}
         Sign of the plane frame's x in front of the subject.
+    standing : (n,) array, optional
+        Angle of each segment's frame from the plane's while the person stands, base left out, rad; by default the
+        frames from the hip on are taken to be upright.
 
     Returns
     -------
@@ -123,14 +135,14 @@ def full_parameters(reference: Table, centres: FloatArray, height: float, mass: 
     for link, end in ((reference.shank, centres[1]), (reference.thigh, centres[2])):
         length = float(np.linalg.norm(end))
         links.append(_point_form(link.mass * mass, link.centre * end, link.gyration * length))
-    hat = reference.hat
-    whole = _point_form(
-        hat.mass * mass, np.array([0.0, hat.centre * hat.length * height]), hat.gyration * hat.length * height
-    )
+    hat, angles = reference.hat, np.zeros(len(centres)) if standing is None else standing
+    whole = _on_the_hip(hat.mass * mass, hat.centre, hat.gyration, hat.length * height)
     if len(centres) == 3:
-        return np.concatenate([*links, whole])
-    pelvis = _pelvis(reference.pelvis, mass, height, centres[3])
-    return np.concatenate([*links, pelvis, _shifted(whole - pelvis, -centres[3])])
+        return np.concatenate([*links, _turned(whole, -angles[2])])
+    lower = reference.pelvis
+    pelvis = _on_the_hip(lower.mass * mass, lower.centre, lower.gyration, lower.length * height)
+    lumbar = _turn(angles[2]) @ centres[3]
+    return np.concatenate([*links, _turned(pelvis, -angles[2]), _turned(_shifted(whole - pelvis, -lumbar), -angles[3])])
 
 
 _HEEL = 0.25  # of the foot's length: how far the ankle is in front of the heel
@@ -232,15 +244,22 @@ def _point_form(mass: float, centre: FloatArray, gyration: float) -> FloatArray:
     return np.array([mass, *(mass * centre), mass * (gyration**2 + float(centre @ centre))])
 
 
-def _pelvis(pelvis: Link, mass: float, height: float, joint: FloatArray) -> FloatArray:
-    """The part of HAT below the trunk's joint; its distances are fractions of HAT's length along the segment."""
-    direction = joint / float(np.linalg.norm(joint))
-    length = pelvis.length * height
-    return _point_form(pelvis.mass * mass, pelvis.centre * length * direction, pelvis.gyration * length)
+def _on_the_hip(mass: float, centre: float, gyration: float, length: float) -> FloatArray:
+    """A body upright above the hip; centre of mass and radius of gyration as fractions of a length."""
+    return _point_form(mass, np.array([0.0, centre * length]), gyration * length)
+
+
+def _turn(angle: float) -> FloatArray:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def _turned(parameters: FloatArray, angle: float) -> FloatArray:
+    """Parameters of the same body after a turn about the origin."""
+    return np.array([parameters[0], *(_turn(angle) @ parameters[1:3]), parameters[3]])
 
 
 def _shifted(parameters: FloatArray, shift: FloatArray) -> FloatArray:
-    """Parameters of the same body about an origin moved so that its points move by ``shift`` (2,)."""
+    """Parameters of the same body after a move by ``shift`` (2,)."""
     mass, first = parameters[0], parameters[1:3]
     moved = first + mass * shift
     inertia = parameters[3] + 2 * float(first @ shift) + mass * float(shift @ shift)

@@ -45,6 +45,11 @@ class PointGrid:
             matrix[segment][:, own] = values[:, own]
         return matrix.reshape(-1, len(x))
 
+    def boxes(self) -> FloatArray:
+        """Lowest and highest corner of each segment's points, (n + 1, 2, 2), m."""
+        own = [self.position[self.segment == segment] for segment in range(self.segments)]
+        return np.stack([[points.min(axis=0), points.max(axis=0)] for points in own])
+
 
 def segment_grid(
     centres: FloatArray, marker_segment: IntArray, marker_local: FloatArray, points: tuple[int, int] = (5, 9)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.consistent import Consistency, Solution, fit_consistent
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_covariance
 from mocap_id.dynamics.prepare import Prepared
-from mocap_id.dynamics.solve import MassSolution, fit_masses, spread_masses
+from mocap_id.dynamics.reference_term import Prior, deviations
+from mocap_id.dynamics.solve import Compressed
 
 
 @dataclass(frozen=True)
@@ -33,12 +37,15 @@ class Identification:
         Standard deviation of the clock offset, s.
     plate_bias, plate_bias_sd : float or None
         Constant error of the plate's Fx, N; None where it was not estimated.
-    solution : MassSolution
-        How the solvers fared.
+    solution : Solution
+        Which bodies counted as possible, and how the solvers fared.
     masses : (p,) array
-        Point masses, kg: those with these base parameters that are closest to the reference, or spread most evenly.
+        Point masses, kg: those with these base parameters that are closest to the reference, or spread most evenly;
+        NaN where the exact cone took the grid's place.
     full : (4(n + 1),) array
-        Full parameters of the point masses: one consistent solution of many.
+        Full parameters: one consistent solution of many.
+    pulled : bool
+        The reference took part in the base parameters.
     """
 
     fit: Fit
@@ -49,13 +56,22 @@ class Identification:
     offset_sd: float
     plate_bias: float | None
     plate_bias_sd: float | None
-    solution: MassSolution
+    solution: Solution
     masses: FloatArray
     full: FloatArray
+    pulled: bool
 
 
 def identify(
-    prepared: Prepared, gate: BoolArray, grid: PointGrid, reference: FloatArray, error: KinematicError
+    prepared: Prepared,
+    gate: BoolArray,
+    grid: PointGrid,
+    reference: FloatArray,
+    error: KinematicError,
+    *,
+    consistency: Consistency = "grid",
+    reference_sd: float = 0.15,
+    reference_pulls: bool = False,
 ) -> Identification:
     """Identify on the samples that the gate lets through (eq. 4.24-4.26).
 
@@ -66,10 +82,15 @@ def identify(
         Samples where the ground is all that the body touches.
     grid : PointGrid
     reference : (4(n + 1),) array
-        Full parameters to be close to in what the wrench does not tell; NaN for none. They do not touch the base
-        parameters.
+        Full parameters to be close to in what the wrench does not tell; NaN for none.
     error : KinematicError
         What is uncertain of the geometry.
+    consistency : {"grid", "cone", "bounded-cone"}
+        Which bodies are possible (:mod:`mocap_id.dynamics.consistent`).
+    reference_sd : float
+        Standard deviation of the reference's parameters, of their size.
+    reference_pulls : bool
+        The reference is a prior of the base parameters too (4.13).
 
     Returns
     -------
@@ -81,11 +102,16 @@ def identify(
         The constrained least squares did not converge.
     """
     found = fit(prepared, gate)
-    moments = grid.moments()
-    base_moments = prepared.base.regrouping @ moments
-    solution = fit_masses(found.problem, base_moments)
-    base = solution.parameters[: found.base]
-    masses = spread_masses(base_moments, base, moments, reference, _reference_scale(reference))
+    solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
+    alone = _alone(prepared, found, solve(found.problem, prepared.base.regrouping), error)
+    if reference_pulls and np.isfinite(reference).all():
+        return _pulled(alone, prepared.base.regrouping, Prior(reference, deviations(reference, reference_sd)), solve)
+    return alone
+
+
+def _alone(prepared: Prepared, found: Fit, solution: Solution, error: KinematicError) -> Identification:
+    """What the data say by themselves."""
+    base, own = solution.parameters[: found.base], slice(found.base)
     kinematic = kinematic_covariance(prepared, found, base, error)
     covariance = found.covariance + kinematic + _plate_covariance(prepared, len(kinematic))
     sd = np.sqrt(np.diag(covariance))
@@ -93,15 +119,42 @@ def identify(
     return Identification(
         fit=found,
         base=base,
-        base_sd=sd[: found.base],
-        covariance=covariance[: found.base, : found.base],
-        residual_covariance=found.covariance[: found.base, : found.base],
+        base_sd=sd[own],
+        covariance=covariance[own, own],
+        residual_covariance=found.covariance[own, own],
         offset_sd=float(np.hypot(found.offset_sd, np.sqrt(kinematic[-1, -1]))),
         plate_bias=float(solution.parameters[-1]) if biased else None,
         plate_bias_sd=float(sd[found.base]) if biased else None,
         solution=solution,
-        masses=masses,
-        full=moments @ masses,
+        masses=solution.masses,
+        full=solution.full,
+        pulled=False,
+    )
+
+
+def _pulled(
+    alone: Identification, regrouping: FloatArray, prior: Prior, solve: Callable[[Compressed, FloatArray], Solution]
+) -> Identification:
+    """The same with a prior of the full parameters."""
+    problem = alone.fit.problem.over(alone.fit.base)
+    independent = np.linalg.inv(problem.factor.T @ problem.factor)
+    known = alone.covariance + independent  # by itself it may be singular: blocks can be fewer than parameters
+    both = prior.added_to(problem.free_solution(), known, regrouping, problem.rest)
+    solution = solve(both, np.eye(len(prior.mean)))
+    base, gain = regrouping @ solution.parameters, prior.gain(known, regrouping)
+    covariance = prior.covariance(gain, regrouping, alone.covariance)
+    biased = alone.plate_bias is not None
+    return replace(
+        alone,
+        base=base,
+        base_sd=np.sqrt(np.diag(covariance)),
+        covariance=covariance,
+        residual_covariance=prior.covariance(gain, regrouping, alone.residual_covariance),
+        plate_bias=float(alone.fit.problem.completed(base)[-1]) if biased else None,
+        solution=solution,
+        masses=solution.masses,
+        full=solution.full,
+        pulled=True,
     )
 
 
@@ -116,11 +169,3 @@ def _plate_covariance(prepared: Prepared, size: int) -> FloatArray:
     for column, sd in enumerate(prepared.settings.plate_zero):
         variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd / gravity) ** 2
     return np.diag(variance)
-
-
-def _reference_scale(reference: FloatArray, relative: float = 0.15) -> FloatArray:
-    """Deviations that count as one: 15 % of each segment's m, |(mx, my)| and Izz."""
-    blocks = np.abs(reference.reshape(-1, 4))
-    first = np.hypot(blocks[:, 1], blocks[:, 2])
-    scale = relative * np.column_stack([blocks[:, 0], first, first, blocks[:, 3]])
-    return np.maximum(scale, 1e-6).reshape(-1)

@@ -6,6 +6,7 @@ import numpy as np
 
 from mocap_id.dynamics.base import base_names
 from mocap_id.dynamics.identify import Identification
+from mocap_id.dynamics.optimality import PROVEN
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.verdict import Reason
 
@@ -30,6 +31,7 @@ def judge(
     """
     reasons = (
         _clock(prepared, found),
+        _cone(found),
         _solver(found),
         _bounded(found),
         _weakly_known(prepared, found),
@@ -78,13 +80,41 @@ def _clock(prepared: Prepared, found: Identification) -> Reason | None:
     )
 
 
-def _solver(found: Identification) -> Reason | None:
-    if found.solution.solver == "osqp":
+def _cone(found: Identification) -> Reason | None:
+    solution = found.solution
+    if solution.consistency == solution.asked:
         return None
     return Reason(
-        "solver-fallback",
-        f"OSQP's answer ({found.solution.status}) is {found.solution.disagreement:.1e} above the least cost; that of "
-        "non-negative least squares, which passes the optimality check, was taken",
+        "cone-unproven",
+        f"`identify-dim: {{consistency: {solution.asked}}}` was asked for, but Clarabel's answer does not pass the "
+        f"optimality check: the parameters are those of the grid (`{solution.consistency}`), whose answer "
+        + ("does" if solution.answer.optimality.proven else "does not either"),
+    )
+
+
+def _solver(found: Identification) -> Reason | None:
+    answer, other = found.solution.answer, found.solution.other
+    if not answer.optimality.proven:
+        return Reason(
+            "solver-unproven",
+            f"no solver's answer passes the optimality check; {answer.solver}'s ({answer.status}) was taken, which may "
+            f"be {answer.optimality.excess:.1e} of the cost above the least one",
+            value=answer.optimality.excess,
+            limit=PROVEN,
+        )
+    if answer.solver == "nnls":
+        return Reason(
+            "solver-fallback",
+            f"OSQP's answer ({other.status}) is {found.solution.disagreement:.1e} above the least cost; that of "
+            "non-negative least squares, which passes the optimality check, was taken",
+            level="ok",
+        )
+    if other.optimality.proven:
+        return None
+    return Reason(
+        "solver-unconfirmed",
+        f"the second solver, {other.solver} ({other.status}), does not pass the optimality check and confirms nothing; "
+        f"the answer that was taken, {answer.solver}'s, passes it",
         level="ok",
     )
 

@@ -76,8 +76,10 @@ def model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rat
     if mean <= 0.0:
         return ModelError(size, 0.0, 1.0)
     (steady, moving), _ = nnls(np.column_stack([np.ones(seen.sum()), noise[seen] / mean]), squares)
-    steady = max(steady - plate, 0.0)
-    share = size / max(steady + moving, np.finfo(float).tiny)  # the plate's noise may exceed the constant part
+    steady = max(steady - plate, 0.0)  # the plate's noise may exceed the constant part
+    if steady + moving == 0.0:
+        return ModelError(size, 0.0, size / mean)
+    share = size / (steady + moving)
     return ModelError(share * steady, share * moving / mean, size / mean)
 
 

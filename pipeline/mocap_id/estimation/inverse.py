@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
+from mocap_id.estimation.frame_kernels import normal_matrices, refine
 from mocap_id.estimation.problem import Anchors
-from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
+from mocap_id.geometry.planar import marker_positions, rotate
 
 OBSERVED_SD = 0.1
 """Standard deviation, rad, up to which a frame's markers count as observing an angle."""
 
 _WEAK_SD = 1.0  # rad: all that is known of an angle without markers
 _UNOBSERVED_VARIANCE = 1e6  # rad^2: beyond any prior
-_CHUNK = 1024  # frames at a time, to bound the memory
 _ITERATIONS = 20
 _CONVERGED = 1e-6  # rad
 _DAMPING = 1e-6  # m^2/rad^2: holds still what no marker moves, and slows nothing that one does
@@ -52,8 +52,8 @@ class FrameAngles:
         Markers that were seen and are no outliers.
     reliable : (F, n) bool array
         Few of the markers up to the joint's own segment are outliers; of many, the wrong ones may be left.
-    residual : (F, M) array
-        Distance of each marker from its prediction, m; NaN where unseen.
+    squares : float
+        Sum of the squared distances, m^2, of the markers used from their predictions, over frames reliable throughout.
     scale : (M,) array
         Ordinary size of each marker's residual, m, per coordinate; NaN where never seen.
     """
@@ -62,16 +62,17 @@ class FrameAngles:
     information: FloatArray
     used: BoolArray
     reliable: BoolArray
-    residual: FloatArray
+    squares: float
     scale: FloatArray
 
     def anchors(self, marker_sd: float) -> Anchors:
         """The angles as a linear measurement, for a marker noise in m."""
-        covariance = angle_covariance(self.information, marker_sd)
-        observed = observed_angles(covariance) & self.reliable
-        n = observed.shape[1]
-        both = observed[:, :, None] & observed[:, None, :]
-        covariance = np.where(both, covariance, np.eye(n) * _UNOBSERVED_VARIANCE)
+        covariance, observed = np.empty_like(self.information), self.reliable.copy()
+        for s in chunks(len(covariance)):
+            found = angle_covariance(self.information[s], marker_sd)
+            observed[s] &= observed_angles(found)
+            both = observed[s, :, None] & observed[s, None, :]
+            covariance[s] = np.where(both, found, np.eye(both.shape[1]) * _UNOBSERVED_VARIANCE)
         return Anchors(self.angles, covariance, observed, self.used)
 
 
@@ -79,6 +80,14 @@ def angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
     """Covariance (F, n, n) of a frame's angles, rad^2, from Jᵀ J, where a priori each is known to a radian."""
     n = information.shape[1]
     return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
+
+
+def determined_angles(angles: FloatArray, used: BoolArray, chain: Chain, marker_sd: float) -> BoolArray:
+    """Which angles (F, n), rad, the markers used (F, M) determine in their own frame, for a marker noise in m."""
+    found = np.empty(angles.shape, dtype=np.bool_)
+    for s in chunks(len(angles)):
+        found[s] = observed_angles(angle_covariance(information(angles[s], used[s], chain), marker_sd))
+    return found
 
 
 def observed_angles(covariance: FloatArray) -> BoolArray:
@@ -107,15 +116,23 @@ def frame_angles(observed: FloatArray, chain: Chain, gate: float, floor: float) 
     -------
     FrameAngles
     """
-    used: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1), dtype=np.bool_)
-    angles = _refine(observed, used, _closed_form(observed, used, chain), chain)
-    residual = _residual(observed, angles, chain)
+    parts = chunks(len(observed))
+    used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in parts])
+    angles, residual = _closed_form(observed, used, chain), np.empty(used.shape)
+    _refine(observed, used, angles, chain)
+    for s in parts:
+        residual[s] = _residual(observed[s], angles[s], chain)
     scale = _scale(residual, used, chain.segment)
     for _ in range(_ROUNDS):
-        _take_out(observed, used, angles, residual, chain, limit=gate * np.fmax(scale, floor))
+        limit = gate * np.fmax(scale, floor)
+        for s in parts:
+            _take_out(observed[s], used[s], angles[s], residual[s], chain, limit=limit)
         scale = _scale(residual, used, chain.segment)
-    reliable = _reliable(observed, used, chain)
-    return FrameAngles(angles, information(angles, used, chain), used, reliable, residual, scale)
+    reliable = np.concatenate([_reliable(observed[s], used[s], chain) for s in parts])
+    sound: BoolArray = np.all(reliable, axis=1)
+    counted = residual[used & sound[:, None]]
+    squares = float(counted @ counted)
+    return FrameAngles(angles, information(angles, used, chain), used, reliable, squares, scale)
 
 
 def _take_out(
@@ -137,14 +154,16 @@ def _take_out(
         if not frames.size:
             break
         used[frames, worst] = False
-        angles[frames] = _refine(observed[frames], used[frames], angles[frames], chain)
-        residual[frames] = _residual(observed[frames], angles[frames], chain)
+        refined, seen = angles[frames], observed[frames]
+        _refine(seen, used[frames], refined, chain)
+        angles[frames], residual[frames] = refined, _residual(seen, refined, chain)
 
 
 def information(angles: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
     """Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
-    parts = [_normal(angles[s], used[s], chain)[0] for s in _chunks(len(angles))]
-    return np.concatenate(parts)
+    found = np.empty((*angles.shape, angles.shape[1]))
+    normal_matrices(used, np.ascontiguousarray(angles), chain.centres, chain.segment, chain.local, found)
+    return found
 
 
 def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
@@ -154,38 +173,9 @@ def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
     return np.asarray(np.cumsum(out > _OUTLIER_SHARE * seen, axis=1) == 0, dtype=np.bool_)
 
 
-def _chunks(frames: int) -> list[slice]:
-    return [slice(start, start + _CHUNK) for start in range(0, max(frames, 1), _CHUNK)]
-
-
-def _normal(angles: FloatArray, used: BoolArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Jᵀ J (f, n, n) and Jᵀ (f, n, 2M) with the rows of unused markers zero."""
-    jacobian = marker_jacobian(angles, chain.centres, chain.segment, chain.local) * used[..., None, None]
-    transposed = np.moveaxis(jacobian.reshape(len(angles), -1, angles.shape[1]), 2, 1)
-    return transposed @ np.moveaxis(transposed, 1, 2), transposed
-
-
-def _refine(observed: FloatArray, used: BoolArray, start: FloatArray, chain: Chain) -> FloatArray:
-    """Gauss–Newton from ``start`` (f, n); what no marker determines stays where it is."""
-    angles = start.copy()
-    for s in _chunks(len(angles)):
-        moving = np.arange(len(angles))[s]
-        for _ in range(_ITERATIONS):
-            if not moving.size:
-                break
-            change = _step(observed[moving], used[moving], angles[moving], chain)
-            angles[moving] += change
-            moving = moving[np.abs(change).max(axis=1) > _CONVERGED]
-    return angles
-
-
-def _step(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> FloatArray:
-    """One Gauss–Newton step (f, n)."""
-    expected = marker_positions(angles, chain.centres, chain.segment, chain.local)
-    misfit = np.where(used[..., None], observed - expected, 0.0)
-    normal, transposed = _normal(angles, used, chain)
-    gradient = transposed @ misfit.reshape(len(angles), -1, 1)
-    return np.asarray(np.linalg.solve(normal + _DAMPING * np.eye(angles.shape[1]), gradient)[..., 0])
+def _refine(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> None:
+    """Gauss–Newton from ``angles`` (f, n), in their place; what no marker determines stays where it is."""
+    refine(observed, used, angles, chain.centres, chain.segment, chain.local, _DAMPING, _CONVERGED, _ITERATIONS)
 
 
 def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
@@ -198,15 +188,22 @@ def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatAr
     absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
     for j in range(n):
         origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
-        turned = _towards_own(observed, used, chain, j, origin)
-        if j + 1 < n:
-            turned = np.where(np.isnan(turned), _towards_next(observed, used, chain, j, origin), turned)
+        turned = np.concatenate([_turned(observed[s], used[s], chain, j, origin[s]) for s in chunks(len(observed))])
         found = np.flatnonzero(np.isfinite(turned))
         if found.size:
             relative = np.unwrap((turned - absolute)[found])
             angles[:, j] = np.interp(np.arange(len(observed)), found, relative)
         absolute = absolute + angles[:, j]
     return angles
+
+
+def _turned(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
+    """Absolute angle (f,) of segment j + 1, NaN where neither its own markers nor the next one's give it."""
+    turned = _towards_own(observed, used, chain, j, origin)
+    unseen = np.flatnonzero(np.isnan(turned))
+    if unseen.size and j + 1 < len(chain.centres):
+        turned[unseen] = _towards_next(observed[unseen], used[unseen], chain, j, origin[unseen])
+    return turned
 
 
 def _towards_own(observed: FloatArray, used: BoolArray, chain: Chain, j: int, origin: FloatArray) -> FloatArray:
@@ -247,7 +244,7 @@ def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArr
     A marker that bursts more often than the quantile allows would set its own limit: it is taken for ordinary only as
     far as its median, or its segment's markers, speak for it.
     """
-    scale, middle = (_from_quantile(residual, used, share) for share in (_QUANTILE, 0.5))
+    scale, middle = _from_quantiles(residual, used, (_QUANTILE, 0.5))
     limit = np.full(len(scale), np.nan)
     for s in np.unique(segment):
         own = (segment == s) & np.isfinite(scale)
@@ -257,9 +254,9 @@ def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArr
     return np.asarray(np.fmin(scale, limit))
 
 
-def _from_quantile(residual: FloatArray, used: BoolArray, share: float) -> FloatArray:
-    """Standard deviation (M,) per coordinate of normal residuals that have this quantile."""
-    scale = np.full(residual.shape[1], np.nan)
+def _from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
+    """Standard deviations (S, M) per coordinate of normal residuals that have these quantiles."""
+    quantiles = np.full((len(shares), residual.shape[1]), np.nan)
     for m in np.flatnonzero(used.any(axis=0)):
-        scale[m] = np.quantile(residual[used[:, m], m], share) / np.sqrt(-2.0 * np.log(1.0 - share))
-    return scale
+        quantiles[:, m] = np.quantile(residual[used[:, m], m], shares)
+    return quantiles / np.sqrt(-2.0 * np.log(1.0 - np.array(shares)))[:, None]

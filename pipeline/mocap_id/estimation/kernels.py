@@ -45,12 +45,21 @@ class Measured(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """What the filter fills; all of it zero before."""
+    """What the filter fills; the flags false before."""
 
     mean: FloatArray  # (F, 4n)
     covariance: FloatArray  # (F, 4n, 4n)
     used: BoolArray  # (F, M)
     restarted: BoolArray  # (F, n)
+
+
+class Memory(NamedTuple):
+    """All that the filter takes from a frame to the next: to go on, or to do a stretch again."""
+
+    mean: FloatArray  # (4n,)
+    covariance: FloatArray  # (4n, 4n)
+    held: FloatArray  # (n,) angle at which a joint was last seen
+    failing: IntArray  # (n,) frames in a row in which more than half of the segment's markers failed
 
 
 @compiled
@@ -194,19 +203,16 @@ def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: Float
 
 @compiled
 def _marker_rows(  # noqa: PLR0917
-    poses: FloatArray,
-    segment: int,
-    local: FloatArray,
-    weights: tuple[float, float, float],
-    z: FloatArray,
-    rows: FloatArray,
-    y: FloatArray,
+    model: Model, m: int, poses: FloatArray, z: FloatArray, rows: FloatArray, y: FloatArray
 ) -> None:
-    """Rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences; and its innovation (2,)."""
-    n = poses.shape[1] - 1
-    centre, other = weights[1], weights[2]
+    """Rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences; and its innovation (2,).
+
+    Poses are indexed to the number: a view of an array costs more than what is done with it.
+    """
+    n, segment = poses.shape[1] - 1, model.segment[m]
+    centre, other = model.weights[1], model.weights[2]
     for axis in range(2):
-        a, b = local[axis], local[1 - axis] * (2 * axis - 1)  # cos a + sin b is the rotated local
+        a, b = model.local[m, axis], model.local[m, 1 - axis] * (2 * axis - 1)  # cos a + sin b is the rotated local
         h = poses[0, segment, 2 + axis] + poses[0, segment, 0] * a + poses[0, segment, 1] * b
         shift = 0.0  # of the transformed mean from h
         for k in range(n):
@@ -214,16 +220,16 @@ def _marker_rows(  # noqa: PLR0917
             rows[axis, 1 + n + k] = 0.0
             if k >= segment:  # a column beyond the segment's own joint does not displace it
                 continue
-            plus, minus = poses[1 + k, segment], poses[1 + n + k, segment]
-            up = plus[2 + axis] + plus[0] * a + plus[1] * b - h
-            down = minus[2 + axis] + minus[0] * a + minus[1] * b - h
+            plus, minus = 1 + k, 1 + n + k
+            up = poses[plus, segment, 2 + axis] + poses[plus, segment, 0] * a + poses[plus, segment, 1] * b - h
+            down = poses[minus, segment, 2 + axis] + poses[minus, segment, 0] * a + poses[minus, segment, 1] * b - h
             rows[axis, 1 + k] = math.sqrt(0.5 * other) * (up + down)
             rows[axis, 1 + n + k] = math.sqrt(0.5 * other) * (up - down)
             shift += other * (up + down)
         for k in range(n):
             rows[axis, 1 + k] -= math.sqrt(2.0 * other) * shift
         rows[axis, 0] = -math.sqrt(centre + 6.0 * n * other) * shift  # the mean and the 6n points that stay with it
-        y[axis] = z[axis] - h - shift
+        y[axis] = z[m, axis] - h - shift
 
 
 @compiled
@@ -251,7 +257,7 @@ def _update(x: FloatArray, p: FloatArray, z: FloatArray, used: BoolArray, model:
     for m in range(len(model.segment)):
         if math.isnan(z[m, 0] + z[m, 1]):
             continue
-        _marker_rows(poses, model.segment[m], model.local[m], model.weights, z[m], rows, y)
+        _marker_rows(model, m, poses, z, rows, y)
         if _distance(rows, y, model.gate_variance[m]) > model.gate**2:
             continue
         used[m] = True
@@ -381,23 +387,14 @@ def _keep(gain: FloatArray, step: FloatArray, keep: FloatArray) -> None:
 
 
 @compiled
-def run_filter(model: Model, measured: Measured, filtered: Filtered) -> tuple[int, float]:
-    """Fill ``filtered``; the frame that failed (−1: none) and the log-likelihood."""
-    mean, covariance = filtered.mean, filtered.covariance
-    n, held = len(model.centres), np.empty(len(model.centres))
-    failing = np.zeros(n, dtype=np.int64)
-    for j in range(n):
-        held[j] = measured.angles[0, j]
-        covariance[0, j, j] = math.inf  # lost
-    log_likelihood = 0.0
-    for k in range(len(mean)):
-        x, p, z = mean[k], covariance[k], measured.markers[k]
-        if k > 0:
-            for r in range(len(x)):
-                x[r] = mean[k - 1, r]
-            _copy(covariance[k - 1], p)
-            _times_transition(p, model.step)
-            _finish_prediction(x, p, model.step, model.shape, model.density)
+def run_filter(model: Model, measured: Measured, memory: Memory, filtered: Filtered) -> tuple[int, float]:
+    """Fill ``filtered``, and leave in ``memory`` the last frame's; the frame that failed (−1: none), log-likelihood."""
+    x, p, held, failing = memory
+    n, log_likelihood = len(held), 0.0
+    for k in range(len(filtered.mean)):
+        z = measured.markers[k]
+        _times_transition(p, model.step)
+        _finish_prediction(x, p, model.step, model.shape, model.density)
         for j in range(n):
             if p[j, j] > model.start[0] or failing[j] > model.patience:
                 filtered.restarted[k, j] = True
@@ -419,6 +416,9 @@ def run_filter(model: Model, measured: Measured, filtered: Filtered) -> tuple[in
         for j in range(n):
             if measured.angle_observed[k, j] and failing[j] == 0:
                 held[j] = x[j]
+        for r in range(len(x)):
+            filtered.mean[k, r] = x[r]
+        _copy(p, filtered.covariance[k])
     return -1, log_likelihood
 
 

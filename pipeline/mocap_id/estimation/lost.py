@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.problem import Problem, Track
+from mocap_id.estimation.problem import Problem, SmoothedTrack
 from mocap_id.estimation.process import noise_shape, transition
 
 
-def carry_back(problem: Problem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
+def carry_back(problem: Problem, track: SmoothedTrack, mean: FloatArray, sd: FloatArray) -> BoolArray:
     """Fill the frames before a joint is found, as long as that is surer than what they hold; in place.
 
     With x = F⁻¹ (x' − w), of which nothing else is known, P = F⁻¹ (P' + Q) F⁻ᵀ.
@@ -22,8 +22,7 @@ def carry_back(problem: Problem, track: Track, mean: FloatArray, sd: FloatArray)
     Parameters
     ----------
     problem : Problem
-    track : Track
-        Smoothed.
+    track : SmoothedTrack
     mean, sd : (F, n, 4) array
         Of the track, by joint; changed.
 
@@ -36,10 +35,8 @@ def carry_back(problem: Problem, track: Track, mean: FloatArray, sd: FloatArray)
     carried = np.zeros(track.restarted.shape, dtype=np.bool_)
     for j, density in enumerate(problem.density):
         noise = density * noise_shape(problem.dt)
-        starts = track.restarted[:, j]
-        found = np.flatnonzero(starts & ~np.append(starts[1:], False))
         own = np.arange(4) * problem.joints + j
-        for k in found:
+        for k in np.flatnonzero(track.found[:, j]).tolist():
             x, p = mean[k, j], track.covariance[k][np.ix_(own, own)]
             for before in range(k - 1, -1, -1):
                 x, p = back @ x, back @ (p + noise) @ back.T

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, chunks
 from mocap_id.estimation.compiling import compiled
 from mocap_id.estimation.inverse import FrameAngles
 from mocap_id.estimation.problem import Anchors, start_sd
@@ -51,12 +51,17 @@ def marker_noise(frames: FrameAngles, floor: float) -> float:
 
     The floor keeps filtered or synthetic recordings, which hold no noise, from being trusted without limit.
     """
-    sound, n = frames.reliable.all(axis=1), frames.angles.shape[1]
-    squares = np.sum(frames.residual[sound][frames.used[sound]] ** 2)
-    kept = np.linalg.inv(np.eye(n) + frames.information[sound] / _FREEDOM_LEVER)
-    angles = np.sum(n - np.trace(kept, axis1=1, axis2=2))
-    freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(angles)
-    return max(floor, math.sqrt(squares / freedom)) if freedom >= 1.0 else floor
+    sound: BoolArray = np.all(frames.reliable, axis=1)
+    taken = np.concatenate([_taken_up(frames.information[s]) for s in chunks(len(sound))])
+    freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(np.sum(taken[sound]))
+    return max(floor, math.sqrt(frames.squares / freedom)) if freedom >= 1.0 else floor
+
+
+def _taken_up(information: FloatArray) -> FloatArray:
+    """Freedom (f,) of the residuals that the angles of each frame take up, from Jᵀ J (f, n, n)."""
+    n = information.shape[1]
+    kept = np.linalg.inv(np.eye(n) + information / _FREEDOM_LEVER)
+    return np.asarray(n - np.trace(kept, axis1=1, axis2=2))
 
 
 def process_noise(anchors: Anchors, dt: float) -> FloatArray:

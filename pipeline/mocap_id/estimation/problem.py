@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,8 +129,8 @@ class Track:
     ----------
     mean : (F, 4n) array
         Filtered, or after the smoother smoothed, state.
-    covariance : (F, 4n, 4n) array
-        Its covariance.
+    sd : (F, 4n) array
+        Its standard deviation.
     used : (F, M) bool array
         Markers that were measured and passed the gate.
     restarted : (F, n) bool array
@@ -139,14 +140,46 @@ class Track:
     """
 
     mean: FloatArray
-    covariance: FloatArray
+    sd: FloatArray
     used: BoolArray
     restarted: BoolArray
     log_likelihood: float
 
     def by_joint(self) -> tuple[FloatArray, FloatArray]:
-        """Means and standard deviations, (F, n, 4) each."""
+        """Means and standard deviations, (F, n, 4) each: the track's own numbers in another order."""
         shape = (len(self.mean), ORDER, self.restarted.shape[1])
-        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
-        mean = np.swapaxes(self.mean.reshape(shape), 1, 2)
-        return mean.copy(), np.sqrt(np.swapaxes(variance.reshape(shape), 1, 2))
+        mean, sd = (np.swapaxes(each.reshape(shape), 1, 2) for each in (self.mean, self.sd))
+        return mean, sd
+
+    @property
+    def found(self) -> BoolArray:
+        """Where (F, n) a joint that was lost is found: it starts over for the last time."""
+        after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
+        return np.asarray(self.restarted & ~after)
+
+
+@dataclass(frozen=True)
+class FilteredTrack(Track):
+    """What a filter returns.
+
+    Parameters
+    ----------
+    covariance : callable
+        From a slice of frames to their covariances (f, 4n, 4n). All of them at once would take six times the room of
+        everything else, so that an engine may keep few of them and work out the others again.
+    """
+
+    covariance: Callable[[slice], FloatArray]
+
+
+@dataclass(frozen=True)
+class SmoothedTrack(Track):
+    """What a smoother returns.
+
+    Parameters
+    ----------
+    covariance : mapping
+        From every frame in which a joint is found to its covariance (4n, 4n).
+    """
+
+    covariance: Mapping[int, FloatArray]

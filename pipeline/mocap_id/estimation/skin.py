@@ -10,9 +10,11 @@ itself.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.estimation.process import ORDER
 from mocap_id.estimation.smoothing import States
 
@@ -23,48 +25,64 @@ _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
 """Share of the noise passed that smoothing once more takes off: of H^2, what H^2 (1 - H)^2 is."""
 
 
-def camera_sd(observed: FloatArray, states: States, floor: float) -> float:
-    """Standard deviation (m) of what of the markers (F, M, 2) changes from frame to frame beside the movement.
+def camera_sd(rested: FloatArray, states: States, floor: float) -> float:
+    """Standard deviation (m) of what of the markers changes from frame to frame beside the movement.
 
     From second differences of the residuals, in which nothing is left of what lasts; the filter's own where no marker
     is seen three times in a row, and never less than ``floor``.
-    """
-    off = np.where(states.used[..., None], observed - states.predicted, np.nan)
-    bends = off[2:] - 2 * off[1:-1] + off[:-2]
-    known = bends[np.isfinite(bends)]
-    if not known.size:
-        return states.noise.marker_sd
-    return min(states.noise.marker_sd, max(floor, float(np.sqrt(np.mean(known**2) / 6))))
-
-
-def with_lasting_errors(
-    states: States, rate: float, camera: float, frames: IntArray, lasting: FloatArray
-) -> FloatArray:
-    """(F, n, 4) standard deviations of the states.
 
     Parameters
     ----------
+    rested : (F, M, 2) array
+        Markers that the states rest on, plane frame, m; NaN elsewhere.
     states : States
-        As filtered.
-    rate : float
-        Frames per second.
+    floor : float
+        m.
+    """
+    squares, count = 0.0, 0
+    for s in chunks(len(rested)):
+        part = slice(s.start, s.stop + 2)  # two frames are the next one's as well
+        off = rested[part] - states.predicted_in(part)
+        bends = off[2:] - 2 * off[1:-1] + off[:-2]
+        known = bends[np.isfinite(bends)]
+        squares, count = squares + float(np.sum(known**2)), count + known.size
+    if count == 0:
+        return states.noise.marker_sd
+    return min(states.noise.marker_sd, max(floor, float(np.sqrt(squares / count / 6))))
+
+
+@dataclass(frozen=True)
+class LastingErrors:
+    """What the markers tell of errors that do not average out.
+
+    Parameters
+    ----------
     camera : float
-        Camera noise of a coordinate, m.
+        Camera noise of a coordinate, m, which does.
     frames : (T,) int array
         Ascending.
-    lasting : (T, n, 4) array
-        Variance at ``frames`` of errors that do not average out.
+    variance : (T, n, 4) array
+        At ``frames``, of the errors from skin and the chain's geometry.
     """
-    variance = states.sd**2
-    steady = np.median(variance, axis=0)  # (n, 4); gaps and ends have more
-    white = np.minimum(variance, steady) * (1 - _WITHHELD) * (camera / states.noise.marker_sd) ** 2
-    withheld = np.maximum(_withheld(states.mean, steady, rate) - _TWICE * white, 0)
-    total = white + np.maximum(variance - steady, 0) + withheld
-    every = np.arange(len(variance))
-    for joint in range(variance.shape[1]):
+
+    camera: float
+    frames: IntArray
+    variance: FloatArray
+
+
+def with_lasting_errors(states: States, rate: float, errors: LastingErrors) -> FloatArray:
+    """(F, n, 4) standard deviations of the states, as filtered at ``rate``, Hz, with these errors."""
+    sd, every = np.empty_like(states.sd), np.arange(len(states.sd))
+    for joint in range(sd.shape[1]):
+        variance: FloatArray = states.sd[:, joint] ** 2
+        steady = np.median(variance, axis=0)  # (4,); gaps and ends have more
+        white = np.minimum(variance, steady) * (1 - _WITHHELD) * (errors.camera / states.noise.marker_sd) ** 2
+        withheld = np.maximum(_withheld(states.mean[:, joint, 0], steady, rate) - _TWICE * white, 0)
+        total = white + np.maximum(variance - steady, 0) + withheld
         for order in range(ORDER):
-            total[:, joint, order] += np.interp(every, frames, lasting[:, joint, order])
-    return np.asarray(np.sqrt(total))
+            total[:, order] += np.interp(every, errors.frames, errors.variance[:, joint, order])
+        sd[:, joint] = np.sqrt(total)
+    return sd
 
 
 def corner(steady: FloatArray) -> float:
@@ -73,19 +91,16 @@ def corner(steady: FloatArray) -> float:
     return float(ratio**0.25)
 
 
-def _withheld(mean: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
-    """(F, n, 4) mean square, over the smoother's memory, of what it takes off the movement: smoothed once more."""
-    count = len(mean)
-    squares = np.zeros(mean.shape)
-    for joint in range(mean.shape[1]):
-        angle = _continued(mean[:, joint, 0])
-        w0 = corner(steady[joint])
-        turning = 2 * np.pi * np.fft.rfftfreq(len(angle), 1 / rate)
-        stopped = np.fft.rfft(angle) * (1 - 1 / (1 + (turning / w0) ** (2 * ORDER)))
-        memory = np.exp(-0.5 * (turning / w0) ** 2)
-        for order in range(ORDER):
-            part = np.fft.irfft((1j * turning) ** order * stopped, len(angle))
-            squares[:, joint, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(angle))[:count]
+def _withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
+    """(F, 4) mean square, over the smoother's memory, of what it takes off the movement: smoothed once more."""
+    squares = np.empty((len(angle), ORDER))
+    twice, w0 = _continued(angle), corner(steady)
+    turning = 2 * np.pi * np.fft.rfftfreq(len(twice), 1 / rate)
+    stopped = np.fft.rfft(twice) * (1 - 1 / (1 + (turning / w0) ** (2 * ORDER)))
+    memory = np.exp(-0.5 * (turning / w0) ** 2)
+    for order in range(ORDER):
+        part = np.fft.irfft((1j * turning) ** order * stopped, len(twice))
+        squares[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(twice))[: len(angle)]
     return squares
 
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation import compiled, reference, rivals
-from mocap_id.estimation.inverse import Chain, FrameAngles, angle_covariance, frame_angles, information, observed_angles
+from mocap_id.estimation.dropouts import hold
+from mocap_id.estimation.inverse import Chain, determined_angles, frame_angles
 from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
-from mocap_id.estimation.problem import Problem, Track
+from mocap_id.estimation.problem import FilteredTrack, Problem, SmoothedTrack
 from mocap_id.estimation.rivals import Estimate
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
+
+_Filter: TypeAlias = Callable[[Problem], FilteredTrack]
+_Smoother: TypeAlias = Callable[[Problem, FilteredTrack], SmoothedTrack]
 
 Engine = Literal["compiled", "filterpy"]
 Method = Literal["rts", "two-filter", "butterworth", "spline"]
@@ -25,7 +29,7 @@ Method = Literal["rts", "two-filter", "butterworth", "spline"]
 FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
 """Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
 
-_ENGINES: dict[Engine, tuple[Callable[[Problem], Track], Callable[[Problem, Track], Track]]] = {
+_ENGINES: dict[Engine, tuple[_Filter, _Smoother]] = {
     "compiled": (compiled.filter_forwards, compiled.smooth_backwards),
     "filterpy": (reference.filter_forwards, reference.smooth_backwards),
 }
@@ -87,10 +91,10 @@ class States:
         Markers that the states rest on: measured, on a moving segment, within the gate.
     noise : Noise
         Marker and process noise, estimated or given.
-    predicted : (F, M, 2) array
-        Positions of all markers from the states, plane frame, m (eq. 3.18); NaN beyond an angle that is not given.
     log_likelihood : float
         Of the filter's innovations; NaN where the method has none.
+    chain : Chain
+        That they are states of, with all M markers.
     """
 
     mean: FloatArray
@@ -98,8 +102,17 @@ class States:
     observed: BoolArray
     used: BoolArray
     noise: Noise
-    predicted: FloatArray
     log_likelihood: float
+    chain: Chain
+
+    @property
+    def predicted(self) -> FloatArray:
+        """Positions (F, M, 2) of all markers from the states, plane frame, m (eq. 3.18), as :meth:`predicted_in`."""
+        return self.predicted_in(slice(None))
+
+    def predicted_in(self, frames: slice | IntArray) -> FloatArray:
+        """Positions (..., M, 2) in some frames (...); NaN beyond an angle that is not given."""
+        return marker_positions(self.mean[frames, :, 0], self.chain.centres, self.chain.segment, self.chain.local)
 
 
 def smooth(
@@ -110,6 +123,7 @@ def smooth(
     local: FloatArray,
     *,
     settings: FilterSettings | None = None,
+    overwrite: bool = False,
 ) -> States:
     """Estimate the states of every joint at every frame.
 
@@ -127,6 +141,9 @@ def smooth(
         Coordinates in the segment frame, m.
     settings : FilterSettings, optional
         Default: :class:`FilterSettings`.
+    overwrite : bool
+        ``observed`` may be changed, which saves a copy: where markers are missing, the others are moved as
+        :func:`mocap_id.estimation.dropouts.hold` tells.
 
     Returns
     -------
@@ -138,20 +155,17 @@ def smooth(
         Where a covariance stops being positive definite.
     """
     settings = settings or FilterSettings()
-    moves, dt = segment > 0, 1.0 / rate
-    chain = Chain(centres, segment[moves], local[moves])
-    frames = frame_angles(observed[:, moves], chain, settings.gate, settings.marker_sd_floor)
-    noise = _noise(frames, dt, settings)
-    problem = _problem(observed[:, moves], dt, chain, frames=frames, noise=noise, settings=settings)
+    moves = segment > 0
+    moving = observed[:, moves] if not moves.all() else observed if overwrite else observed.copy()
+    noise, problem = _posed(moving, 1.0 / rate, Chain(centres, segment[moves], local[moves]), settings)
     found = _estimate(problem, settings)
     mean, sd = found.mean, found.sd
     determined = _determined(found, problem, noise, settings)
     mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
     mean[..., 0] -= _turns(mean[..., 0])
-    predicted = marker_positions(mean[..., 0], centres, segment, local)
     used = np.zeros(observed.shape[:2], dtype=np.bool_)
     used[:, moves] = found.used
-    return States(mean, sd, determined, used, noise, predicted, found.log_likelihood)
+    return States(mean, sd, determined, used, noise, found.log_likelihood, Chain(centres, segment, local))
 
 
 def _estimate(problem: Problem, settings: FilterSettings) -> Estimate:
@@ -174,7 +188,7 @@ def _determined(found: Estimate, problem: Problem, noise: Noise, settings: Filte
     if settings.method in FRAMEWISE:  # they start from the frames' own angles, and give none beyond a long gap
         return np.asarray(problem.anchors.observed & np.isfinite(found.mean[..., 0]))
     chain = Chain(problem.centres, problem.segment, problem.local)
-    determined = observed_angles(angle_covariance(information(found.mean[..., 0], found.used, chain), noise.marker_sd))
+    determined = determined_angles(found.mean[..., 0], found.used, chain, noise.marker_sd)
     return determined if found.carried is None else np.asarray(determined & ~found.carried)
 
 
@@ -184,28 +198,24 @@ def _turns(angles: FloatArray) -> FloatArray:
     return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
 
 
-def _noise(frames: FrameAngles, dt: float, settings: FilterSettings) -> Noise:
-    """The noise that the settings give, the rest estimated."""
+def _posed(observed: FloatArray, dt: float, chain: Chain, settings: FilterSettings) -> tuple[Noise, Problem]:
+    """The noise, as the settings give it or estimated, and what the engines are given; ``observed`` changes."""
+    frames = frame_angles(observed, chain, settings.gate, settings.marker_sd_floor)
     marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
-    if settings.sigma_v is not None:
-        return Noise(marker_sd, np.full(frames.angles.shape[1], settings.sigma_v))
-    return Noise(marker_sd, process_noise(frames.anchors(marker_sd), dt))
-
-
-def _problem(
-    observed: FloatArray, dt: float, chain: Chain, *, frames: FrameAngles, noise: Noise, settings: FilterSettings
-) -> Problem:
-    """What the engines are given."""
-    return Problem(
+    frames = hold(observed, frames, chain, marker_sd, 1.0 / dt)
+    anchors = frames.anchors(marker_sd)
+    given = settings.sigma_v
+    sigma_v = process_noise(anchors, dt) if given is None else np.full(len(chain.centres), given)
+    return Noise(marker_sd, sigma_v), Problem(
         observed=observed,
         dt=dt,
         centres=chain.centres,
         segment=chain.segment,
         local=chain.local,
-        variance=np.full(len(chain.segment), noise.marker_sd**2),
-        gate_variance=np.fmax(noise.marker_sd, frames.scale) ** 2,
+        variance=np.full(len(chain.segment), marker_sd**2),
+        gate_variance=np.fmax(marker_sd, frames.scale) ** 2,
         gate=settings.gate,
-        density=noise.sigma_v**2 * dt,
-        anchors=frames.anchors(noise.marker_sd),
+        density=sigma_v**2 * dt,
+        anchors=anchors,
         sigma_points=settings.sigma_points,
     )

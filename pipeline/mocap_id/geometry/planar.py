@@ -19,7 +19,9 @@ def rotate(angle: FloatArray, vector: FloatArray) -> FloatArray:
     """Turn plane vectors (..., 2) by angles (...), rad (eq. 2.4)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = vector[..., 0], vector[..., 1]
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    turned = np.empty((*np.broadcast_shapes(c.shape, x.shape), 2))
+    turned[..., 0], turned[..., 1] = c * x - s * y, s * x + c * y
+    return turned
 
 
 def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -66,7 +68,7 @@ def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, loca
         Positions in the plane frame, m.
     """
     angle, origin = segment_poses(q, centres)
-    return origin[..., segment, :] + rotate(angle[..., segment], local)
+    return _placed(angle, origin, segment, local)
 
 
 def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
@@ -81,11 +83,23 @@ def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local
         the spatial Jacobian's columns (eq. 2.47).
     """
     angle, origin = segment_poses(q, centres)
-    position = origin[..., segment, :] + rotate(angle[..., segment], local)
-    arm = position[..., :, None, :] - origin[..., None, 1:, :]  # (..., M, n, 2)
-    moved = segment[:, None] >= np.arange(1, centres.shape[0] + 1)  # (M, n)
-    columns = np.stack([-arm[..., 1], arm[..., 0]], axis=-2)  # (..., M, 2, n)
-    return np.where(moved[:, None, :], columns, 0.0)
+    position = _placed(angle, origin, segment, local)
+    jacobian = np.zeros((*position.shape, len(centres)))
+    for j in range(len(centres)):
+        moved = segment > j
+        arm = position[..., moved, :] - origin[..., j + 1, None, :]
+        jacobian[..., moved, 0, j], jacobian[..., moved, 1, j] = -arm[..., 1], arm[..., 0]
+    return jacobian
+
+
+def _placed(angle: FloatArray, origin: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Markers (..., M, 2) on segments of these poses, with one sine and cosine for all markers of a segment."""
+    c, s = np.cos(angle)[..., segment], np.sin(angle)[..., segment]
+    x, y = local[:, 0], local[:, 1]
+    position = np.empty((*c.shape, 2))
+    position[..., 0] = origin[..., segment, 0] + (c * x - s * y)
+    position[..., 1] = origin[..., segment, 1] + (s * x + c * y)
+    return position
 
 
 def spatial_chain(centres: FloatArray) -> Chain:

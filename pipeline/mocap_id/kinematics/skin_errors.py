@@ -25,7 +25,6 @@ from mocap_id.kinematics.chain_equations import (
     joint_positions,
     left_by_pose,
     normal_equations,
-    predicted,
     reduce,
     shared_variance,
 )
@@ -106,8 +105,10 @@ def angle_errors(
     variance : (T, n, 4) array
         Of angle less its mean error, velocity, acceleration and jerk of each joint, SI.
     """
-    state = State(centres, local, np.cumsum(angles, axis=1))
-    skin = _linearised(points, segment, state, np.flatnonzero(observed), camera_sd)
+    seen = np.isfinite(points).any(axis=0)
+    points = points if seen.all() else points[:, seen]
+    state = State(centres, local[seen], np.cumsum(angles, axis=1))
+    skin = _linearised(points, segment[seen], state, np.flatnonzero(observed), camera_sd)
     step = max(1, round(rate / _RATE))
     frames = np.arange(0, len(angles), step)
     mean = _series(skin, frames[:: max(1, len(frames) // _FRAMES)])[0].mean(axis=0)
@@ -117,25 +118,32 @@ def angle_errors(
 
 def _linearised(points: ComplexArray, segment: IntArray, state: State, observed: IntArray, camera_sd: float) -> _Skin:
     """Sizes of the slides from what lasts of the residuals, and the joint fit's answer to each of them."""
-    seen = np.isfinite(points)
-    pinned = np.zeros(len(segment), dtype=np.bool_)
-    every = Problem(np.where(seen, points, 0), seen.astype(np.float64), segment, pinned, len(state.centres))
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
-    shape = _shapes(relative - mean, np.ones(len(segment)), segment)
-    spread = np.sqrt(np.mean(np.sum(shape**2, axis=2), axis=0))
-    shape /= np.where(spread > 0, spread, 1)[:, None]
-    size, rest, square = _sizes(every, state, shape)
-    used = observed[frames_along_motion(points[observed], _FRAMES)]
-    weight: FloatArray = 1.0 / np.maximum(square, _EXACT**2)
-    fitted = replace(every, points=every.points[used], weights=every.weights[used] * (weight / weight.mean()))
+    relative -= mean
+    spread = _spread(relative)[segment - 1]
+    size, rest, square, often = _sizes(points, segment, state, relative, spread)
+    used = frames_along_motion(points, _FRAMES, observed)
+    seen, weight = np.isfinite(points[used]), 1.0 / np.maximum(square, _EXACT**2)
+    pinned = np.zeros(len(segment), dtype=np.bool_)
+    fitted = Problem(
+        np.where(seen, points[used], 0), seen * (weight / weight.mean()), segment, pinned, len(state.centres)
+    )
     traced = replace(state, angles=state.angles[used])
     reduced = reduce(fitted, traced)
-    moved = responses(fitted, traced, reduced, shape[used], reduced.inverse)
+    moved = responses(fitted, traced, reduced, _shapes(relative[used], spread, segment), reduced.inverse)
     values, vectors = np.linalg.eigh(reduced.inverse)
     noise = vectors * (camera_sd * np.sqrt(np.maximum(values, 0)))
-    share = replace(every, points=every.points[:1], weights=every.weights.mean(axis=0)[None])
-    return _Skin(state, share, size, rest, mean, np.where(spread > 0, spread, 1), moved, noise)
+    share = replace(fitted, points=fitted.points[:1], weights=often[None])
+    return _Skin(state, share, size, rest, mean, spread, moved, noise)
+
+
+def _spread(relative: FloatArray) -> FloatArray:
+    """(n,) root mean square of a segment's shapes, 1 where nothing moves; from angles (F, n) off their mean."""
+    square = np.zeros((relative.shape[1] + 1, len(relative)))
+    square[:-1] = relative.T**2
+    spread = np.sqrt(np.mean(square[:-1] + square[1:], axis=1))
+    return np.where(spread > 0, spread, 1)
 
 
 def _shapes(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
@@ -144,35 +152,44 @@ def _shapes(relative: FloatArray, spread: FloatArray, segment: IntArray) -> Floa
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 
 
-def _sizes(problem: Problem, state: State, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _sizes(
+    points: ComplexArray, segment: IntArray, state: State, relative: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Variances (K,), m^2 a coordinate, of what lasts, of what of it does not follow the shapes, and weights' inverse.
 
-    What of a residual is still there one frame later is no camera noise.
+    What of a residual is still there one frame later is no camera noise. The last is how often each marker is seen.
     """
-    _, turn = joint_positions(state)
-    seen = problem.weights > 0
-    off = np.where(seen, (problem.points - predicted(problem, state)) * np.conj(turn[:, problem.segment - 1]), 0)
-    left = off.copy()
-    for k in range(len(problem.segment)):
-        own = seen[:, k]
-        basis = np.column_stack([np.ones(np.count_nonzero(own)), shape[own, k]])
-        left[own, k] -= basis @ np.linalg.lstsq(basis, off[own, k], rcond=None)[0]
-    square = np.sum(np.abs(off) ** 2, axis=0) / np.maximum(seen.sum(axis=0), 1) / 2
-    size, rest, often = _lasting(problem, off), _lasting(problem, left), seen.mean(axis=0)
-    square = shared_variance(square, often, problem.segment, state.local)  # as the joint fit weighs
-    for k in range(1, problem.joints + 1):
-        members = problem.segment == k
+    origin, turn = joint_positions(state)
+    found = np.empty((4, len(segment)))
+    for k, joint in enumerate(segment - 1):  # one by one, to bound the memory
+        off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
+        found[:, k] = _own_sizes(off, _shapes(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
+    size, rest, square, often = found
+    square = shared_variance(square, often, segment, state.local)  # as the joint fit weighs
+    for k in range(1, len(state.centres) + 1):
+        members = segment == k
         weights = often[members] / np.maximum(square[members], _EXACT**2)
         size[members] /= left_by_pose(weights, state.local[members])
         rest[members] /= left_by_pose(weights, state.local[members])
-    return size, np.minimum(rest, size), square
+    return size, np.minimum(rest, size), square, often
 
 
-def _lasting(problem: Problem, off: ComplexArray) -> FloatArray:
-    """(K,) covariance of each marker's offset (F, K) with itself one frame later, a coordinate, m^2."""
-    seen = problem.weights > 0
-    pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
-    return np.asarray(np.maximum((np.conj(off[1:]) * off[:-1]).real.sum(axis=0) / pairs, 0) / 2)
+def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
+    """Variances of what lasts of a marker's offset (F,), of what is left of it beside its shapes (F, 2), and of the
+    offset, m^2 a coordinate; and how often the marker is seen.
+    """
+    seen = np.isfinite(off)
+    off = np.where(seen, off, 0)
+    basis, left = np.column_stack([np.ones(np.count_nonzero(seen)), shape[seen]]), off.copy()
+    left[seen] -= basis @ np.linalg.lstsq(basis, off[seen], rcond=None)[0]
+    square = np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2
+    return _lasting(off, seen), _lasting(left, seen), float(square), float(np.mean(seen))
+
+
+def _lasting(off: ComplexArray, seen: BoolArray) -> float:
+    """Covariance of a marker's offset (F,) with itself one frame later, a coordinate, m^2."""
+    pairs = max(int(np.count_nonzero(seen[1:] & seen[:-1])), 1)
+    return max(float((np.conj(off[1:]) * off[:-1]).real.sum()) / pairs, 0.0) / 2
 
 
 def _series(skin: _Skin, frames: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import planar
 
 _LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, of the height's range
+_STANDING = 0.9  # of the height's range: what is above is standing
 _LEAST_RISE = 0.15  # of the legs' length: less is not a sit-to-stand
 
 
@@ -59,6 +60,26 @@ def posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
     length = float(np.linalg.norm(centres[1 : joint + 1], axis=1).sum())
     height = (heights[:, joint] - low[joint]) / rise if rise > 0.0 else np.zeros(len(q))
     return Posture(height, rise, _with_hysteresis(height), rise > max(_LEAST_RISE * length, 1e-6), speed)
+
+
+def standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
+    """Angle of each segment's frame from the plane's while the person stands: medians (n,), rad.
+
+    Parameters
+    ----------
+    q : (T, n) array
+        Joint angles, rad.
+    posture : Posture
+        Where nobody rises, every sample counts as standing.
+
+    Returns
+    -------
+    (n,) array or None
+        None where no angles are known.
+    """
+    high = posture.height > _STANDING if posture.moves else np.ones(len(q), dtype=bool)
+    known = high & np.isfinite(q).all(axis=1)
+    return np.median(np.cumsum(q[known], axis=1), axis=0) if known.any() else None
 
 
 def _with_hysteresis(height: FloatArray) -> BoolArray:

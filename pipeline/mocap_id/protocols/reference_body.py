@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.allometry import Sex, TableName, full_parameters, height_from_legs, table
+from mocap_id.dynamics.allometry import Sex, Table, TableName, full_parameters, height_from_legs, table
 from mocap_id.verdict import Reason
 
 
@@ -21,12 +21,22 @@ class ReferenceBody:
         ``winter``, ``de-leva``; None where no reference applies.
     parameters : (4(n + 1),) array
         m, mx, my, Izz of every segment, base first; NaN where no reference applies.
+    height, mass : float or None
+        Of the body, m and kg.
+    assumed : tuple of str
+        What was not given, and what stands in for it.
+    why : str or None
+        Why no reference applies.
     reasons : tuple of Reason
-        What was assumed, or why there is none.
+        The same for the verdict.
     """
 
     table: TableName | None
     parameters: FloatArray
+    height: float | None
+    mass: float | None
+    assumed: tuple[str, ...]
+    why: str | None
     reasons: tuple[Reason, ...]
 
 
@@ -39,6 +49,7 @@ def reference_body(
     mass: float | None,
     sex: Sex | None,
     plate_mass: float | None,
+    standing: FloatArray | None = None,
 ) -> ReferenceBody:
     """A person of this height, mass and sex on a foot-shank-thigh-torso chain (or with the torso in two).
 
@@ -54,31 +65,55 @@ def reference_body(
         plates; without the sex de Leva's table is the mean of both.
     plate_mass : float or None
         What the plates show, kg.
+    standing : (n,) array or None
+        Angle of each segment's frame while the person stands, rad.
     """
     if len(centres) not in (3, 4):
-        return _none(len(centres), f"the tables describe people of 4 or 5 segments, not of {len(centres) + 1}")
+        return no_reference(len(centres), f"the tables describe people of 4 or 5 segments, not of {len(centres) + 1}")
     if mass is None and plate_mass is None:
-        return _none(len(centres), "neither the subject's mass nor a plate's is known: give `subject: {mass: …}`")
+        return no_reference(
+            len(centres), "neither the subject's mass nor a plate's is known: give `subject: {mass: …}`"
+        )
     reference = table(name, sex)
-    notes: list[str] = []
+    assumed: list[str] = []
     if mass is None:
+        assert plate_mass is not None
         mass = plate_mass
-        notes.append(f"a mass of {mass:.1f} kg, from the plates")
+        assumed.append(f"a mass of {mass:.1f} kg, from the plates")
     if height is None:
-        shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
-        height = height_from_legs(reference, shank, thigh)
-        notes.append(f"a height of {height:.2f} m, from the lengths of shank and thigh")
+        height, how = _height(reference, centres)
+        assumed.append(how)
     if name == "de-leva" and sex is None:
-        notes.append("the mean of the female and the male table")
-    assert mass is not None
-    parameters = full_parameters(reference, centres, height, mass, facing)
+        assumed.append("the mean of the female and the male table")
+    return ReferenceBody(
+        table=name,
+        parameters=full_parameters(reference, centres, height, mass, facing, standing=standing),
+        height=height,
+        mass=mass,
+        assumed=tuple(assumed),
+        why=None,
+        reasons=_told(name, assumed),
+    )
+
+
+def _height(reference: Table, centres: FloatArray) -> tuple[float, str]:
+    """Stature, m, by the lengths of shank and thigh, and how it came about."""
+    shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
+    height, factor = height_from_legs(reference, shank, thigh), reference.shank.length + reference.thigh.length
+    legs = f"{shank + thigh:.3f} m / {factor:.3f}"
+    return height, f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})"
+
+
+def _told(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
+    if not assumed:
+        return ()
+    message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give `subject:` to be exact"
+    return (Reason("reference-assumed", message, level="ok"),)
+
+
+def no_reference(joints: int, why: str | None) -> ReferenceBody:
+    """No reference body for a chain of so many joints; without a ``why`` none is to be expected."""
     reasons: tuple[Reason, ...] = ()
-    if notes:
-        message = f"the reference body ({name}) assumes {'; '.join(notes)}; give `subject:` to be exact"
-        reasons = (Reason("reference-assumed", message, level="ok"),)
-    return ReferenceBody(name, parameters, reasons)
-
-
-def _none(joints: int, why: str) -> ReferenceBody:
-    reason = Reason("no-reference", f"there is no reference body to compare with: {why}", level="ok")
-    return ReferenceBody(None, np.full(4 * (joints + 1), np.nan), (reason,))
+    if why is not None:
+        reasons = (Reason("no-reference", f"there is no reference body to compare with: {why}", level="ok"),)
+    return ReferenceBody(None, np.full(4 * (joints + 1), np.nan), None, None, (), why, reasons)

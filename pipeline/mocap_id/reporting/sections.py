@@ -48,7 +48,7 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "Forces on the ground",
             "wrench.parquet",
             ("wrench",),
-            (tables.agreement(summary), _clock(summary), tables.plates(material)),
+            (tables.agreement(summary), tables.rivals(summary), _clock(summary), tables.plates(material)),
         ),
         Section(
             "parameters",
@@ -141,7 +141,7 @@ def _clock(summary: Summary) -> tables.Grid:
 
 def _identification(material: Material) -> tables.Grid:
     """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m"}
+    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals"}
     return tables.facts("Identification", _but(material.facts("dynamics.h5"), shown))
 
 

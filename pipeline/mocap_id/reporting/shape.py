@@ -140,8 +140,23 @@ class ChannelEntry(Entry):
     why: str | None
 
 
+class RivalEntry(Entry):
+    """An allometric body on the same chain, judged over the same samples as the model; off the seat without one."""
+
+    height_m: float | None
+    mass_kg: float | None
+    assumed: list[str]
+    wrench: dict[str, ChannelEntry]
+    cop_rms_m: float | None
+    why: str | None
+
+
 class DynamicsEntry(Entry):
-    """The identification; ``mass_kg`` and ``cop_mean_m`` are what the plates show by themselves."""
+    """The identification; ``mass_kg`` and ``cop_mean_m`` are what the plates show by themselves.
+
+    ``consistency`` is which bodies counted as possible. ``rivals`` are the bodies of each table of people, by its name;
+    empty where none applies.
+    """
 
     base: list[BaseEntry] | None
     condition_number: float | None
@@ -153,6 +168,8 @@ class DynamicsEntry(Entry):
     samples: int | None
     mass_kg: float | None
     cop_mean_m: float | None
+    consistency: Literal["grid", "cone", "bounded-cone"] | None
+    rivals: dict[str, RivalEntry]
     why: str | None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,7 @@ from mocap_id.reporting.shape import (
     PlaneEntry,
     ReasonEntry,
     RepetitionEntry,
+    RivalEntry,
     SegmentsEntry,
     Summary,
     VerdictEntry,
@@ -204,10 +206,14 @@ def _dynamics(material: Material) -> DynamicsEntry:
         for key in ("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m")
     }
     samples = known(facts.get("samples"))
-    base, wrench = _base(material), _wrench(material)
+    base, wrench = _base(material), _channels(facts.get("wrench")) or None
+    consistency = facts.get("consistency")
     mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.frame("wrench.parquet"))
     why = [
-        _because(facts.get("why") or material.why_missing("dynamics.h5"), *identified.values(), samples, base, wrench),
+        _because(
+            facts.get("why") or material.why_missing("dynamics.h5"),
+            *(*identified.values(), samples, base, wrench, consistency),
+        ),
         _because(material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet"), mass, cop),
     ]
     return DynamicsEntry(
@@ -216,6 +222,8 @@ def _dynamics(material: Material) -> DynamicsEntry:
         samples=None if samples is None else int(samples),
         mass_kg=mass,
         cop_mean_m=cop,
+        consistency=consistency,
+        rivals={str(name): _rival(rival) for name, rival in (facts.get("rivals") or {}).items()},
         why=_joined(why),
         **identified,
     )
@@ -242,16 +250,26 @@ def _base(material: Material) -> list[BaseEntry] | None:
     return None if all(entry.value is None for entry in entries) else entries
 
 
-def _wrench(material: Material) -> dict[str, ChannelEntry] | None:
-    channels = material.facts("dynamics.h5").get("wrench")
-    if not channels:
-        return None
+def _channels(channels: Mapping[str, Mapping[str, object] | None] | None) -> dict[str, ChannelEntry]:
+    """How far a model is off in each component."""
     entries = {}
-    for name, channel in channels.items():
+    for name, channel in (channels or {}).items():
         numbers = {key: known((channel or {}).get(key)) for key in ("bias", "sd", "r2")}
         why = _because("it could not be computed over the samples of the fit", *numbers.values())
         entries[str(name)] = ChannelEntry(**numbers, why=why)
     return entries
+
+
+def _rival(facts: Mapping[str, Any]) -> RivalEntry:
+    height, mass, cop = (known(facts.get(key)) for key in ("height_m", "mass_kg", "cop_rms_m"))
+    return RivalEntry(
+        height_m=height,
+        mass_kg=mass,
+        assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
+        wrench=_channels(facts.get("wrench")),
+        cop_rms_m=cop,
+        why=_because("no samples show it off the seat", height, mass, cop),
+    )
 
 
 def _repetitions(material: Material) -> list[RepetitionEntry] | None:

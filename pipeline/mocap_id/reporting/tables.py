@@ -13,6 +13,7 @@ from mocap_id.reporting.shape import Summary
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units at the end of the facts' keys."""
+_WRENCH = ("Fx", "Fy", "tauz")
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,26 @@ def agreement(summary: Summary) -> Grid:
     ]
     caption = "Model against measurement, over the samples of the fit"
     return grid(caption, ("component", "bias", "standard deviation", "r²"), rows)
+
+
+def rivals(summary: Summary) -> Grid:
+    """How far the bodies of the tables of people are from the measured wrench, beside the model."""
+    dynamics = summary.dynamics
+    bodies = {"identified model": (dynamics.wrench or {}, dynamics.cop_rms_m)} if dynamics.rivals else {}
+    bodies |= {name: (rival.wrench, rival.cop_rms_m) for name, rival in dynamics.rivals.items()}
+    rows = [
+        (
+            name,
+            *(
+                f"{show(wrench[part].bias)} ± {show(wrench[part].sd)}" if part in wrench else UNKNOWN
+                for part in _WRENCH
+            ),
+            millimetres(cop),
+        )
+        for name, (wrench, cop) in bodies.items()
+    ]
+    head = ("body", "Fx (N)", "Fy (N)", "tauz (N·m)", "centre of pressure, rms (mm)")
+    return grid("Model and allometric bodies against measurement: bias ± standard deviation", head, rows, (0,))
 
 
 def base_parameters(material: Material, summary: Summary) -> Grid:

@@ -10,15 +10,18 @@ import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base import BaseSet, base_names, base_units, full_names, structural_base
+from mocap_id.dynamics.comparison import compare
+from mocap_id.dynamics.consistent import Solution
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.identify import Identification
-from mocap_id.dynamics.predict import Prediction, agreement
+from mocap_id.dynamics.optimality import Answer
+from mocap_id.dynamics.predict import Prediction
 from mocap_id.dynamics.prepare import Prepared, Recorded, arcs
 from mocap_id.dynamics.pressure import centre_of_pressure
-from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
-from mocap_id.protocols.reference_body import ReferenceBody
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.sit_to_stand import Contact
+from mocap_id.stages.rivals import Rivals, rival_facts
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
 
@@ -33,7 +36,7 @@ class Identified:
     found: Identification
     model: Prediction
     grid: PointGrid
-    body: ReferenceBody
+    rivals: Rivals
     contact: Contact | None
     cop_threshold: float
 
@@ -48,10 +51,9 @@ def events_table(repetitions: tuple[Repetition, ...]) -> Table:
 def dynamics_frame(result: Identified) -> pd.DataFrame:
     """dynamics.parquet: the measured wrench, clock and constant error of Fx taken out, beside the models'."""
     prepared, model, threshold = result.prepared, result.model, result.cop_threshold
-    time = prepared.recorded.time
-    measured = prepared.wrench(time - result.found.fit.offset) - [result.found.plate_bias or 0.0, 0.0, 0.0]
-    reference = prepared.regressor @ result.body.parameters
-    columns = {"time": time}
+    measured = _measured(result)
+    reference = prepared.regressor @ result.rivals.chosen.parameters
+    columns = {"time": prepared.recorded.time}
     columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold))
     columns |= _wrench_columns(model.wrench, model.cop, "_model")
     columns |= _wrench_columns(model.wrench_sd, model.cop_sd, "_model", "sd_")
@@ -61,13 +63,23 @@ def dynamics_frame(result: Identified) -> pd.DataFrame:
     return pd.DataFrame(columns).assign(in_fit=result.found.fit.in_fit)
 
 
-def empty_frame(recorded: Recorded, cop_threshold: float) -> pd.DataFrame:
-    """dynamics.parquet without a model: the measured wrench as the plate's clock stamped it, everything else NaN."""
+def empty_frame(recorded: Recorded, reference: FloatArray, cop_threshold: float) -> pd.DataFrame:
+    """dynamics.parquet without a model: the wrench as the plate's clock stamped it, the reference's, the rest NaN.
+
+    Parameters
+    ----------
+    recorded : Recorded
+    reference : (T, 3) array
+        What the allometric body would do; NaN where none applies.
+    cop_threshold : float
+        N.
+    """
     absent = np.full((len(recorded.time), 3), np.nan)
     columns = {"time": recorded.time}
     columns |= _wrench_columns(recorded.wrench, centre_of_pressure(recorded.wrench, cop_threshold))
-    for prefix, suffix in (("", "_model"), ("sd_", "_model"), ("", "_reference")):
-        columns |= _wrench_columns(absent, absent[:, 0], suffix, prefix)
+    columns |= _wrench_columns(absent, absent[:, 0], "_model")
+    columns |= _wrench_columns(absent, absent[:, 0], "_model", "sd_")
+    columns |= _wrench_columns(reference, centre_of_pressure(reference, cop_threshold), "_reference")
     for j in range(1, recorded.q.shape[1] + 1):
         columns[f"tau_{j}"] = columns[f"sd_tau_{j}"] = absent[:, 0]
     return pd.DataFrame(columns).assign(in_fit=np.zeros(len(absent), dtype=bool))
@@ -81,62 +93,76 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
         "full": {
             "name": np.array(full_names(len(centres) + 1), dtype=object),
             "value": found.full,
-            "reference": result.body.parameters,
+            "reference": result.rivals.chosen.parameters,
         },
         "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.masses},
     }
 
 
-def empty_data(centres: FloatArray, grid: PointGrid, mass: float | None) -> dict[str, dict[str, Any]]:
-    """dynamics.h5 with every value NaN but the mass, where that much is known: the first base parameter."""
+def empty_data(
+    centres: FloatArray, grid: PointGrid, mass: float | None, reference: FloatArray
+) -> dict[str, dict[str, Any]]:
+    """dynamics.h5 with every value NaN but the mass, the first base parameter, and the reference, where known."""
     base = structural_base(centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if mass is None else mass
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
         "base": _base(base, centres, value, np.full(len(value), np.nan)),
-        "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": full},
+        "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
     }
 
 
 def dynamics_facts(result: Identified, frame: pd.DataFrame) -> dict[str, Any]:
     """What summary.json says of the fit, over its samples."""
-    found, fit, solution = result.found, result.found.fit, result.found.solution
+    found, fit, prepared = result.found, result.found.fit, result.prepared
     samples: BoolArray = frame["in_fit"].to_numpy()
-    compared = {name: agreement(frame[f"{name}_model"].to_numpy(), frame[name].to_numpy(), samples) for name in _WRENCH}
-    cop = compared.pop("cop_x")
+    measured, threshold = _measured(result), result.cop_threshold
+    compared = compare(result.model.wrench, measured, samples, threshold)
     return empty_facts(None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
         "clock_offset_s": fit.found if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
-        "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
+        "wrench": {name: None if one is None else asdict(one) for name, one in compared.wrench.items()},
+        "cop_rms_m": compared.cop_rms,
         "samples": int(samples.sum()),
-        "reference_table": result.body.table,
-        "solver": {
-            "name": solution.solver,
-            "status": solution.status,
-            "iterations": solution.iterations,
-            "kkt": solution.kkt,
-            "disagreement": solution.disagreement,
-            "price_of_consistency": solution.price,
-        },
-        "cutoff_hz": result.prepared.lowpass.cutoff,
+        "reference_table": result.rivals.chosen.table,
+        "rivals": rival_facts(result.rivals, prepared.regressor, measured, samples, threshold),
+        "consistency": found.solution.consistency,
+        "solver": _solver(found.solution),
+        "reference_pulls": found.pulled,
+        "cutoff_hz": prepared.lowpass.cutoff,
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
         "untold": list(result.model.untold),
         "why": _why_untold(result.model.untold),
-        "arc_deg": np.degrees(arcs(result.prepared.recorded.q, samples)).tolist(),
+        "arc_deg": np.degrees(arcs(prepared.recorded.q, samples)).tolist(),
         "contact": None if result.contact is None else _contact(result.contact),
     }
+
+
+def unknown_facts(
+    why: str, recorded: Recorded, bodies: Rivals, free: BoolArray, *, cop_threshold: float, gravity: float
+) -> tuple[FloatArray, dict[str, Any]]:
+    """The reference's wrench (T, 3) of a trial whose parameters stay unknown, and its facts.
+
+    The rivals are compared over the samples on which only the ground touches the body.
+    """
+    regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, gravity)
+    facts = empty_facts(why) | {
+        "reference_table": bodies.chosen.table,
+        "rivals": rival_facts(bodies, regressor, recorded.wrench, free, cop_threshold),
+    }
+    return regressor @ bodies.chosen.parameters, facts
 
 
 def empty_facts(why: str | None) -> dict[str, Any]:
     """Facts of dynamics.h5 where nothing is known, and why."""
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
-        "samples", "reference_table", "solver", "cutoff_hz", "plate_bias_N", "untold", "arc_deg", "contact",
+        "samples", "reference_table", "rivals", "consistency", "solver", "reference_pulls", "cutoff_hz", "plate_bias_N",
+        "untold", "arc_deg", "contact",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 
@@ -145,6 +171,33 @@ def _why_untold(untold: tuple[str, ...]) -> str | None:
     if not untold:
         return None
     return f"the fitted components of the wrench do not tell {', '.join(untold)}: see `identify-dim: {{components: …}}`"
+
+
+def _measured(result: Identified) -> FloatArray:
+    """The plates' wrench (T, 3) at the corrected clock, less their constant error of Fx."""
+    time = result.prepared.recorded.time
+    bias = np.array([result.found.plate_bias or 0.0, 0.0, 0.0])
+    return np.asarray(result.prepared.wrench(time - result.found.fit.offset) - bias)
+
+
+def _solver(solution: Solution) -> dict[str, Any]:
+    def told(answer: Answer) -> dict[str, Any]:
+        return {
+            "name": answer.solver,
+            "status": answer.status,
+            "iterations": answer.iterations or None,
+            "kkt": answer.optimality.excess,
+            "proven": answer.optimality.proven,
+            **asdict(answer.optimality),
+        }
+
+    return {
+        **told(solution.answer),
+        "asked": solution.asked,
+        "disagreement": solution.disagreement,
+        "price_of_consistency": solution.price,
+        "second": told(solution.other),
+    }
 
 
 def _contact(contact: Contact) -> dict[str, Any]:

@@ -159,7 +159,7 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
 
 STAGE = Stage(
     name="fit-joints",
-    version=2,
+    version=3,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=(),

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.consistent import Consistency
 from mocap_id.dynamics.fit import LEAST_SECONDS, determined, select
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
@@ -20,10 +21,10 @@ from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, arcs, pre
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.errors import StoreError
 from mocap_id.protocols.contact import ContactRule
-from mocap_id.protocols.movement import Movement, facing, read_movement
-from mocap_id.protocols.reference_body import ReferenceBody, reference_body
+from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.rivals import rivals
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
@@ -47,6 +48,9 @@ class IdentifyDimSettings(Settings):
     seat_off_share: float = Field(0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight`")
     knee_bend_rad: float = Field(0.8, gt=0, description="straighter is off the chair, for `contact: knee`, rad")
     reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table to compare with")
+    reference_sd: float = Field(0.15, gt=0, le=1, description="standard deviation of its parameters, of their size")
+    reference_pulls: bool = Field(False, description="it pulls what the wrench tells too (4.13), as a prior")
+    consistency: Consistency = Field("grid", description="bodies that can exist: point masses, or their exact cone")
     grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
     still_arc_deg: float = Field(3.0, ge=0, description="if no joint turns more, only the mass is known, degrees")
@@ -129,20 +133,29 @@ def identify_dim(context: Context) -> Outputs:
 def _identified(
     context: Context, chain: _Chain, prepared: Prepared, movement: Movement, grid: PointGrid
 ) -> tuple[Table, Tree]:
-    body = _reference(context, prepared, movement)
+    bodies, settings = rivals(context, prepared.recorded, movement), context.settings
     q, threshold = prepared.recorded.q, _cop_threshold(context)
-    found = identify(prepared, movement.free, grid, body.parameters, chain.error(q))
+    found = identify(
+        prepared,
+        movement.free,
+        grid,
+        bodies.chosen.parameters,
+        chain.error(q),
+        consistency=settings.consistency,
+        reference_sd=settings.reference_sd,
+        reference_pulls=settings.reference_pulls,
+    )
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
         model=predict(prepared, found, chain.correlation(q, _snap(context, q.shape[1])), threshold),
         grid=grid,
-        body=body,
+        rivals=bodies,
         contact=movement.contact,
         cop_threshold=threshold,
     )
     frame = artefacts.dynamics_frame(result)
-    reasons = (*movement.reasons, *body.reasons, *_judgement(context, result))
+    reasons = (*movement.reasons, *bodies.chosen.reasons, *_judgement(context, result))
     facts = artefacts.dynamics_facts(result, frame)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
 
@@ -185,10 +198,19 @@ def _nothing(
     context: Context, recorded: Recorded, grid: PointGrid, unknown: _Unknown, movement: Movement
 ) -> tuple[Table, Tree]:
     """The artefacts of a trial whose parameters stay unknown."""
-    frame = artefacts.empty_frame(recorded, _cop_threshold(context))
-    data = artefacts.empty_data(recorded.centres, grid, unknown.mass)
-    reasons = (*movement.reasons, Reason(unknown.code, unknown.why))
-    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, data, artefacts.empty_facts(unknown.why), reasons)
+    bodies, threshold = rivals(context, recorded, movement), _cop_threshold(context)
+    reference, facts = artefacts.unknown_facts(
+        unknown.why,
+        recorded,
+        bodies,
+        movement.free,
+        cop_threshold=threshold,
+        gravity=context.settings.gravity,
+    )
+    frame = artefacts.empty_frame(recorded, reference, threshold)
+    data = artefacts.empty_data(recorded.centres, grid, unknown.mass, bodies.chosen.parameters)
+    reasons = (*movement.reasons, *bodies.chosen.reasons, Reason(unknown.code, unknown.why))
+    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, data, facts, reasons)
 
 
 def _recorded(context: Context, chain: _Chain) -> Recorded:
@@ -300,29 +322,9 @@ def _known_to_be_free(context: Context, movement: Movement) -> bool:
     return movement.contact is not None and movement.contact.chair is not None
 
 
-def _reference(context: Context, prepared: Prepared, movement: Movement) -> ReferenceBody:
-    """The allometric body of a sit-to-stand; other protocols have none."""
-    settings: IdentifyDimSettings = context.settings
-    chain, subject = prepared.recorded.centres, context.trial.subject
-    if context.trial.protocol != "sit-to-stand":
-        return ReferenceBody(None, np.full(4 * (len(chain) + 1), np.nan), ())
-    mass = context.table("wrench.parquet").facts.get("mass_kg")
-    if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
-        mass = movement.contact.weight / settings.gravity
-    return reference_body(
-        settings.reference,
-        chain,
-        facing(prepared.recorded),
-        height=subject.height,
-        mass=subject.mass,
-        sex=subject.sex,
-        plate_mass=mass,
-    )
-
-
 STAGE = Stage(
     name="identify-dim",
-    version=2,
+    version=3,
     inputs=("wrench.parquet", "chain.h5", "states.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),

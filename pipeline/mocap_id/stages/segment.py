@@ -311,7 +311,7 @@ def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -
 
 STAGE = Stage(
     name="segment",
-    version=3,
+    version=4,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),

@@ -6,9 +6,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
 from mocap_id.estimation import States
-from mocap_id.estimation.inverse import Chain
-from mocap_id.estimation.skin import camera_sd, with_lasting_errors
-from mocap_id.estimation.steps import stepping_errors
+from mocap_id.estimation.absent import growth
+from mocap_id.estimation.skin import LastingErrors, camera_sd
 from mocap_id.kinematics import angle_errors
 
 _LEAST = 50  # frames that show every joint, below which nothing is told of the skin
@@ -18,44 +17,41 @@ NOISE = "noise taken for white"
 SKIN = "camera noise and skin"
 
 
-def state_sd(states: States, observed: FloatArray, rate: float, chain: Chain, floor: float) -> tuple[FloatArray, str]:
-    """Standard deviations (F, n, 4) of states of a chain that was fitted as a whole, and what they hold.
+def lasting_errors(states: States, rested: FloatArray, rate: float, floor: float) -> LastingErrors | None:
+    """Errors of states of a chain that was fitted as a whole; None where too little is seen to tell.
 
     Parameters
     ----------
     states : States
-    observed : (F, M, 2) array
-        Markers in the plane, m.
+    rested : (F, M, 2) array
+        Markers that the states rest on, plane frame, m; NaN elsewhere.
     rate : float
         Frames per second.
-    chain : Chain
-        With all M markers.
     floor : float
         Least camera noise, m.
     """
-    counts = states.used.any(axis=0)
+    chain, counts = states.chain, states.used.any(axis=0)
     shown: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
     if np.count_nonzero(shown) < _LEAST or set(chain.segment[counts]) < set(range(1, len(chain.centres) + 1)):
-        return states.sd, NOISE
-    camera = camera_sd(observed, states, floor)
-    points = np.where(states.used, _complex(observed), np.nan)
-    angles = _filled(states.mean[..., 0])
-    frames, lasting = angle_errors(
-        points[:, counts],
-        chain.segment[counts],
+        return None
+    camera, angles = camera_sd(rested, states, floor), _filled(states.mean[..., 0])
+    frames, variance = angle_errors(
+        _complex(rested),
+        chain.segment,
         _complex(chain.centres),
-        _complex(chain.local[counts]),
+        _complex(chain.local),
         angles,
         observed=shown,
         camera_sd=camera,
         rate=rate,
     )
-    sd = with_lasting_errors(states, rate, camera, frames, lasting)
-    return np.sqrt(sd**2 + stepping_errors(states, observed, angles, rate, chain)), SKIN
+    variance *= growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
+    return LastingErrors(camera, frames, variance)
 
 
 def _complex(points: FloatArray) -> ComplexArray:
-    return np.asarray(points[..., 0] + 1j * points[..., 1])
+    """x + i y in the place of (..., 2) coordinates that lie side by side."""
+    return np.ascontiguousarray(points).view(np.complex128)[..., 0]
 
 
 def _filled(angles: FloatArray) -> FloatArray:

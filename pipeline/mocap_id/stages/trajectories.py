@@ -12,6 +12,58 @@ from mocap_id.store import Table
 
 
 @dataclass(frozen=True)
+class PlanarView:
+    """The coordinates of a ``planar.parquet`` where they stand: for a stage that cannot afford a copy.
+
+    Parameters
+    ----------
+    frames : (F,) int array
+        The file's own frame numbers.
+    time : (F,) array
+        s, the recording's clock.
+    labels : tuple of str
+        The M markers.
+    x, y, z : (F, M) array
+        Along the motion, up, and out of the plane, m; NaN where unseen. Not to be written to.
+    rate : float
+        Frames per second.
+    """
+
+    frames: IntArray
+    time: FloatArray
+    labels: tuple[str, ...]
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    rate: float
+
+    @classmethod
+    def of(cls, planar: Table) -> PlanarView:
+        """Views of a table whose rows are sorted by frame, every frame holding every marker."""
+        frame = planar.frame
+        count = len(frame["marker"].cat.categories)
+        labels = tuple(str(label) for label in frame["marker"].iloc[:count])
+        frames, time = (frame[name].to_numpy()[::count].copy() for name in ("frame", "time"))
+        x, y, z = (frame[name].to_numpy(dtype=np.float64).reshape(-1, count) for name in ("x", "y", "z"))
+        return cls(frames, time, labels, x, y, z, float(planar.facts["rate_hz"]))
+
+    def points(self, markers: IntArray, frames: slice = slice(None)) -> FloatArray:
+        """(f, m, 2) copy of some markers, by their columns, m."""
+        found = np.empty((len(self.x[frames]), len(markers), 2))
+        for axis, values in enumerate((self.x, self.y)):
+            found[..., axis] = values[frames, markers]
+        return found
+
+    def without_bursts(self, markers: IntArray) -> FloatArray:
+        """(F, m, 2) copy of some markers, m; NaN also where they jump there and back."""
+        found = self.points(markers)
+        for k, marker in enumerate(markers):
+            track = np.stack([self.x[:, marker], self.y[:, marker], self.z[:, marker]], axis=1)
+            found[find_bursts(track[:, None], self.rate)[:, 0], k] = np.nan
+        return found
+
+
+@dataclass(frozen=True)
 class Trajectories:
     """Marker trajectories in the plane frame.
 
@@ -38,17 +90,9 @@ class Trajectories:
     @classmethod
     def of(cls, planar: Table) -> Trajectories:
         """Arrays of a ``planar.parquet``, whose rows are sorted by frame, every frame holding every marker."""
-        frame = planar.frame
-        count = len(frame["marker"].cat.categories)
-        labels = tuple(str(label) for label in frame["marker"].iloc[:count])
-        points = frame[["x", "y", "z"]].to_numpy(dtype=np.float64).reshape(-1, count, 3)
-        return cls(
-            frame["frame"].to_numpy(dtype=np.int64)[::count],
-            frame["time"].to_numpy(dtype=np.float64)[::count],
-            labels,
-            points,
-            float(planar.facts["rate_hz"]),
-        )
+        view = PlanarView.of(planar)
+        points = planar.frame[["x", "y", "z"]].to_numpy(dtype=np.float64).reshape(-1, len(view.labels), 3)
+        return cls(view.frames, view.time, view.labels, points, view.rate)
 
     @property
     def plane(self) -> ComplexArray:
@@ -56,9 +100,9 @@ class Trajectories:
         return np.asarray(self.points[..., 0] + 1j * self.points[..., 1])
 
     def without_bursts(self) -> Trajectories:
-        """The same with short jumps there and back taken for unseen."""
+        """The same with jumps there and back taken for unseen."""
         points = self.points.copy()
-        points[find_bursts(self.plane, self.rate)] = np.nan
+        points[find_bursts(points, self.rate)] = np.nan
         return replace(self, points=points)
 
     def along_motion(self, count: int, useful: BoolArray) -> Trajectories:
@@ -66,7 +110,7 @@ class Trajectories:
         candidates = np.flatnonzero(useful)
         if len(candidates) <= count:
             return self
-        return self._at(candidates[frames_along_motion(self.plane[candidates], count)])
+        return self._at(frames_along_motion(self.plane, count, candidates))
 
     def thinned(self, count: int) -> Trajectories:
         """At most ``count`` frames, evenly over the trial."""

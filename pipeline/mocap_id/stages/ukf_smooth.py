@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -9,14 +11,16 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.inverse import Chain
+from mocap_id.estimation.skin import with_lasting_errors
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.state_errors import NOISE, UNKNOWN, state_sd
-from mocap_id.stages.trajectories import Trajectories
-from mocap_id.store import Table, Tree
+from mocap_id.stages.predicted_markers import beside_measured
+from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, lasting_errors
+from mocap_id.stages.trajectories import PlanarView
+from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import MARKERS, STATES
 from mocap_id.verdict import Reason
 
@@ -58,32 +62,54 @@ class UkfSmoothSettings(Settings):
 def ukf_smooth(context: Context) -> Outputs:
     """Estimate the states of every joint at every frame, and where the markers should have been."""
     settings: UkfSmoothSettings = context.settings
-    trajectories = Trajectories.of(context.table("planar.parquet"))
-    _check_uniform(trajectories, context.trial.trial)
-    chain = context.tree("chain.h5")
-    labels, segment = [str(label) for label in _node(chain, "markers/name")], _node(chain, "markers/segment")
-    columns = [trajectories.labels.index(label) for label in labels]
-    observed = np.ascontiguousarray(trajectories.points[:, columns, :2])
-    centres, local = _node(chain, "joints/centre"), _node(chain, "markers/local")
-    states = smooth(
-        observed, trajectories.rate, centres, segment, local, settings=FilterSettings(**settings.model_dump())
-    )
-    sd_holds = UNKNOWN if settings.method in FRAMEWISE else NOISE
-    # other estimators tell nothing of how skin moved what they found, other methods nothing of what they let pass
-    if chain.facts.get("estimator") == "bundle" and settings.method == "rts":
-        whole = Chain(centres, segment, local)
-        sd, sd_holds = state_sd(states, observed, trajectories.rate, whole, settings.marker_sd_floor)
-        states = replace(states, sd=sd)
-    residual = np.linalg.norm(observed - states.predicted, axis=-1)
-    reasons = _gaps(states, trajectories.time, [str(name) for name in _node(chain, "joints/name")], settings)
-    reasons += _for_comparison(settings)
+    view, tree = PlanarView.of(context.table("planar.parquet")), context.tree("chain.h5")
+    _check_uniform(view, context.trial.trial)
+    labels, names = ([str(label) for label in _node(tree, f"{group}/name")] for group in ("markers", "joints"))
+    chain = Chain(_node(tree, "joints/centre"), _node(tree, "markers/segment"), _node(tree, "markers/local"))
+    columns = np.array([view.labels.index(label) for label in labels], dtype=np.int64)
+    states, sd_holds = _states(view, columns, chain, settings, lasting=tree.facts.get("estimator") == "bundle")
+    markers = beside_measured(states, view, columns, chain)
+    reasons = _gaps(states, view.time, names, settings) + _for_comparison(settings)
     if context.trial.encoder is not None:
         reasons += (_encoder_unused(context.trial.encoder.name),)
-    facts = _facts(states, residual[:, segment > 0], states.used[:, segment > 0], settings) | {"sd_holds": sd_holds}
+    facts = _facts(states, markers, chain.segment > 0, settings) | {"sd_holds": sd_holds}
     return (
-        Table(STATES, _state_table(states, trajectories.time), facts, reasons),
-        Table(MARKERS, _marker_table(states, residual, trajectories, labels)),
+        Table(STATES, _state_table(states, view.time), facts, reasons),
+        LongTable(MARKERS, view.frames, view.time, labels, markers),
     )
+
+
+def _states(
+    view: PlanarView, columns: IntArray, chain: Chain, settings: UkfSmoothSettings, *, lasting: bool
+) -> tuple[States, str]:
+    """States from the markers of the moving segments, and what their standard deviations hold.
+
+    Parameters
+    ----------
+    columns : (M,) int array
+        The chain's markers in the view.
+    lasting : bool
+        Whether it is known how skin moved the chain: for other estimators of the joints it is not.
+    """
+    moves = chain.segment > 0
+    observed = view.without_bursts(columns[moves])
+    states = smooth(
+        observed,
+        view.rate,
+        chain.centres,
+        chain.segment[moves],
+        chain.local[moves],
+        settings=FilterSettings(**settings.model_dump()),
+        overwrite=True,
+    )
+    errors = None
+    if lasting and settings.method == "rts":  # of other methods it is not known what they let pass
+        observed[~states.used] = np.nan  # in its place: a copy would be as large as all the rest
+        errors = lasting_errors(states, observed, view.rate, settings.marker_sd_floor)
+    del observed
+    if errors is None:
+        return states, UNKNOWN if settings.method in FRAMEWISE else NOISE
+    return replace(states, sd=with_lasting_errors(states, view.rate, errors)), SKIN
 
 
 def _node(tree: Tree, path: str) -> np.ndarray[Any, Any]:
@@ -93,28 +119,39 @@ def _node(tree: Tree, path: str) -> np.ndarray[Any, Any]:
     return np.asarray(found[name])
 
 
-def _check_uniform(trajectories: Trajectories, trial: str) -> None:
+def _check_uniform(view: PlanarView, trial: str) -> None:
     """Refuse time stamps that are not one period apart: the process model has one time step."""
-    time, period = trajectories.time, 1.0 / trajectories.rate
+    time, period = view.time, 1.0 / view.rate
     off = np.abs(time - time[0] - period * np.arange(len(time))) / period
     if not np.all(off <= _JITTER):
         k = int(np.argmax(~(off <= _JITTER)))
         raise RecordingError(
-            f"trial {trial}: ukf-smooth: time stamps are not uniform: frame {trajectories.frames[k]} is at "
-            f"{time[k]:.4f} s where {trajectories.rate:g} frames per second put it at {time[0] + period * k:.4f} s; "
+            f"trial {trial}: ukf-smooth: time stamps are not uniform: frame {view.frames[k]} is at "
+            f"{time[k]:.4f} s where {view.rate:g} frames per second put it at {time[0] + period * k:.4f} s; "
             "export the trial at a constant rate, with a row for every frame, or use a `window:` without the break"
         )
 
 
-def _facts(states: States, residual: FloatArray, used: BoolArray, settings: UkfSmoothSettings) -> dict[str, Any]:
-    """What the report reads, from the residuals (F, M) of the moving segments' markers."""
-    seen = np.isfinite(residual)
-    used = used & seen
+def _facts(
+    states: States, markers: Mapping[str, FloatArray | BoolArray], moves: BoolArray, settings: UkfSmoothSettings
+) -> dict[str, Any]:
+    """What the report reads, from the residuals (F, M), of which those of the markers that move (M,) count."""
+    residual: FloatArray = np.asarray(markers["residual"], dtype=np.float64)
+    used, seen, squares = 0, 0, 0.0
+    for part in chunks(len(residual)):
+        off = residual[part, moves]
+        there = np.isfinite(off)
+        counted = off[states.used[part] & there]
+        used, seen, squares = (
+            used + counted.size,
+            seen + int(np.count_nonzero(there)),
+            squares + float(counted @ counted),
+        )
     return {
         "marker_sd_m": states.noise.marker_sd,
         "sigma_v": states.noise.sigma_v.tolist(),
-        "reprojection_rms_m": float(np.sqrt(np.mean(residual[used] ** 2))) if used.any() else None,
-        "outlier_fraction": float(np.mean(~used[seen])) if seen.any() else None,
+        "reprojection_rms_m": math.sqrt(squares / used) if used else None,
+        "outlier_fraction": (seen - used) / seen if seen else None,
         "bridged_fraction": np.mean(~states.observed, axis=0).tolist(),
         "method": settings.method,
         "engine": settings.engine,
@@ -129,21 +166,7 @@ def _state_table(states: States, time: FloatArray) -> pd.DataFrame:
         for d, name in enumerate(("theta", "dtheta", "ddtheta")):
             columns[f"sd_{name}_{j + 1}"] = states.sd[:, j, d]
         columns[f"observed_{j + 1}"] = states.observed[:, j]
-    return pd.DataFrame(columns)
-
-
-def _marker_table(states: States, residual: FloatArray, trajectories: Trajectories, labels: list[str]) -> pd.DataFrame:
-    frames, markers = residual.shape
-    return pd.DataFrame(
-        {
-            "frame": np.repeat(trajectories.frames, markers),
-            "time": np.repeat(trajectories.time, markers),
-            "marker": pd.Categorical.from_codes(np.tile(np.arange(markers), frames), categories=pd.Index(labels)),
-            "x": states.predicted[..., 0].ravel(),
-            "y": states.predicted[..., 1].ravel(),
-            "residual": residual.ravel(),
-        }
-    )
+    return pd.DataFrame(columns, copy=False)
 
 
 def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoothSettings) -> tuple[Reason, ...]:
@@ -207,7 +230,7 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=3,
+    version=4,
     inputs=("planar.parquet", "chain.h5"),
     outputs=("states.parquet", "markers.parquet"),
     uses=("encoder",),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.verdict import Reason
 
 Facts: TypeAlias = Mapping[str, Any]
@@ -59,6 +60,74 @@ class Table:
     facts: Facts = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
 
+    @property
+    def length(self) -> int:
+        """Number of rows."""
+        return len(self.frame)
+
+    @property
+    def names(self) -> list[str]:
+        """The columns'."""
+        return [str(name) for name in self.frame.columns]
+
+    def column(self, name: str, rows: slice = slice(None)) -> pd.Series[Any]:
+        """A column, or some rows of it."""
+        return self.frame[name].iloc[rows]
+
+
+@dataclass(frozen=True)
+class LongTable:
+    """A Parquet artefact in memory with a row for every frame and marker, in this order, whose labels take no room.
+
+    Parameters
+    ----------
+    schema : TableSchema
+        With the columns ``frame``, ``time`` and ``marker``.
+    frames : (F,) int array
+    time : (F,) array
+        s.
+    labels : (M,) sequence of str
+    values : mapping of str to (F, M) array
+        The other columns.
+    """
+
+    schema: TableSchema
+    frames: IntArray
+    time: FloatArray
+    labels: Sequence[str]
+    values: Mapping[str, FloatArray | BoolArray]
+    facts: Facts = field(default_factory=dict)
+    reasons: tuple[Reason, ...] = ()
+
+    @property
+    def length(self) -> int:
+        """Number of rows."""
+        return len(self.frames) * len(self.labels)
+
+    @property
+    def names(self) -> list[str]:
+        """The columns'."""
+        return ["frame", "time", "marker", *self.values]
+
+    def column(self, name: str, rows: slice = slice(None)) -> pd.Series[Any]:
+        """A column, or some rows of it."""
+        if name in self.values:
+            return pd.Series(self.values[name].reshape(-1)[rows], name=name, copy=False)
+        start, stop, _ = rows.indices(self.length)
+        markers = max(len(self.labels), 1)
+        first, last = start // markers, -(-stop // markers)  # frames
+        own = slice(start - first * markers, stop - first * markers)
+        if name == "marker":
+            codes = np.tile(np.arange(markers, dtype=np.int32), last - first)[own]
+            return pd.Series(pd.Categorical.from_codes(codes, categories=pd.Index(self.labels)), name=name)
+        each = {"frame": self.frames, "time": self.time}[name]
+        return pd.Series(np.repeat(each[first:last], markers)[own], name=name, copy=False)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """All of it, with all its labels."""
+        return pd.DataFrame({name: self.column(name) for name in self.names})
+
 
 @dataclass(frozen=True)
 class Tree:
@@ -78,4 +147,4 @@ class Document:
     content: bytes
 
 
-Artefact: TypeAlias = Table | Tree
+Artefact: TypeAlias = Table | LongTable | Tree

@@ -6,8 +6,9 @@ import contextlib
 import errno
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO, TypeAlias
 
 from mocap_id.errors import StoreError
 
@@ -36,7 +37,11 @@ def explained(path: Path) -> Iterator[None]:
         raise StoreError(f"{path} cannot be written: {advice}") from error
 
 
-def replace_together(folder: Path, contents: Mapping[str, bytes]) -> None:
+Content: TypeAlias = bytes | Callable[[BinaryIO], None]
+"""What a file is to hold, or what writes it."""
+
+
+def replace_together(folder: Path, contents: Mapping[str, Content]) -> None:
     """Write several files of one folder: either all of them appear, complete, or none does.
 
     Parameters
@@ -44,7 +49,7 @@ def replace_together(folder: Path, contents: Mapping[str, bytes]) -> None:
     folder : Path
         An existing folder.
     contents : mapping
-        File name, ``/`` for a sub-folder → bytes.
+        File name, ``/`` for a sub-folder → content.
 
     Raises
     ------
@@ -76,9 +81,12 @@ def remove_leftovers(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _write(path: Path, content: bytes) -> None:
+def _write(path: Path, content: Content) -> None:
     with path.open("wb") as stream:
-        stream.write(content)
+        if isinstance(content, bytes):
+            stream.write(content)
+        else:
+            content(stream)
         stream.flush()
         os.fsync(stream.fileno())
 

@@ -8,6 +8,7 @@ import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from os import utime
 from pathlib import Path
 
@@ -15,8 +16,8 @@ from filelock import FileLock, Timeout
 
 from mocap_id.errors import StoreError
 from mocap_id.store import hdf5, parquet
-from mocap_id.store.artefacts import Artefact, Document, Table, Tree, TreeSchema
-from mocap_id.store.atomic import explained, remove_leftovers, replace_together
+from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, Tree, TreeSchema
+from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together
 from mocap_id.store.content import hash_bytes
 from mocap_id.store.provenance import Origin, Provenance
 from mocap_id.store.schemas import SCHEMAS
@@ -72,6 +73,7 @@ class Folder:
         facts = copy.deepcopy(artefact.facts)
         if isinstance(artefact, Table):  # pandas copies on writing
             return replace(artefact, frame=artefact.frame.copy(deep=False), facts=facts)
+        assert isinstance(artefact, Tree)  # a long table is read as a plain one
         return replace(artefact, data=copy.deepcopy(artefact.data), facts=facts)
 
     def provenance(self, file: str) -> Provenance:
@@ -92,12 +94,12 @@ class Folder:
         ValueError
             An artefact breaks its schema.
         """
-        contents: dict[str, bytes] = {}
+        contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
         for output in outputs:
             match output:
-                case Table():
-                    contents[output.schema.file] = parquet.encode(output, origin)
+                case Table() | LongTable():
+                    contents[output.schema.file] = partial(parquet.write, output, origin)
                 case Tree():
                     contents[output.schema.file] = hdf5.encode(output, origin)
                 case Document():

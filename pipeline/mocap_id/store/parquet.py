@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, BinaryIO
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mocap_id.store.artefacts import Column, Table, TableSchema
-from mocap_id.store.content import canonical_strings, hash_table
+from mocap_id.arrays import chunks
+from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema
+from mocap_id.store.content import TableHash, ranked_strings
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
+
+_ROWS = 1 << 18  # that are written together
 
 _TYPES = {
     "float64": pa.float64(),
@@ -25,25 +30,48 @@ _TYPES = {
 }
 
 
-def encode(table: Table, origin: Origin) -> bytes:
-    """The table as the bytes of a Parquet file.
+def write(table: Table | LongTable, origin: Origin, stream: BinaryIO) -> None:
+    """Write the table as a Parquet file, a stretch of rows at a time.
 
     Raises
     ------
     ValueError
-        The frame does not have the columns or types that its schema promises.
+        The table does not have the columns or types that its schema promises.
     """
-    data = conform(table)
-    content = hash_table(data, table.facts, table.reasons)
-    provenance = Provenance(table.schema.file, table.schema.version, origin, content, table.facts, table.reasons)
-    pandas = pa.Schema.from_pandas(table.frame.head(0), preserve_index=False).metadata or {}
-    sink = pa.BufferOutputStream()
-    pq.write_table(data.replace_schema_metadata(pandas | provenance.encode()), sink, compression="zstd")
-    return bytes(sink.getvalue())
+    columns, content = _columns(table), TableHash()
+    for column in columns:
+        content.add(column.name, _TYPES[column.dtype], table.length, partial(_parts, table, column))
+    provenance = Provenance(
+        table.schema.file,
+        table.schema.version,
+        origin,
+        content.result(table.facts, table.reasons),
+        table.facts,
+        table.reasons,
+    )
+    empty = pd.DataFrame({name: table.column(name, slice(0)) for name in table.names})
+    pandas = pa.Schema.from_pandas(empty, preserve_index=False).metadata or {}
+    schema = pa.schema([_field(column) for column in columns], metadata=pandas | provenance.encode())
+    coded = [
+        column.name for column in columns if column.dtype != "float64"
+    ]  # a dictionary of measurements gains nothing
+    with pq.ParquetWriter(stream, schema, compression="zstd", use_dictionary=coded) as writer:
+        for rows in chunks(table.length, _ROWS):
+            arrays = [_arrow(table.column(column.name, rows), column, table.schema.file) for column in columns]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+
+
+def encode(table: Table | LongTable, origin: Origin) -> bytes:
+    """The table as the bytes of a Parquet file; ValueError as for :func:`write`."""
+    stream = io.BytesIO()
+    write(table, origin, stream)
+    return stream.getvalue()
 
 
 def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
     """The table of a Parquet file's bytes, checked against its schema and its own content hash.
+
+    Columns are taken up one by one, so that the whole table stands in memory once and not twice.
 
     Raises
     ------
@@ -51,17 +79,28 @@ def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
         The file is damaged, not ours, or not of this schema; the message completes "FILE …".
     """
     try:
-        data = pq.ParquetFile(pa.BufferReader(content)).read()
-        metadata = {key.decode(): value.decode() for key, value in (data.schema.metadata or {}).items()}
+        file = pq.ParquetFile(pa.BufferReader(content))
+        found = file.schema_arrow
+        metadata = {key.decode(): value.decode() for key, value in (found.metadata or {}).items()}
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise ValueError(f"is damaged ({_first_line(error)})") from error
     provenance = read_provenance(metadata, schema)
-    problem = "; ".join(_mismatches(data.schema, schema))
+    problem = "; ".join(_mismatches(found, schema))
     if problem:
         raise ValueError(f"does not have its columns: {problem}")
-    if hash_table(data, provenance.facts, provenance.reasons) != provenance.content:
+    kinds = {column.name: column.dtype for column in columns_of(schema, found.names)}
+    series, digest = {}, TableHash()
+    for name in found.names:
+        try:
+            column = file.read(columns=[name]).column(name)
+        except (pa.ArrowException, OSError) as error:
+            raise ValueError(f"is damaged ({_first_line(error)})") from error
+        digest.add(name, column.type, len(column), column.iterchunks)
+        series[name] = _series(column, kinds.get(name))
+    if digest.result(provenance.facts, provenance.reasons) != provenance.content:
         raise ValueError("is damaged or was edited: its content does not match its own hash")
-    return Table(schema, _frame(data, schema), provenance.facts, provenance.reasons), provenance
+    frame = pd.DataFrame(series, copy=False)
+    return Table(schema, frame, provenance.facts, provenance.reasons), provenance
 
 
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
@@ -84,22 +123,34 @@ def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
     return provenance
 
 
-def conform(table: Table) -> pa.Table:
-    """The frame as an Arrow table with exactly its schema's columns, types and order; NaN stays NaN.
+def conform(table: Table | LongTable) -> pa.Table:
+    """The whole as an Arrow table with exactly its schema's columns, types and order; NaN stays NaN.
 
     Raises
     ------
     ValueError
         A column is missing, unknown or cannot be converted without loss.
     """
-    frame, schema = table.frame, table.schema
-    columns = list(columns_of(schema, list(frame.columns)))
-    missing = [column.name for column in columns if column.name not in frame]
-    unknown = sorted(set(map(str, frame.columns)) - {column.name for column in columns})
+    columns = _columns(table)
+    schema = pa.schema([_field(column) for column in columns])
+    return pa.Table.from_arrays([pa.chunked_array(_parts(table, column)) for column in columns], schema=schema)
+
+
+def _columns(table: Table | LongTable) -> list[Column]:
+    """The columns that the schema asks of this table; ValueError where one is missing or unknown."""
+    names, schema = table.names, table.schema
+    columns = list(columns_of(schema, names))
+    missing = [column.name for column in columns if column.name not in names]
+    unknown = sorted(set(names) - {column.name for column in columns})
     if missing or unknown:
         raise ValueError(f"{schema.file}: missing columns {missing}, columns that its schema does not name {unknown}")
-    arrays = [_arrow(frame[column.name], column, schema.file) for column in columns]
-    return pa.Table.from_arrays(arrays, schema=pa.schema([_field(column) for column in columns]))
+    return columns
+
+
+def _parts(table: Table | LongTable, column: Column) -> Iterator[pa.Array]:
+    """The column's values, a stretch of rows at a time."""
+    for rows in chunks(table.length, _ROWS):
+        yield _arrow(table.column(column.name, rows), column, table.schema.file)
 
 
 def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
@@ -143,22 +194,19 @@ def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
             yield f"`{column.name}` is {found.field(column.name).type}, expected {column.dtype}"
 
 
-def _frame(data: pa.Table, schema: TableSchema) -> pd.DataFrame:
-    kinds = {column.name: column.dtype for column in columns_of(schema, data.column_names)}
-    return pd.DataFrame({name: _series(data.column(name), kinds.get(name)) for name in data.column_names})
-
-
 def _series(column: pa.ChunkedArray, kind: str | None) -> Any:
     """One column as pandas has it; categories are sorted, whatever the order in the file."""
     if kind == "category":
-        values, codes = canonical_strings(column)
+        values, parts = ranked_strings(column.iterchunks)
+        codes = np.concatenate([np.empty(0, np.int32), *(part.astype(np.int32) for part in parts)])
         return pd.Categorical.from_codes(codes, categories=pd.Index(values, dtype="str"))
     if kind == "Int64":
         mask = column.is_null().to_numpy()
         return pd.arrays.IntegerArray(column.fill_null(0).to_numpy().astype(np.int64), mask)
     if kind == "str":
         return pd.array(column.to_pylist(), dtype="str")
-    return column.to_numpy()
+    values = column.to_numpy()
+    return values if values.flags.writeable else values.copy()
 
 
 def _first_line(error: Exception) -> str:

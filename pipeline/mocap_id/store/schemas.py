@@ -110,6 +110,7 @@ MARKERS = TableSchema(
         Column("x", "float64", "m", "predicted from the states, plane frame"),
         Column("y", "float64", "m", "predicted from the states, plane frame"),
         Column("residual", "float64", "m", "distance to the measurement, NaN where unseen"),
+        Column("used", "bool", "", "the states rest on it: on a moving segment, no jump, within the gate"),
     ),
 )
 
@@ -158,7 +159,7 @@ DYNAMICS_TREE = TreeSchema(
         Column("full/reference", "float64", "", "(4(n+1),) allometric values, NaN where none apply"),
         Column("grid/segment", "int64", "", "(p,) segment of each point mass"),
         Column("grid/position", "float64", "m", "(p, 2) in the segment frame"),
-        Column("grid/mass", "float64", "kg", "(p,) point masses, none negative"),
+        Column("grid/mass", "float64", "kg", "(p,) point masses, none negative; NaN where `consistency` is not `grid`"),
     ),
 )
 

@@ -79,7 +79,7 @@ PARAMETERS: Mapping[str, Explanation] = {
         ("ok",),
         "The reference body rests on assumptions",
         "Height or mass were not given, so the allometric body that the results are compared with uses values from the "
-        "recording itself. The identified parameters do not depend on it.",
+        "recording itself. The identified parameters depend on it only with `identify-dim: {reference_pulls: true}`.",
         "Give `subject: {height: …, mass: …, sex: …}`.",
     ),
     "no-reference": Explanation(
@@ -87,6 +87,29 @@ PARAMETERS: Mapping[str, Explanation] = {
         "No reference body",
         "There is no allometric body to compare with; the identified parameters do not depend on one.",
         "Give `subject:`; the tables describe people of four or five segments only.",
+    ),
+    "cone-unproven": Explanation(
+        ("caution",),
+        "The grid took the cone's place",
+        "The exact set of bodies that can exist was asked for, and the solver's answer there failed the check of "
+        "optimality. The parameters are those of point masses on the grid, which are as possible and fit as well or "
+        "slightly worse.",
+        "Set `identify-dim: {consistency: grid}`, the default, or look at the skeleton: joints in one place or units "
+        "that are off make such problems.",
+    ),
+    "solver-unproven": Explanation(
+        ("caution",),
+        "The parameters may not be the best ones",
+        "No solver's answer passed the check of optimality. The one that came closest was taken; the reason says how "
+        "far its cost may be above the least one.",
+        "Look at the skeleton and the units. If they are right, a coarser `identify-dim: {grid: …}` is easier.",
+    ),
+    "solver-unconfirmed": Explanation(
+        ("ok",),
+        "The second solver confirms nothing",
+        "Two solvers look for the same parameters. The answer that was taken passed the check of optimality, which "
+        "suffices; the other one's failed it.",
+        "Nothing.",
     ),
     "solver-fallback": Explanation(
         ("ok",),

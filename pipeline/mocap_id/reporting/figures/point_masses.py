@@ -21,7 +21,10 @@ def draw(material: Material) -> Figure | str:
     """A panel per segment in its own frame, one colour scale for all."""
     dynamics = material.dynamics
     if dynamics is None or not np.isfinite(dynamics.grid_mass).any():
-        why = material.facts("dynamics.h5").get("why") or material.why_missing("dynamics.h5")
+        facts = material.facts("dynamics.h5")
+        why = facts.get("why") or material.why_missing("dynamics.h5")
+        if facts.get("consistency") in ("cone", "bounded-cone"):
+            why = "the bodies were not held to a grid, but to the exact condition of what can exist"
         return f"No point masses: {why}."
     segments = np.unique(dynamics.grid_segment).tolist()
     lines = -(-len(segments) // _COLUMNS)

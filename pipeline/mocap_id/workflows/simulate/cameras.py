@@ -14,6 +14,8 @@ from mocap_id.workflows.simulate.scene import Scene
 
 BURST = (5, 200)  # frames
 BURSTS_PER_SECOND = 0.6
+JUMP = (0.02, 0.08)  # m
+ASTRAY = (5, 100)  # frames
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,16 @@ class Burst:
     label: str
     first: int
     count: int
+
+
+@dataclass(frozen=True)
+class Jump:
+    """Frames ``first`` … ``first + count - 1`` in which one marker is taken for something else, (3,) ``by`` m away."""
+
+    label: str
+    first: int
+    count: int
+    by: FloatArray
 
 
 def true_positions(scene: Scene, state: Exact, skin: FloatArray) -> FloatArray:
@@ -59,6 +71,25 @@ def draw_bursts(
         count = min(int(np.exp(rng.uniform(*np.log(BURST)))), frames // 2)
         bursts.append(Burst(str(rng.choice(candidates)), int(rng.integers(frames - count)), count))
     return tuple(bursts)
+
+
+def draw_jumps(rng: np.random.Generator, markers: MarkerSet, frames: int, often: int) -> tuple[Jump, ...]:
+    """Markers mistaken: any marker, any moment, any direction."""
+    jumps = []
+    for _ in range(often):
+        count = int(rng.integers(ASTRAY[0], min(ASTRAY[1], frames // 2) + 1))
+        direction = rng.normal(0, 1, 3)
+        by = rng.uniform(*JUMP) * direction / np.linalg.norm(direction)
+        jumps.append(Jump(str(rng.choice(markers.labels)), int(rng.integers(frames - count)), count, by))
+    return tuple(jumps)
+
+
+def astray(markers: MarkerSet, jumps: tuple[Jump, ...], frames: int) -> FloatArray:
+    """(T, M, 3) what the jumps add to the positions, m."""
+    added = np.zeros((frames, len(markers.labels), 3))
+    for jump in jumps:
+        added[jump.first : jump.first + jump.count, markers.labels.index(jump.label)] += jump.by
+    return added
 
 
 def visible(markers: MarkerSet, bursts: tuple[Burst, ...], frames: int) -> BoolArray:

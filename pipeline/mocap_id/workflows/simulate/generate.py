@@ -8,7 +8,16 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.plate_types import PlateSignals
-from mocap_id.workflows.simulate.cameras import Burst, draw_bursts, measured, true_positions, visible
+from mocap_id.workflows.simulate.cameras import (
+    Burst,
+    Jump,
+    astray,
+    draw_bursts,
+    draw_jumps,
+    measured,
+    true_positions,
+    visible,
+)
 from mocap_id.workflows.simulate.forces import Exact
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import measure
@@ -29,6 +38,7 @@ class Simulated:
         Markers in the laboratory without measurement error, m.
     seen : (T, M) bool array
     bursts : tuple of Burst
+    jumps : tuple of Jump
     points : (T, M, 3) array
         Markers as measured, m; NaN where not seen.
     signals : PlateSignals
@@ -40,6 +50,7 @@ class Simulated:
     positions: FloatArray
     seen: BoolArray
     bursts: tuple[Burst, ...]
+    jumps: tuple[Jump, ...]
     points: FloatArray
     signals: PlateSignals
 
@@ -53,6 +64,7 @@ def generate(kind: Kind, options: Options) -> Simulated:
     skin = displacement(rng["skin"], scene.markers, state.q, state.time)
     positions = true_positions(scene, state, skin)
     bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate, options.occlusions)
+    jumps = draw_jumps(rng["jumps"], scene.markers, frames, options.jumps)
     seen = visible(scene.markers, bursts, frames)
     samples = frames * round(options.analog_rate / options.rate)
     loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
@@ -62,6 +74,7 @@ def generate(kind: Kind, options: Options) -> Simulated:
         positions=positions,
         seen=seen,
         bursts=bursts,
-        points=measured(rng["cameras"], positions, options.marker_noise, seen),
+        jumps=jumps,
+        points=measured(rng["cameras"], positions + astray(scene.markers, jumps, frames), options.marker_noise, seen),
         signals=measure(rng["channels"], scene.plate, *scene.load_on_plate(loaded), options.analog_rate),
     )

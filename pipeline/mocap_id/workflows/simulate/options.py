@@ -32,6 +32,8 @@ class Options:
         Multiplies the skin's motion (0 = markers fixed to the bones).
     occlusions : float
         Multiplies how often markers vanish in bursts (0 = never).
+    jumps : int
+        How often some marker is mistaken for a reflection 20 to 80 mm away, for 5 to 100 frames.
     plate_sense : {"reaction", "action"}
         Whose force the channels hold: the plate's on the body, or the body's on the plate.
     plate_moved : bool
@@ -57,6 +59,7 @@ class Options:
     marker_noise: float = 0.0005
     soft_tissue: float = 1.0
     occlusions: float = 1.0
+    jumps: int = 0
     plate_sense: Sense = "reaction"
     plate_moved: bool = False
     plate_origin_flipped: bool = False
@@ -75,6 +78,7 @@ class Options:
             ("marker_noise", self.marker_noise, 0 <= self.marker_noise <= 0.05, "0 … 0.05 m"),
             ("soft_tissue", self.soft_tissue, 0 <= self.soft_tissue <= 10, "0 … 10"),
             ("occlusions", self.occlusions, 0 <= self.occlusions <= 10, "0 … 10"),
+            ("jumps", self.jumps, 0 <= self.jumps <= 10_000, "a whole number, 0 … 10000"),
             ("plate_sense", self.plate_sense, self.plate_sense in ("reaction", "action"), "reaction or action"),
             ("plate_noise", self.plate_noise, 0 <= self.plate_noise <= 100, "0 … 100"),
             ("plate_bias", self.plate_bias, 0 <= self.plate_bias <= 100, "0 … 100"),

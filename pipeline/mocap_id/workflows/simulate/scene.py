@@ -18,7 +18,8 @@ from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import SimulatedPlate, draw_plate
 from mocap_id.workflows.simulate.sit_to_stand import Chair, perform
 
-_STREAMS = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
+_OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
+_STREAMS = (*_OLDEST, "jumps")  # what is new goes last: a seed keeps the trial that it made
 
 
 @dataclass(frozen=True)

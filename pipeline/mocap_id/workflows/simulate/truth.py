@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.workflows.simulate.body import GRAVITY, Body
+from mocap_id.workflows.simulate.cameras import Jump
 from mocap_id.workflows.simulate.generate import Simulated
 from mocap_id.workflows.simulate.markers import MarkerSet
 from mocap_id.workflows.simulate.options import Kind, Options
@@ -26,7 +27,7 @@ wrench: (Fx, Fy, tauz) of the ground on the body in the plane frame about its or
 chair_force: of the chair on the thigh, acting at chair_point; the plate does not carry it.
 tau_j: torque of segment j - 1 on segment j. cop_x = tauz / Fy of the ground's wrench.
 Markers: local_xyz_m in the segment's frame, z from the body's mid-plane; markers_true_mm in the laboratory, without
-measurement noise, soft tissue included; valid is False where an occlusion hides one.
+measurement noise and jumps, soft tissue included; valid is False where an occlusion hides one.
 Analog sample k is taken at the markers' time k / analog_rate_hz + analog_offset_s; frame i at i / point_rate_hz.
 Plate: axes_lab_columns are the plate's axes in the laboratory, z down; channels of sense "reaction" hold the plate's
 force on the body, "action" the opposite; origin_mm goes from the transducer to the centre of the working surface and
@@ -67,6 +68,7 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         "markers": _markers(scene.markers),
         "assignment": dict(zip(scene.markers.labels, scene.markers.link.tolist(), strict=True)),
         "marker_noise_sd_mm": 1e3 * options.marker_noise,
+        "jumps": [_jump(jump) for jump in made.jumps],
         "dropouts": [{"label": b.label, "first_frame": b.first, "n_frames": b.count} for b in made.bursts],
         "dropped_fraction": float(1 - made.seen.mean()),
         "plane": _plane(scene),
@@ -111,6 +113,15 @@ def _markers(markers: MarkerSet) -> list[dict[str, Any]]:
         }
         for i, label in enumerate(markers.labels)
     ]
+
+
+def _jump(jump: Jump) -> dict[str, Any]:
+    return {
+        "label": jump.label,
+        "first_frame": jump.first,
+        "n_frames": jump.count,
+        "by_mm": [round(1e3 * float(component), 3) for component in jump.by],
+    }
 
 
 def _plane(scene: Scene) -> dict[str, Any]:

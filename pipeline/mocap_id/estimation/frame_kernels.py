@@ -1,0 +1,143 @@
+"""Inner loops of the angles of single frames: Gauss–Newton on one frame's markers.
+
+The forward map is eq. 3.18, a column of its Jacobian z × (marker − joint), as in :mod:`mocap_id.geometry.planar`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.compiling import compiled
+
+
+@compiled
+def refine(  # noqa: PLR0917
+    markers: FloatArray,
+    used: BoolArray,
+    angles: FloatArray,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    damping: float,
+    converged: float,
+    iterations: int,
+) -> None:
+    """Gauss–Newton from the angles given, in their place, until no angle of the frame changes by more.
+
+    Parameters
+    ----------
+    markers : (F, M, 2) array
+        m.
+    used : (F, M) bool array
+    angles : (F, n) array
+        rad; changed.
+    centres, segment, local
+        Of the chain.
+    damping : float
+        Added to the diagonal of Jᵀ J, m^2/rad^2.
+    converged : float
+        rad.
+    iterations : int
+        At most.
+    """
+    n = angles.shape[1]
+    normal, gradient = np.empty((n, n)), np.empty(n)
+    poses, lever = np.empty((n + 1, 4)), np.empty((n, 2))
+    for f in range(len(angles)):
+        for _ in range(iterations):
+            _linearise(markers[f], used[f], angles[f], centres, segment, local, poses, lever, normal, gradient)
+            for j in range(n):
+                normal[j, j] += damping
+            _solve(normal, gradient)
+            largest = 0.0
+            for j in range(n):
+                angles[f, j] += gradient[j]
+                largest = max(largest, abs(gradient[j]))
+            if largest <= converged:
+                break
+
+
+@compiled
+def normal_matrices(  # noqa: PLR0917
+    used: BoolArray,
+    angles: FloatArray,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    found: FloatArray,
+) -> None:
+    """Jᵀ J of the markers used (F, M) at angles (F, n), into ``found`` (F, n, n), m^2/rad^2."""
+    n = angles.shape[1]
+    gradient, nowhere = np.empty(n), np.zeros((len(segment), 2))
+    poses, lever = np.empty((n + 1, 4)), np.empty((n, 2))
+    for f in range(len(angles)):
+        _linearise(nowhere, used[f], angles[f], centres, segment, local, poses, lever, found[f], gradient)
+        for j in range(n):
+            for k in range(j):
+                found[f, k, j] = found[f, j, k]
+
+
+@compiled
+def _linearise(  # noqa: PLR0917
+    markers: FloatArray,
+    used: BoolArray,
+    angles: FloatArray,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    poses: FloatArray,
+    lever: FloatArray,
+    normal: FloatArray,
+    gradient: FloatArray,
+) -> None:
+    """Lower triangle of Jᵀ J, and Jᵀ times what the markers are off, of one frame.
+
+    ``poses`` (n + 1, 4) holds cosine, sine and origin of each segment, ``lever`` (n, 2) a marker's Jacobian.
+    """
+    n = len(angles)
+    poses[0, 0], poses[0, 1], poses[0, 2], poses[0, 3] = 1.0, 0.0, 0.0, 0.0
+    absolute = 0.0
+    for j in range(n):
+        c, s = poses[j, 0], poses[j, 1]
+        absolute += angles[j]
+        poses[j + 1, 2] = poses[j, 2] + c * centres[j, 0] - s * centres[j, 1]
+        poses[j + 1, 3] = poses[j, 3] + s * centres[j, 0] + c * centres[j, 1]
+        poses[j + 1, 0], poses[j + 1, 1] = math.cos(absolute), math.sin(absolute)
+        gradient[j] = 0.0
+        for k in range(j + 1):
+            normal[j, k] = 0.0
+    for m in range(len(segment)):
+        if not used[m]:
+            continue
+        own = segment[m]
+        c, s = poses[own, 0], poses[own, 1]
+        x = poses[own, 2] + c * local[m, 0] - s * local[m, 1]
+        y = poses[own, 3] + s * local[m, 0] + c * local[m, 1]
+        for j in range(own):
+            lever[j, 0], lever[j, 1] = poses[j + 1, 3] - y, x - poses[j + 1, 2]
+            gradient[j] += lever[j, 0] * (markers[m, 0] - x) + lever[j, 1] * (markers[m, 1] - y)
+            for k in range(j + 1):
+                normal[j, k] += lever[j, 0] * lever[k, 0] + lever[j, 1] * lever[k, 1]
+
+
+@compiled
+def _solve(a: FloatArray, b: FloatArray) -> None:
+    """Solve A x = b in the place of b by Cholesky, A (positive definite) given by its lower triangle and spoilt."""
+    n = len(b)
+    for j in range(n):
+        for i in range(j, n):
+            total = a[i, j]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            a[i, j] = math.sqrt(total) if i == j else total / a[j, j]
+    for i in range(n):
+        for k in range(i):
+            b[i] -= a[i, k] * b[k]
+        b[i] /= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= a[k, i] * b[k]
+        b[i] /= a[i, i]

@@ -1,0 +1,93 @@
+"""The allometric bodies that a trial's subject is compared with: one by choice, the others beside it in the facts."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, get_args
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.allometry import TableName
+from mocap_id.dynamics.comparison import compare
+from mocap_id.dynamics.prepare import Recorded
+from mocap_id.protocols.movement import Movement, facing
+from mocap_id.protocols.posture import standing_angles
+from mocap_id.protocols.reference_body import ReferenceBody, no_reference, reference_body
+from mocap_id.stages.base import Context
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Bodies from tables on the trial's chain.
+
+    Parameters
+    ----------
+    chosen : ReferenceBody
+        By the table that the settings name.
+    every : tuple of ReferenceBody
+        One for each table, in the same order always; empty where none applies.
+    """
+
+    chosen: ReferenceBody
+    every: tuple[ReferenceBody, ...]
+
+
+def rivals(context: Context, recorded: Recorded, movement: Movement) -> Rivals:
+    """The bodies of every table for a sit-to-stand; other protocols have none."""
+    settings, subject, chain = context.settings, context.trial.subject, recorded.centres
+    if context.trial.protocol != "sit-to-stand":
+        return Rivals(no_reference(len(chain), None), ())
+    if not np.isfinite(recorded.q).all(axis=1).any():
+        return Rivals(no_reference(len(chain), "the joint angles are never known together"), ())
+    mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
+        mass = movement.contact.weight / settings.gravity
+    bodies = {
+        name: reference_body(
+            name,
+            chain,
+            facing(recorded),
+            height=subject.height,
+            mass=subject.mass,
+            sex=subject.sex,
+            plate_mass=mass,
+            standing=None if movement.posture is None else standing_angles(recorded.q, movement.posture),
+        )
+        for name in get_args(TableName)
+    }
+    chosen = bodies[settings.reference]
+    return Rivals(chosen, () if chosen.table is None else tuple(bodies.values()))
+
+
+def rival_facts(
+    bodies: Rivals, regressor: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float
+) -> dict[str, Any] | None:
+    """What the tables' bodies are, and how far their wrench and centre of pressure are from the measured ones.
+
+    Parameters
+    ----------
+    bodies : Rivals
+    regressor : (T, 3, 4(n + 1)) array
+        Full, unfiltered.
+    measured : (T, 3) array
+        N, N·m.
+    samples : (T,) bool array
+        Those that the model is judged by too, off the seat.
+    threshold : float
+        Vertical force up to which there is no centre of pressure, N.
+    """
+    if not bodies.every:
+        return None
+    found = {}
+    for body in bodies.every:
+        compared = compare(regressor @ body.parameters, measured, samples, threshold)
+        wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
+        found[str(body.table)] = {
+            "height_m": body.height,
+            "mass_kg": body.mass,
+            "assumed": list(body.assumed),
+            "wrench": wrench,
+            "cop_rms_m": compared.cop_rms,
+        }
+    return found
