@@ -236,6 +236,7 @@ class Trial:
                 "position": np.tile(position[:points], (self.n + 1, 1)),
                 "mass": np.clip(self.random.normal(0.2, 0.3, points * (self.n + 1)), 0, None),
             },
+            "held_out": {"base": np.ones((3, base)), "clock_offset": np.full(3, 0.0071)},
         }
         nothing = {"condition_number": None, "clock_offset_s": None, "samples": None, "wrench": None}
         facts = {
@@ -258,10 +259,25 @@ class Trial:
                 }
                 for name in ("winter", "de-leva")
             },
+            "held_out": {
+                "repetitions": 3,
+                "folds": 3,
+                "samples": 880,
+                "model": self._errors(0.6),
+                "in_sample": self._errors(0.5),
+                "reference": self._errors(4.5),
+                "clock_offset_s": [0.0070, 0.0071, 0.0073],
+                "why": None,
+            },
             "solver": {"name": "osqp", "kkt": 1e-9},
             "why": None,
         }
         return Tree(DYNAMICS_TREE, data, facts if plates else nothing | {"why": "the recording has no force plate"})
+
+    def _errors(self, bias: float) -> dict[str, dict[str, float]]:
+        return {name: {"bias": bias, "sd": 3.3, "r2": 0.99} for name in ("Fx", "Fy", "tauz")} | {
+            "cop_x": {"bias": 0.001 * bias, "sd": 0.0061, "r2": 0.8}
+        }
 
     def artefacts(self, *, plates: bool = True) -> dict[str, Artefact]:
         """Everything that a trial that went through has, with or without force plates."""

@@ -256,3 +256,18 @@ def test_a_long_recording_is_small_and_quick() -> None:
     assert time.process_time() - start < 3.0
     assert len(files["report.html"]) < 8e6
     assert sum(map(len, files.values())) < 8e6
+
+
+def test_repetitions_left_out_stand_beside_the_fit_and_the_table() -> None:
+    page = checked(report(Trial().artefacts()))
+    table = page.text.partition("Repetitions left out of the fit and predicted")[2][:600]
+    assert "880 samples, 3 fits for 3 repetitions" in table
+    for part in ("models fitted without the repetition", "model of the whole trial", "allometric body", "6.10"):
+        assert part in table
+    trial = Trial()
+    tree = trial.dynamics_tree()
+    nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s"))
+    facts = tree.facts | {"held_out": {"repetitions": 1, **nothing, "why": "only one repetition was found"}}
+    page = checked(report(trial.artefacts() | {"dynamics.h5": replace(tree, facts=facts)}))
+    assert "Repetitions left out" not in page.text
+    assert "only one repetition was found" in page.text

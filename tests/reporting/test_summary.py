@@ -87,7 +87,26 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     assert list(summary["dynamics"]["rivals"]) == ["winter", "de-leva"]
     rival = summary["dynamics"]["rivals"]["winter"]
     assert (rival["cop_rms_m"], rival["wrench"]["tauz"]["bias"]) == (0.0345, 4.5)
+    held_out = summary["dynamics"]["held_out"]
+    assert (held_out["repetitions"], held_out["folds"], held_out["samples"]) == (3, 3, 880)
+    assert [held_out[of]["tauz"]["bias"] for of in ("model", "in_sample", "reference")] == [0.6, 0.5, 4.5]
+    assert held_out["clock_offset_s"] == [0.0070, 0.0071, 0.0073]
     assert summary["time_s"] == {"planarise": 0.21, "segment": 0.4}
+    assert_nulls_explained(summary)
+
+
+def test_what_could_not_be_held_out_is_null_with_its_reason() -> None:
+    artefacts = Trial().artefacts()
+    tree = artefacts["dynamics.h5"]
+    nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s"))
+    single = tree.facts | {"held_out": {"repetitions": 1, **nothing, "why": "only one repetition was found"}}
+    summary = summary_of(artefacts | {"dynamics.h5": replace(tree, facts=single)})
+    held_out = summary["dynamics"]["held_out"]
+    assert held_out == {"repetitions": 1, **nothing, "why": "only one repetition was found"}
+    unmatched = tree.facts | {"held_out": tree.facts["held_out"] | {"reference": None}}
+    held_out = summary_of(artefacts | {"dynamics.h5": replace(tree, facts=unmatched)})["dynamics"]["held_out"]
+    assert held_out["why"] == "reference: there is no reference body"
+    assert held_out["model"] is not None
     assert_nulls_explained(summary)
 
 
@@ -126,7 +145,7 @@ def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
 def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
-    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "why"}
+    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "held_out", "why"}
     assert dynamics["rivals"] == {}
     assert dynamics["why"] == "the recording has no force plate"
     assert summary["joints"] and summary["repetitions"]

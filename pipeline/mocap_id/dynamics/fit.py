@@ -16,7 +16,7 @@ from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
 _ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
 LEAST_SECONDS = 1.0
-_DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
+DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
 _SHARP = 0.01  # s: an offset less certain than this is not applied
 _LEAST_SPREAD = 1e-4  # of a component's rms: residuals below that are rounding and must not make a weight explode
 
@@ -41,12 +41,16 @@ class Fit:
         The offset in force: ``found``, or 0 where it is not applied or not known.
     offset_known : bool
         There is a minimum within the search's limit, and it is sharper than 10 ms.
+    applied : bool
+        The offset in force is the one that was found.
     weights : (c,) array
         Inverse residual spread of each component.
     problem : Compressed
         Weighted rows, b + k columns.
     design : (R, c, b + k + 1) array
         Weighted rows; the last column is the wrench's rate of change, along which the offset shifts it.
+    target : (R, c) array
+        Weighted, filtered wrench at the offset in force.
     covariance : (b + k + 1, b + k + 1) array
         Of base parameters, nuisance and offset, from the residuals.
     condition, condition_scaled : float
@@ -60,9 +64,11 @@ class Fit:
     offset_sd: float
     offset: float
     offset_known: bool
+    applied: bool
     weights: FloatArray
     problem: Compressed
     design: FloatArray
+    target: FloatArray
     covariance: FloatArray
     condition: float
     condition_scaled: float
@@ -82,7 +88,7 @@ def determined(prepared: Prepared, gate: BoolArray) -> bool:
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
         return False
     rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.step]]
-    return _conditions(rows[:, list(prepared.settings.components)])[1] < _DEPENDENT
+    return _conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
 def fit(prepared: Prepared, gate: BoolArray) -> Fit:
@@ -112,7 +118,8 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     extended, covariance = _covariance(prepared, time, found, design, weights)
     offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
     known = not at_edge and offset_sd < _SHARP
-    if not (known and settings.apply_offset):
+    applied = known and settings.apply_offset
+    if not applied:
         offset = 0.0
         weights = _weights(design, _measured(prepared, time), weights)
         extended, covariance = _covariance(prepared, time, offset, design, weights)
@@ -127,9 +134,11 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
         offset_sd=offset_sd,
         offset=offset,
         offset_known=known,
+        applied=applied,
         weights=weights,
         problem=Compressed.of(extended[..., :-1].reshape(target.size, -1), target.reshape(-1)),
         design=extended,
+        target=target,
         covariance=covariance,
         condition=condition,
         condition_scaled=condition_scaled,

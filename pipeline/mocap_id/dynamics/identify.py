@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.consistent import Consistency, Solution, fit_consistent
+from mocap_id.dynamics.consistent import Consistency, Solution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_covariance
@@ -46,6 +46,9 @@ class Identification:
         Full parameters: one consistent solution of many.
     pulled : bool
         The reference took part in the base parameters.
+    refit : callable
+        The same estimate from other data: from a compressed problem over the columns of ``fit.problem`` (b + k) to its
+        parameters (b + k,). A prior counts as much beside them as beside the whole trial.
     """
 
     fit: Fit
@@ -60,6 +63,7 @@ class Identification:
     masses: FloatArray
     full: FloatArray
     pulled: bool
+    refit: Callable[[Compressed], FloatArray]
 
 
 def identify(
@@ -103,13 +107,20 @@ def identify(
     """
     found = fit(prepared, gate)
     solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
-    alone = _alone(prepared, found, solve(found.problem, prepared.base.regrouping), error)
+    refit = partial(fit_quickly, regrouping=prepared.base.regrouping, grid=grid, consistency=consistency)
+    alone = _alone(prepared, found, solve(found.problem, prepared.base.regrouping), error, refit)
     if reference_pulls and np.isfinite(reference).all():
         return _pulled(alone, prepared.base.regrouping, Prior(reference, deviations(reference, reference_sd)), solve)
     return alone
 
 
-def _alone(prepared: Prepared, found: Fit, solution: Solution, error: KinematicError) -> Identification:
+def _alone(
+    prepared: Prepared,
+    found: Fit,
+    solution: Solution,
+    error: KinematicError,
+    refit: Callable[[Compressed], FloatArray],
+) -> Identification:
     """What the data say by themselves."""
     base, own = solution.parameters[: found.base], slice(found.base)
     kinematic = kinematic_covariance(prepared, found, base, error)
@@ -129,6 +140,7 @@ def _alone(prepared: Prepared, found: Fit, solution: Solution, error: KinematicE
         masses=solution.masses,
         full=solution.full,
         pulled=False,
+        refit=refit,
     )
 
 
@@ -139,8 +151,12 @@ def _pulled(
     problem = alone.fit.problem.over(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
     known = alone.covariance + independent  # by itself it may be singular: blocks can be fewer than parameters
-    both = prior.added_to(problem.free_solution(), known, regrouping, problem.rest)
-    solution = solve(both, np.eye(len(prior.mean)))
+
+    def solution_of(data: Compressed) -> Solution:
+        small = data.over(alone.fit.base)
+        return solve(prior.added_to(small.free_solution(), known, regrouping, small.rest), np.eye(len(prior.mean)))
+
+    solution = solution_of(alone.fit.problem)
     base, gain = regrouping @ solution.parameters, prior.gain(known, regrouping)
     covariance = prior.covariance(gain, regrouping, alone.covariance)
     biased = alone.plate_bias is not None
@@ -155,6 +171,7 @@ def _pulled(
         masses=solution.masses,
         full=solution.full,
         pulled=True,
+        refit=lambda data: data.completed(regrouping @ solution_of(data).parameters),
     )
 
 

@@ -48,7 +48,13 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "Forces on the ground",
             "wrench.parquet",
             ("wrench",),
-            (tables.agreement(summary), tables.rivals(summary), _clock(summary), tables.plates(material)),
+            (
+                tables.agreement(summary),
+                tables.held_out(summary),
+                tables.rivals(summary),
+                _clock(summary),
+                tables.plates(material),
+            ),
         ),
         Section(
             "parameters",
@@ -127,6 +133,7 @@ def _noise(material: Material, summary: Summary) -> tables.Grid:
 
 def _clock(summary: Summary) -> tables.Grid:
     dynamics = summary.dynamics
+    unheld = dynamics.wrench is not None and dynamics.held_out.model is None
     values = {
         "clock offset, plates after cameras (ms)": _scaled(dynamics.clock_offset_s, 1e3, 2, ""),
         "its standard deviation (ms)": _scaled(dynamics.clock_offset_sd_s, 1e3, 2, ""),
@@ -135,13 +142,14 @@ def _clock(summary: Summary) -> tables.Grid:
         "mass that the plates show (kg)": show(dynamics.mass_kg, 4),
         "mean centre of pressure (mm)": _scaled(dynamics.cop_mean_m, 1e3, 1, ""),
         "not known, because": dynamics.why,
+        "no repetition was predicted from the others, because": dynamics.held_out.why if unheld else None,
     }
     return tables.facts("Plates and clock", values)
 
 
 def _identification(material: Material) -> tables.Grid:
     """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals"}
+    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out"}
     return tables.facts("Identification", _but(material.facts("dynamics.h5"), shown))
 
 

@@ -151,11 +151,31 @@ class RivalEntry(Entry):
     why: str | None
 
 
+class HeldOutEntry(Entry):
+    """Repetitions predicted by models that were fitted without them, all over the same ``samples``.
+
+    ``repetitions`` were found; ``folds`` counts the models, which leave out one each or, where there are more than
+    five, neighbouring ones together. ``model`` is the error of their predictions of Fx, Fy (N), tauz (N·m) and cop_x
+    (m), ``in_sample`` that of the model of the whole trial, ``reference`` that of the allometric body, null where
+    there is none. ``clock_offset_s`` is what each model found without the repetition.
+    """
+
+    repetitions: int | None
+    folds: int | None
+    samples: int | None
+    model: dict[str, ChannelEntry] | None
+    in_sample: dict[str, ChannelEntry] | None
+    reference: dict[str, ChannelEntry] | None
+    clock_offset_s: list[float] | None
+    why: str | None
+
+
 class DynamicsEntry(Entry):
     """The identification; ``mass_kg`` and ``cop_mean_m`` are what the plates show by themselves.
 
-    ``consistency`` is which bodies counted as possible. ``rivals`` are the bodies of each table of people, by its name;
-    empty where none applies.
+    ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` those on repetitions that the fit
+    did not see. ``consistency`` is which bodies counted as possible. ``rivals`` are the bodies of each table of people,
+    by its name; empty where none applies.
     """
 
     base: list[BaseEntry] | None
@@ -170,6 +190,7 @@ class DynamicsEntry(Entry):
     cop_mean_m: float | None
     consistency: Literal["grid", "cone", "bounded-cone"] | None
     rivals: dict[str, RivalEntry]
+    held_out: HeldOutEntry
     why: str | None
 
 

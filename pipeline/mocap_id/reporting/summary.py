@@ -16,6 +16,7 @@ from mocap_id.reporting.shape import (
     BaseEntry,
     ChannelEntry,
     DynamicsEntry,
+    HeldOutEntry,
     HypothesisEntry,
     JointEntry,
     LengthEntry,
@@ -224,6 +225,7 @@ def _dynamics(material: Material) -> DynamicsEntry:
         cop_mean_m=cop,
         consistency=consistency,
         rivals={str(name): _rival(rival) for name, rival in (facts.get("rivals") or {}).items()},
+        held_out=_held_out(material),
         why=_joined(why),
         **identified,
     )
@@ -269,6 +271,27 @@ def _rival(facts: Mapping[str, Any]) -> RivalEntry:
         wrench=_channels(facts.get("wrench")),
         cop_rms_m=cop,
         why=_because("no samples show it off the seat", height, mass, cop),
+    )
+
+
+def _held_out(material: Material) -> HeldOutEntry:
+    facts = material.facts("dynamics.h5")
+    found = facts.get("held_out") or {}
+    counts = {key: known(found.get(key)) for key in ("repetitions", "folds", "samples")}
+    model, within, reference = (_channels(found.get(key)) or None for key in ("model", "in_sample", "reference"))
+    offsets = all_known(found.get("clock_offset_s"))
+    unknown = found.get("why") or facts.get("why") or material.why_missing("dynamics.h5")
+    why = (
+        _because(unknown, *counts.values(), model, within, offsets),
+        _because("reference: there is no reference body", reference) if model is not None else None,
+    )
+    return HeldOutEntry(
+        **{key: None if count is None else int(count) for key, count in counts.items()},
+        model=model,
+        in_sample=within,
+        reference=reference,
+        clock_offset_s=offsets,
+        why=_joined(why),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from mocap_id.reporting import style
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, known, show, show_beside, show_fixed, show_interval, show_with_sd
-from mocap_id.reporting.shape import Summary
+from mocap_id.reporting.shape import ChannelEntry, Summary
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units at the end of the facts' keys."""
@@ -100,6 +100,38 @@ def rivals(summary: Summary) -> Grid:
     ]
     head = ("body", "Fx (N)", "Fy (N)", "tauz (N·m)", "centre of pressure, rms (mm)")
     return grid("Model and allometric bodies against measurement: bias ± standard deviation", head, rows, (0,))
+
+
+def held_out(summary: Summary) -> Grid:
+    """How far repetitions are off that the model was not fitted to, beside the fit's own error and the reference's."""
+    found = summary.dynamics.held_out
+    errors = {
+        "models fitted without the repetition": found.model,
+        "model of the whole trial": found.in_sample,
+        "allometric body": found.reference,
+    }
+    rows = [
+        (
+            name,
+            *(_bias_and_sd(channels.get(part)) for part in _WRENCH),
+            _bias_and_sd(channels.get("cop_x"), 1e3),
+        )
+        for name, channels in errors.items()
+        if channels
+    ]
+    caption = (
+        f"Repetitions left out of the fit and predicted: bias ± standard deviation over {found.samples} samples, "
+        f"{found.folds} fits for {found.repetitions} repetitions"
+        if rows
+        else ""
+    )
+    return grid(caption, ("predicted by", "Fx (N)", "Fy (N)", "tauz (N·m)", "centre of pressure (mm)"), rows)
+
+
+def _bias_and_sd(channel: ChannelEntry | None, factor: float = 1.0) -> str:
+    if channel is None or channel.bias is None or channel.sd is None:
+        return UNKNOWN
+    return f"{show(factor * channel.bias)} ± {show(factor * channel.sd)}"
 
 
 def base_parameters(material: Material, summary: Summary) -> Grid:

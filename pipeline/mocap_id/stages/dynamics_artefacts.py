@@ -18,14 +18,14 @@ from mocap_id.dynamics.optimality import Answer
 from mocap_id.dynamics.predict import Prediction
 from mocap_id.dynamics.prepare import Prepared, Recorded, arcs
 from mocap_id.dynamics.pressure import centre_of_pressure
-from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
+from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.sit_to_stand import Contact
+from mocap_id.stages import validation
 from mocap_id.stages.rivals import Rivals, rival_facts
+from mocap_id.stages.validation import SERIES, Validation
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
-
-_WRENCH = (*WRENCH_COMPONENTS, "cop_x")
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Identified:
     grid: PointGrid
     rivals: Rivals
     contact: Contact | None
+    validation: Validation
     cop_threshold: float
 
 
@@ -58,6 +59,8 @@ def dynamics_frame(result: Identified) -> pd.DataFrame:
     columns |= _wrench_columns(model.wrench, model.cop, "_model")
     columns |= _wrench_columns(model.wrench_sd, model.cop_sd, "_model", "sd_")
     columns |= _wrench_columns(reference, centre_of_pressure(reference, threshold), "_reference")
+    held_out = validation.wrench(result.validation, len(measured))
+    columns |= _wrench_columns(held_out, centre_of_pressure(held_out, threshold), "_held_out")
     for j, (torque, sd) in enumerate(zip(model.torque.T, model.torque_sd.T, strict=True), start=1):
         columns[f"tau_{j}"], columns[f"sd_tau_{j}"] = torque, sd
     return pd.DataFrame(columns).assign(in_fit=result.found.fit.in_fit)
@@ -80,6 +83,7 @@ def empty_frame(recorded: Recorded, reference: FloatArray, cop_threshold: float)
     columns |= _wrench_columns(absent, absent[:, 0], "_model")
     columns |= _wrench_columns(absent, absent[:, 0], "_model", "sd_")
     columns |= _wrench_columns(reference, centre_of_pressure(reference, cop_threshold), "_reference")
+    columns |= _wrench_columns(absent, absent[:, 0], "_held_out")
     for j in range(1, recorded.q.shape[1] + 1):
         columns[f"tau_{j}"] = columns[f"sd_tau_{j}"] = absent[:, 0]
     return pd.DataFrame(columns).assign(in_fit=np.zeros(len(absent), dtype=bool))
@@ -96,6 +100,7 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
             "reference": result.rivals.chosen.parameters,
         },
         "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.masses},
+        "held_out": validation.data(result.validation, len(found.base)),
     }
 
 
@@ -111,6 +116,7 @@ def empty_data(
         "base": _base(base, centres, value, np.full(len(value), np.nan)),
         "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
+        "held_out": {"base": np.zeros((0, len(value))), "clock_offset": np.zeros(0)},
     }
 
 
@@ -130,6 +136,13 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame) -> dict[str, Any]:
         "samples": int(samples.sum()),
         "reference_table": result.rivals.chosen.table,
         "rivals": rival_facts(result.rivals, prepared.regressor, measured, samples, threshold),
+        "held_out": validation.facts(
+            result.validation,
+            result.model.wrench,
+            prepared.regressor @ result.rivals.chosen.parameters,
+            measured,
+            threshold,
+        ),
         "consistency": found.solution.consistency,
         "solver": _solver(found.solution),
         "reference_pulls": found.pulled,
@@ -161,8 +174,8 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     """Facts of dynamics.h5 where nothing is known, and why."""
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
-        "samples", "reference_table", "rivals", "consistency", "solver", "reference_pulls", "cutoff_hz", "plate_bias_N",
-        "untold", "arc_deg", "contact",
+        "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
+        "plate_bias_N", "untold", "arc_deg", "contact",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 
@@ -222,4 +235,4 @@ def _base(base: BaseSet, centres: FloatArray, value: FloatArray, sd: FloatArray)
 
 
 def _wrench_columns(wrench: FloatArray, cop: FloatArray, suffix: str = "", prefix: str = "") -> dict[str, FloatArray]:
-    return {f"{prefix}{name}{suffix}": column for name, column in zip(_WRENCH, (*wrench.T, cop), strict=True)}
+    return {f"{prefix}{name}{suffix}": column for name, column in zip(SERIES, (*wrench.T, cop), strict=True)}

@@ -23,6 +23,7 @@ from mocap_id.errors import StoreError
 from mocap_id.protocols.contact import ContactRule
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
+from mocap_id.stages import validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.rivals import rivals
 from mocap_id.store import Table, Tree
@@ -145,18 +146,21 @@ def _identified(
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls,
     )
+    model = predict(prepared, found, chain.correlation(q, _snap(context, q.shape[1])), threshold)
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
-        model=predict(prepared, found, chain.correlation(q, _snap(context, q.shape[1])), threshold),
+        model=model,
         grid=grid,
         rivals=bodies,
         contact=movement.contact,
+        validation=validation.validate(prepared, movement, found, model.wrench),
         cop_threshold=threshold,
     )
     frame = artefacts.dynamics_frame(result)
-    reasons = (*movement.reasons, *bodies.chosen.reasons, *_judgement(context, result))
     facts = artefacts.dynamics_facts(result, frame)
+    judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
+    reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
 
 
@@ -324,7 +328,7 @@ def _known_to_be_free(context: Context, movement: Movement) -> bool:
 
 STAGE = Stage(
     name="identify-dim",
-    version=3,
+    version=4,
     inputs=("wrench.parquet", "chain.h5", "states.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),

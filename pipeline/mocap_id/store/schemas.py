@@ -137,6 +137,7 @@ DYNAMICS_TABLE = TableSchema(
         *_wrench("_model", "identified model"),
         *_wrench("_model", "standard deviation of the model", "sd_"),
         *_wrench("_reference", "allometric model"),
+        *_wrench("_held_out", "model fitted without this repetition"),
         Column("in_fit", "bool", "", "this sample was identified on"),
     ),
     (
@@ -159,6 +160,10 @@ DYNAMICS_TREE = TreeSchema(
         Column("full/reference", "float64", "", "(4(n+1),) allometric values, NaN where none apply"),
         Column("grid/segment", "int64", "", "(p,) segment of each point mass"),
         Column("grid/position", "float64", "m", "(p, 2) in the segment frame"),
+        Column(
+            "held_out/base", "float64", "", "(k, b) base parameters of the fits that leave out repetitions, in turn"
+        ),
+        Column("held_out/clock_offset", "float64", "s", "(k,) clock offset of each"),
         Column("grid/mass", "float64", "kg", "(p,) point masses, none negative; NaN where `consistency` is not `grid`"),
     ),
 )

@@ -37,6 +37,26 @@ PARAMETERS: Mapping[str, Explanation] = {
         "outside the markers.",
         "Look at the skeleton and the residuals first, then at the plates' use and calibration.",
     ),
+    "held-out-worse": Explanation(
+        ("caution",),
+        "No better than a table",
+        "Each repetition was predicted by a model that was fitted to the others. For the quantities that are named, "
+        "a body from a table that knows height and mass alone predicts them as well or better. The individual model is "
+        "then not worth its name there: what joints, markers, skin, or limbs that move by themselves leave unexplained "
+        "is larger than what this person differs from the table. The error within the fit does not show that.",
+        "Look at the residuals of the markers, and for arms or a head that move: a limb outside the chain is not "
+        "modelled, so keep the arms still against the trunk. A slower movement asks less of the chain. For what is "
+        "named, use the table's values.",
+    ),
+    "held-out-far": Explanation(
+        ("caution",),
+        "The model does not carry over to other repetitions",
+        "Each repetition was predicted by a model that was fitted to the others, and is off by far more than the fit "
+        "to all of them. Either the parameters follow what is particular to single repetitions, because few of them "
+        "tell many parameters, or one repetition differs from the rest: a step, a hand on the knee, a marker lost.",
+        "Record more repetitions, or leave the odd one out with `window:`. Believe the error on the held-out "
+        "repetitions, not the one within the fit.",
+    ),
     "parameters-weak": Explanation(
         ("caution",),
         "Some base parameters are weakly known",

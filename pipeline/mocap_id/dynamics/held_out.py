@@ -1,0 +1,163 @@
+"""Validation inside a trial: fit on some repetitions, predict the others.
+
+An error over the very samples of a fit says how well the model can follow them, not what it is worth elsewhere. Here
+every repetition is predicted by parameters, clock offset and plate bias that were fitted without it. Joints, joint
+angles and the samples off the chair come from the whole trial: what is left out are the forces of the repetition.
+
+Nothing is filtered or searched anew. The filtered, weighted rows of the whole fit, with the column along which the
+clock offset shifts the wrench, are compressed by QR once for each stretch that the folds use alike; a fold stacks the
+triangular factors of its own. What lies within the filter's reach of the repetition that is left out holds some of it
+and takes no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.base import triangular_factor
+from mocap_id.dynamics.fit import DEPENDENT, LEAST_SECONDS, Fit
+from mocap_id.dynamics.lowpass import erode
+from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.solve import Compressed
+
+_FOLDS = 5  # a fold costs some 20 ms; with more repetitions neighbouring ones are left out together
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Predictions of repetitions by models that did not see their forces.
+
+    Parameters
+    ----------
+    samples : (T,) bool array
+        Samples of the fit that were predicted: those of every fold that determined a model.
+    wrench : (T, 3) array
+        The predictions, N and N·m; NaN elsewhere.
+    measured : (T, 3) array
+        The wrench at the clock and less the plate bias that the fold found without the repetition; NaN elsewhere.
+    base : (K, b) array
+        Base parameters of each fold.
+    offset : (K,) array
+        Clock offset of each fold, s.
+    """
+
+    samples: BoolArray
+    wrench: FloatArray
+    measured: FloatArray
+    base: FloatArray
+    offset: FloatArray
+
+
+def parts(time: FloatArray, spans: FloatArray) -> IntArray:
+    """Number the part of each sample: one a repetition, or a run of neighbouring ones where there are many.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    spans : (r, 2) array
+        First and last time of every repetition, in order, s. What lies between two belongs to the nearer.
+
+    Returns
+    -------
+    (T,) int array
+        0 … K - 1; all 0 where there are fewer than two repetitions.
+    """
+    between = (spans[:-1, 1] + spans[1:, 0]) / 2
+    repetition = np.searchsorted(between, time)
+    folds = min(len(spans), _FOLDS)
+    return np.asarray(repetition * folds // max(len(spans), 1), dtype=np.int64)
+
+
+def hold_out(
+    prepared: Prepared, gate: BoolArray, found: Fit, part: IntArray, solve: Callable[[Compressed], FloatArray]
+) -> HeldOut | None:
+    """Predict every part by a model of the others.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    gate : (T,) bool array
+        That of the whole fit.
+    found : Fit
+        The whole fit; its weights are kept.
+    part : (T,) int array
+        Part of each sample, as :func:`parts` numbers them.
+    solve : callable
+        From a compressed problem of b + k columns to its parameters (b + k,), consistent ones.
+
+    Returns
+    -------
+    HeldOut or None
+        None where no part can be left out: there is but one, or without it the parameters are not determined.
+    """
+    seen = np.stack([_without(prepared, gate, part, k) for k in range(int(part.max()) + 1)])  # (K, T)
+    stacks = _stacks(found, seen[:, found.samples])
+    shape = (len(part), 3)
+    samples, wrench, measured = np.zeros(shape[0], dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
+    base, offset = [], []
+    for k, stack in enumerate(stacks):
+        if not _determined(stack, found, int(seen[k].sum()), prepared.recorded.rate):
+            continue
+        problem, shift = _at_own_clock(stack, found)
+        parameters, out = solve(problem), found.in_fit & (part == k)
+        base.append(parameters[: found.base])
+        offset.append(found.offset + shift)
+        samples |= out
+        wrench[out] = prepared.rows[out] @ base[-1]
+        measured[out] = _measured(prepared, out, offset[-1], parameters[found.base :])
+    if not samples.any():
+        return None
+    return HeldOut(samples, wrench, measured, np.array(base), np.array(offset))
+
+
+def _without(prepared: Prepared, gate: BoolArray, part: IntArray, k: int) -> BoolArray:
+    """Samples (T,) to fit on without part k: off the chair and off the part by the filter's reach."""
+    return prepared.usable & erode(gate & (part != k), prepared.lowpass.reach_samples)
+
+
+def _stacks(found: Fit, seen: BoolArray) -> list[FloatArray]:
+    """Triangular factors of each fold's rows, on top of each other, from which samples (R,) it sees (K, R).
+
+    Columns are those of the design, then the target. Samples that the same folds see are compressed together.
+    """
+    rows = np.concatenate([found.design, found.target[..., None]], axis=-1)  # (R, c, b + k + 2)
+    patterns, pattern = np.unique(seen, axis=1, return_inverse=True)
+    factors = [triangular_factor(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
+    empty = np.zeros((0, rows.shape[-1]))
+    return [
+        triangular_factor(np.concatenate([empty, *(f for f, has in zip(factors, fold, strict=True) if has)]))
+        for fold in patterns
+    ]
+
+
+def _determined(stack: FloatArray, found: Fit, samples: int, rate: float) -> bool:
+    """Whether a fold tells the base parameters apart: the rule of :func:`mocap_id.dynamics.fit.determined`."""
+    if samples < LEAST_SECONDS * rate or len(stack) < stack.shape[1]:
+        return False
+    columns = stack[:, : found.base]
+    size = np.linalg.norm(columns, axis=0)
+    return bool(np.all(size > 0.0) and np.linalg.cond(columns / np.where(size > 0.0, size, 1.0)) < DEPENDENT)
+
+
+def _at_own_clock(stack: FloatArray, found: Fit) -> tuple[Compressed, float]:
+    """A fold's problem at the clock offset that it finds, and how far that is from the whole fit's, s.
+
+    One step of Gauss-Newton from the whole fit's offset: the wrench changes by at most a few milliseconds' worth of
+    its rate of change. Where the whole fit takes no offset out the folds do not either.
+    """
+    rate, target = stack[:, -2], stack[:, -1]
+    free = np.linalg.lstsq(stack[:, :-1], target, rcond=None)[0]
+    shift = float(free[-1]) if found.applied else 0.0
+    return Compressed.of(stack[:, :-2], target - shift * rate), shift
+
+
+def _measured(prepared: Prepared, out: BoolArray, offset: float, bias: FloatArray) -> FloatArray:
+    """Unfiltered wrench (R, 3) of some samples (T,) at a clock offset, less a constant error of Fx, if estimated."""
+    values = prepared.wrench(prepared.recorded.time[out] - offset)
+    values[:, 0] -= bias.sum()
+    return values
