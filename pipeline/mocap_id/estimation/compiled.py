@@ -10,9 +10,9 @@ everything to A = I + Hᵀ R⁻¹ H: with L₁ the first n columns of L, L₂ th
 
 which is what x + K y and P − K S Kᵀ come to, without their cancellation: P⁺ is a sum of squares.
 
-A covariance has sixteen times as many numbers as there are joints squared. The filter therefore keeps none of them but
-the variances: it notes what it carries every few hundred frames, and the smoother, block by block from the last to the
-first, has it filter the block again from there. That costs a second filter run, and gives the same to the last bit.
+The covariances of all frames would take six times the memory of everything else. The filter keeps only the deviations:
+it notes what it carries every few hundred frames, and the smoother, block by block from the last to the first, has it
+filter the block again from there. That costs a second run of the filter, and gives the same to the last bit.
 """
 
 from __future__ import annotations
