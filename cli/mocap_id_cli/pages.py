@@ -55,12 +55,18 @@ def _schema(file: str) -> Iterator[str]:
     yield "| name | type | unit | meaning |"
     yield "|---|---|---|---|"
     yield from map(_row, schema.columns if isinstance(schema, TableSchema) else schema.nodes)
-    if isinstance(schema, TableSchema) and schema.repeated:
-        kinds = "plate" if any(column.name.endswith("_p{k}") for column in schema.repeated) else "joint"
-        yield f"\nand for every {kinds} k:\n"
+    if not isinstance(schema, TableSchema):
+        return
+    kinds = "plate" if any(column.name.endswith("_p{k}") for column in schema.repeated) else "joint"
+    groups = [(f"and for every {kinds} k:", schema.repeated)] if schema.repeated else []
+    for group in schema.optional:
+        every = ", for every sensor k" if "{k}" in group[0].name else ""
+        groups.append((f"and, where there are such forces{every}:", group))
+    for title, group in groups:
+        yield f"\n{title}\n"
         yield "| name | type | unit | meaning |"
         yield "|---|---|---|---|"
-        yield from map(_row, schema.repeated)
+        yield from map(_row, group)
 
 
 def _row(column: Column) -> str:

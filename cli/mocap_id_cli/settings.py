@@ -54,8 +54,9 @@ def _rows(fields: dict[str, FieldInfo]) -> Iterator[str]:
     for name, field in fields.items():
         inner = _inner(field)
         if inner is not None:
+            dots = "[]." if get_origin(field.annotation) is tuple else "."
             for key, part in inner.items():
-                yield _row(f"{name}.{key}", part)
+                yield _row(f"{name}{dots}{key}", part)
         else:
             yield _row(name, field)
 
@@ -66,7 +67,10 @@ def _row(name: str, field: FieldInfo) -> str:
 
 
 def _inner(field: FieldInfo) -> dict[str, FieldInfo] | None:
-    return getattr(field.annotation, "model_fields", None)
+    annotation = field.annotation
+    if get_origin(annotation) is tuple:
+        annotation = get_args(annotation)[0]
+    return getattr(annotation, "model_fields", None)
 
 
 def _default(field: FieldInfo) -> str:
@@ -85,4 +89,6 @@ def _type(annotation: Any) -> str:
         items = [argument for argument in arguments if argument is not Ellipsis]
         count = "" if Ellipsis in arguments else f"{len(items)} "
         return f"list of {count}{_PLURALS.get(_type(items[0]), _type(items[0]))}"
-    return _type(arguments[0]) if arguments else getattr(annotation, "__name__", str(annotation)).lower()
+    if arguments:
+        return " or ".join(_type(argument) for argument in arguments)
+    return getattr(annotation, "__name__", str(annotation)).lower()

@@ -33,6 +33,8 @@ def simulate(
     plate_noise: Annotated[float, typer.Option(help="Multiplies the usual noise.")] = Options.plate_noise,
     plate_bias: Annotated[float, typer.Option(help="Multiplies the usual channel bias.")] = Options.plate_bias,
     clock_offset: Annotated[float, typer.Option(help="Of the plate against the cameras, s.")] = Options.clock_offset,
+    seat_plate: Annotated[bool, typer.Option(help="Put the chair on a plate of its own.")] = Options.seat_plate,
+    chair_mass: Annotated[float, typer.Option(help="Of the chair on its plate, kg.")] = Options.chair_mass,
 ) -> None:
     """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
     options = Options(
@@ -51,5 +53,7 @@ def simulate(
         plate_noise=plate_noise,
         plate_bias=plate_bias,
         clock_offset=clock_offset,
+        seat_plate=seat_plate,
+        chair_mass=chair_mass,
     )
     typer.echo(simulation.simulate(kind, folder, options))

@@ -97,11 +97,13 @@ def _shown(value: Any) -> str:
 
 
 def _field(model: type[BaseModel], location: Location) -> FieldInfo | None:
-    """The field at a location, or the one that holds the list in which it stands."""
+    """The field at a location; of a list's item, the list's or the item's own."""
     field: FieldInfo | None = None
     here: type[BaseModel] | None = model
     for step in location:
-        if isinstance(step, int) or here is None:
+        if isinstance(step, int):
+            continue
+        if here is None:
             break
         field = next((field for name, field in here.model_fields.items() if step in (field.alias, name)), None)
         here = next(_models(field.annotation), None) if field else None

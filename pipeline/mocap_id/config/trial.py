@@ -115,6 +115,8 @@ def _absolute(value: Any, folder: Path) -> Any:
     """Paths, wherever they stand in a value, relative to the YAML file's folder."""
     if isinstance(value, Path):
         return folder / value.expanduser()
+    if isinstance(value, tuple):
+        return tuple(_absolute(item, folder) for item in value)
     if isinstance(value, BaseModel):
         return value.model_copy(
             update={name: _absolute(getattr(value, name), folder) for name in type(value).model_fields}

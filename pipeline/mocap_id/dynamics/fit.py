@@ -112,19 +112,19 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     weights, found, at_edge = np.ones(len(settings.components)), 0.0, True
     for _ in range(_ROUNDS):
         found, at_edge = profile_offset(
-            design, lambda times: _measured(prepared, times), time, weights, settings.offset_limit
+            design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit
         )
-        weights = _weights(design, _measured(prepared, time - found), weights)
-    extended, covariance = _covariance(prepared, time, found, design, weights)
+        weights = _weights(design, _measured(prepared, samples, time - found), weights)
+    extended, covariance = _covariance(prepared, samples, found, design, weights)
     offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
     known = not at_edge and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
         offset = 0.0
-        weights = _weights(design, _measured(prepared, time), weights)
-        extended, covariance = _covariance(prepared, time, offset, design, weights)
+        weights = _weights(design, _measured(prepared, samples, time), weights)
+        extended, covariance = _covariance(prepared, samples, offset, design, weights)
     base = prepared.filtered.shape[-1]
-    target = _measured(prepared, time - offset) * weights
+    target = _measured(prepared, samples, time - offset) * weights
     condition, condition_scaled = _conditions(design[..., :base])
     return Fit(
         in_fit=in_fit,
@@ -160,8 +160,8 @@ def _design(prepared: Prepared, samples: IntArray) -> FloatArray:
     return np.concatenate([rows, bias], axis=-1)
 
 
-def _measured(prepared: Prepared, time: FloatArray) -> FloatArray:
-    return prepared.filtered_wrench(time)[:, list(prepared.settings.components)]
+def _measured(prepared: Prepared, samples: IntArray, stamped: FloatArray) -> FloatArray:
+    return prepared.filtered_measured(samples, stamped)[:, list(prepared.settings.components)]
 
 
 def _residual(design: FloatArray, target: FloatArray) -> FloatArray:
@@ -178,13 +178,14 @@ def _weights(design: FloatArray, target: FloatArray, weights: FloatArray) -> Flo
 
 
 def _covariance(
-    prepared: Prepared, time: FloatArray, offset: float, design: FloatArray, weights: FloatArray
+    prepared: Prepared, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted rows with the offset's column, and the parameters' covariance from the residuals."""
+    time = prepared.recorded.time[samples]
     rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
     weighted = design * weights[:, None]
     extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
-    residual = _residual(weighted, _measured(prepared, time - offset) * weights)
+    residual = _residual(weighted, _measured(prepared, samples, time - offset) * weights)
     return extended, block_covariance(extended, residual, time_blocks(time, prepared.settings.block))
 
 

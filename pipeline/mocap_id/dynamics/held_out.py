@@ -36,7 +36,7 @@ class HeldOut:
     samples : (T,) bool array
         Samples of the fit that were predicted: those of every fold that determined a model.
     wrench : (T, 3) array
-        The predictions, N and N·m; NaN elsewhere.
+        The predictions of the ground's wrench, N and N·m; NaN elsewhere.
     measured : (T, 3) array
         The wrench at the clock and less the plate bias that the fold found without the repetition; NaN elsewhere.
     base : (K, b) array
@@ -108,7 +108,7 @@ def hold_out(
         base.append(parameters[: found.base])
         offset.append(found.offset + shift)
         samples |= out
-        wrench[out] = prepared.rows[out] @ base[-1]
+        wrench[out] = prepared.rows[out] @ base[-1] - prepared.elsewhere(offset[-1])[out]
         measured[out] = _measured(prepared, out, offset[-1], parameters[found.base :])
     if not samples.any():
         return None
@@ -157,7 +157,7 @@ def _at_own_clock(stack: FloatArray, found: Fit) -> tuple[Compressed, float]:
 
 
 def _measured(prepared: Prepared, out: BoolArray, offset: float, bias: FloatArray) -> FloatArray:
-    """Unfiltered wrench (R, 3) of some samples (T,) at a clock offset, less a constant error of Fx, if estimated."""
-    values = prepared.wrench(prepared.recorded.time[out] - offset)
+    """The ground's unfiltered wrench (R, 3) at some samples (T,) and a clock offset, less a constant error of Fx."""
+    values = prepared.ground(offset)[out]
     values[:, 0] -= bias.sum()
     return values

@@ -8,12 +8,14 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base import spanned
+from mocap_id.dynamics.external import relief, stacked
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.model_error import ModelError, model_error
 from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor, planar_torque_regressor
 from mocap_id.dynamics.uncertainty import variance
+from mocap_id.geometry import planar
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Prediction:
     Parameters
     ----------
     wrench, wrench_sd : (T, 3) arrays
-        Fx, Fy, tauz, N and N·m.
+        Fx, Fy, tauz of the ground, N and N·m: what the motion needs less what other surroundings are measured to do.
     cop, cop_sd : (T,) arrays
         Centre of pressure, m; NaN where the body does not load the plate.
     torque, torque_sd : (T, n) arrays
@@ -85,10 +87,11 @@ def predict(prepared: Prepared, found: Identification, correlation: FloatArray, 
     told, torque_told = _told(prepared.regressor, prepared), _told(torque_regressor, prepared)
     rows = np.where(told[:, None], prepared.rows, np.nan)
     torque_rows = np.where(torque_told[:, None], torque_regressor[:, :, prepared.base.kept], np.nan)
-    wrench, torque = rows @ base, torque_rows @ base
+    needed, (elsewhere, relieved) = rows @ base, _relief(prepared, found.fit.offset)
+    wrench, torque = needed - elsewhere, torque_rows @ base - relieved
     noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
     wrench_gain, torque_gain = _acceleration_gains(recorded, base, prepared)
-    errors = _model_errors(prepared, found, wrench, _variance_of(wrench_gain, noise))
+    errors = _model_errors(prepared, found, needed, _variance_of(wrench_gain, noise))
     steady = np.diag([error.steady for error in errors])
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
     torque_gain *= np.sqrt(max(error.overall for error in errors))
@@ -120,6 +123,14 @@ def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Ag
     return Agreement(float(error.mean()), float(error.std()), r2)
 
 
+def _relief(prepared: Prepared, offset: float) -> tuple[FloatArray, FloatArray]:
+    """What external wrenches take off the ground (T, 3) and off the joints (T, n)."""
+    recorded = prepared.recorded
+    wrenches, segment = stacked(recorded.external, prepared.external(offset), len(recorded.time))
+    jacobian = planar.spatial_jacobian(recorded.q, recorded.centres)
+    return relief(jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
+
+
 def _told(regressor: FloatArray, prepared: Prepared) -> BoolArray:
     """Rows (k,) of a full regressor (T, k, p) that the base parameters decide."""
     return np.array([spanned(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_)
@@ -133,11 +144,11 @@ def _untold(told: BoolArray, torque_told: BoolArray) -> tuple[str, ...]:
 
 
 def _model_errors(
-    prepared: Prepared, found: Identification, wrench: FloatArray, noise: FloatArray
+    prepared: Prepared, found: Identification, needed: FloatArray, noise: FloatArray
 ) -> tuple[ModelError, ...]:
     """Size of the model's error in each component; as the states say where the plate does not show it."""
     recorded = prepared.recorded
-    residual = prepared.wrench(recorded.time - found.fit.offset) - wrench
+    residual = prepared.measured(found.fit.offset) - needed
     shown = [model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]
     known = [error for error in shown if error is not None]
     usual = ModelError(0.0, 1.0, max((error.overall for error in known), default=1.0))

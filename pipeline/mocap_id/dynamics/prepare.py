@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import BaseSet, base_set
 from mocap_id.dynamics.clock import SampledWrench
+from mocap_id.dynamics.external import SEAT, External
 from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known
 from mocap_id.dynamics.regressor import planar_regressor
 
@@ -32,6 +34,8 @@ class Recorded:
         unknown.
     centres : (n, 2) array
         Joint centres in the segment before, m.
+    external : tuple of External
+        Measured wrenches of other surroundings than the ground on the body.
     """
 
     time: FloatArray
@@ -42,11 +46,40 @@ class Recorded:
     observed: BoolArray
     wrench: FloatArray
     centres: FloatArray
+    external: tuple[External, ...] = ()
 
     @property
     def rate(self) -> float:
         """Samples a second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+    @property
+    def seat(self) -> External | None:
+        """The chair's wrench, where a plate of its own measures it."""
+        return next((each for each in self.external if each.name == SEAT), None)
+
+    @property
+    def plates(self) -> FloatArray:
+        """(T, 3) wrench of everything that the plates' clock stamps."""
+        return self.wrench + self._sum(each for each in self.external if each.by_plates)
+
+    @property
+    def sensors(self) -> FloatArray:
+        """(T, 3) wrench of everything else: zeros where the plates measure all."""
+        return self._sum(each for each in self.external if not each.by_plates)
+
+    @property
+    def elsewhere(self) -> FloatArray:
+        """(T, 3) wrench of all surroundings but the ground, as stamped."""
+        return self._sum(self.external)
+
+    @property
+    def surroundings(self) -> FloatArray:
+        """(T, 3) wrench of all surroundings together, as stamped."""
+        return self.wrench + self.elsewhere
+
+    def _sum(self, external: Iterable[External]) -> FloatArray:
+        return sum((each.wrench for each in external), np.zeros_like(self.wrench))
 
 
 @dataclass(frozen=True)
@@ -100,6 +133,9 @@ class Prepared:
     filtered : (T, 3, b) array
         Base columns after the low-pass.
     wrench, filtered_wrench : SampledWrench
+        What the plates read together, on their clock.
+    sensors, filtered_sensors : (T, 3) arrays
+        What other sensors read, on the cameras' clock.
     usable : (T,) bool array
         Samples whose filtered regressor and wrench are known, the wrench at every offset within the limit.
     """
@@ -112,6 +148,8 @@ class Prepared:
     filtered: FloatArray
     wrench: SampledWrench
     filtered_wrench: SampledWrench
+    sensors: FloatArray
+    filtered_sensors: FloatArray
     usable: BoolArray
 
     @property
@@ -124,6 +162,34 @@ class Prepared:
         """Minimal regressor Y_b (T, 3, b), unfiltered (eq. 4.7)."""
         return self.regressor[:, :, self.base.kept]
 
+    def measured(self, offset: float) -> FloatArray:
+        """Wrench (T, 3) of all surroundings at the markers' times, for a clock offset of the plates, s."""
+        return self.wrench(self.recorded.time - offset) + self.sensors
+
+    def ground(self, offset: float) -> FloatArray:
+        """Wrench (T, 3) of the ground alone at the markers' times, for a clock offset of the plates, s."""
+        time = self.recorded.time
+        return SampledWrench.of(time, _whole(self.recorded.wrench))(time - offset)
+
+    def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
+        """Every external wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
+        time = self.recorded.time
+        wrenches = [_whole(each.wrench) for each in self.recorded.external]
+        if filtered:
+            wrenches = [self.lowpass(wrench) for wrench in wrenches]
+        return [
+            SampledWrench.of(time, wrench)(time - offset) if each.by_plates else wrench
+            for each, wrench in zip(self.recorded.external, wrenches, strict=True)
+        ]
+
+    def elsewhere(self, offset: float) -> FloatArray:
+        """Wrench (T, 3) of all surroundings but the ground, as :meth:`external`."""
+        return sum(self.external(offset), np.zeros_like(self.recorded.wrench))
+
+    def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
+        """Filtered wrench (R, 3) of all surroundings at some samples (R,), stamped by the plates' clock so (R,), s."""
+        return self.filtered_wrench(stamped) + self.filtered_sensors[samples]
+
 
 def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
     """Build the regressor, find the base parameters, filter both sides alike and mark what may be used."""
@@ -133,10 +199,10 @@ def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
     lowpass = LowPass(cutoff, recorded.rate)
     selected = regressor[moving][:: lowpass.step, list(settings.components), :]
     base = base_set(selected.reshape(-1, regressor.shape[-1]))
-    wrench = np.where(known(recorded.wrench)[:, None], recorded.wrench, np.nan)
+    wrench, sensors = _whole(recorded.plates), _whole(recorded.sensors)
     filtered_wrench = lowpass(wrench)
     limit = int(np.ceil(settings.offset_limit * recorded.rate)) + 1
-    usable = erode(moving & recorded.observed, lowpass.reach_samples)
+    usable = erode(moving & recorded.observed & known(sensors), lowpass.reach_samples)
     usable &= erode(known(filtered_wrench), lowpass.reach_samples + limit)
     return Prepared(
         recorded=recorded,
@@ -147,8 +213,15 @@ def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
         filtered=lowpass(regressor[:, :, base.kept]),
         wrench=SampledWrench.of(recorded.time, wrench),
         filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
+        sensors=sensors,
+        filtered_sensors=lowpass(sensors),
         usable=usable,
     )
+
+
+def _whole(wrench: FloatArray) -> FloatArray:
+    """A wrench (T, 3) of which a sample is known as a whole or not at all."""
+    return np.where(known(wrench)[:, None], wrench, np.nan)
 
 
 def arcs(q: FloatArray, samples: BoolArray) -> FloatArray:

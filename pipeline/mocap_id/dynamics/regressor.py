@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import Chain, motion, planar, se3, so3, spatial_jacobian
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -81,11 +81,35 @@ def spatial_regressor(
     return np.moveaxis(blocks, -3, -2).reshape(*q.shape[:-1], 6, -1)
 
 
+def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
+    """Torques of the joints that wrenches on single segments call for: in space and in the plane.
+
+    The wrench through joint j is the sum of those on the segments beyond it; its power on the joint's own spatial
+    twist, a column of the spatial Jacobian (eq. 2.47), is the torque. Columns of a regressor and external wrenches
+    (:mod:`mocap_id.dynamics.external`) are both wrenches on segments.
+
+    Parameters
+    ----------
+    jacobian : (..., c, N) array
+        Spatial Jacobian; c is 6 in space and 3 in the plane.
+    joint : (N,) int array
+        The joint, from 1, to which each coordinate belongs.
+    wrenches : (..., c, P) array
+        World (plane) frame, about its origin.
+    segment : (P,) int array
+        The segment, from 0, on which each of them acts.
+
+    Returns
+    -------
+    (..., N, P) array
+        N·m, or N·m per unit of a regressor's parameters.
+    """
+    torque = np.swapaxes(jacobian, -1, -2) @ wrenches
+    return np.where(segment >= joint[:, None], torque, 0.0)
+
+
 def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray) -> FloatArray:
     """Regressor of the joint torques, from that of the wrench.
-
-    The wrench through joint j is that of the links beyond it; its power on the joint's own spatial twist, a column of
-    the spatial Jacobian (eq. 2.47), is the torque.
 
     Parameters
     ----------
@@ -98,10 +122,13 @@ def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray)
     -------
     (..., N, 10(n + 1)) array
     """
-    joint = np.concatenate([np.full(j.dimension, i) for i, j in enumerate(chain.joints, start=1)])
-    link = np.repeat(np.arange(len(chain.joints) + 1), len(LINK_PARAMETERS))
-    torque = np.swapaxes(spatial_jacobian(chain, q), -1, -2) @ regressor
-    return np.where(link >= joint[:, None], torque, 0.0)
+    segment = np.repeat(np.arange(len(chain.joints) + 1), len(LINK_PARAMETERS))
+    return through_joints(spatial_jacobian(chain, q), joint_of_coordinate(chain), regressor, segment)
+
+
+def joint_of_coordinate(chain: Chain) -> IntArray:
+    """The joint, from 1, to which each of the N coordinates belongs."""
+    return np.repeat(np.arange(1, len(chain.joints) + 1), [joint.dimension for joint in chain.joints])
 
 
 def planar_regressor(
@@ -157,12 +184,9 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
         tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of what the segments beyond
         it need.
     """
-    _, origin = planar.segment_poses(q, centres)
-    joint = np.arange(1, len(centres) + 1)
-    link = np.repeat(np.arange(len(centres) + 1), len(PLANAR_PARAMETERS))
-    force = np.swapaxes(regressor[:, :2, :], 1, 2)[:, None]  # (T, 1, 4(n + 1), 2)
-    torque = regressor[:, 2:, :] - _cross(origin[:, 1:, None, :], force)
-    return np.where(link >= joint[:, None], torque, 0.0)
+    segment = np.repeat(np.arange(len(centres) + 1), len(PLANAR_PARAMETERS))
+    jacobian = planar.spatial_jacobian(q, centres)
+    return through_joints(jacobian, np.arange(1, len(centres) + 1), regressor, segment)
 
 
 def _origin_accelerations(origin: FloatArray, omega: FloatArray, alpha: FloatArray, gravity: float) -> FloatArray:

@@ -102,6 +102,27 @@ def _placed(angle: FloatArray, origin: FloatArray, segment: IntArray, local: Flo
     return position
 
 
+def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
+    """Spatial Jacobian of a planar chain (eq. 2.47): its rows v_x, v_y, ω_z, written out.
+
+    Parameters
+    ----------
+    q : (..., n) array
+        Joint angles, rad.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+
+    Returns
+    -------
+    (..., 3, n) array
+        Column j - 1 is the unit twist of joint j at p, (p_y, -p_x, 1), in the plane frame. Its power on a wrench
+        (Fx, Fy, tauz) about the plane-frame origin is the wrench's moment about the joint.
+    """
+    _, origin = segment_poses(q, centres)
+    x, y = origin[..., 1:, 0], origin[..., 1:, 1]
+    return np.stack([y, -x, np.ones_like(x)], axis=-2)
+
+
 def spatial_chain(centres: FloatArray) -> Chain:
     """The same chain in SE(3): revolute joints about z, with the placements of ``centres`` (n, 2), m."""
     placements = se3.pose(np.eye(3), np.column_stack([centres, np.zeros(len(centres))]))

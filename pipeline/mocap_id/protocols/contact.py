@@ -1,6 +1,7 @@
 """When a chair carries part of the body.
 
-The chair's force is not measured. It is what is missing under the feet, and three rules find it:
+A chair on a plate of its own shows it (``seat-plate``). Otherwise its force is what is missing under the feet, and
+three rules find it:
 
 - ``seat-force`` (default): a model identified on samples that are surely off the chair says what the feet should
   carry; what they carry less is on the chair. Contact lasts while the missing vertical force exceeds a threshold:
@@ -23,6 +24,7 @@ from mocap_id.dynamics.lowpass import runs
 from mocap_id.protocols.posture import Posture
 
 ContactRule = Literal["seat-force", "weight", "knee"]
+DecidingRule = Literal["seat-plate", "seat-force", "weight", "knee"]
 
 _SEATED = 0.5  # of the rise: nobody sits above
 _CHAIR_SHARE = 0.8  # of the weight: feet that carry less than this all the while share it with a chair

@@ -26,7 +26,7 @@ class Movement:
     Parameters
     ----------
     free : (T,) bool array
-        Samples on which only the ground touches the body.
+        Samples on which nothing touches the body that is not measured.
     repetitions : tuple of Repetition
     contact : Contact or None
         Where the chair is; None where the protocol has none or no plate tells.
@@ -73,7 +73,8 @@ def read_movement(
         return Movement(everything, (), None, None, ())
     body = posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:
-        return Movement(everything & stands, (), None, body, (_no_repetition(body, stands),))
+        seated = recorded.seat is not None
+        return Movement(everything & (stands or seated), (), None, body, (_no_repetition(body, stands, seated),))
     if prepared is None:
         repetitions = sit_to_stand_repetitions(recorded.time, body, None, chair=True)
         return Movement(everything, repetitions, None, body, ())
@@ -88,10 +89,12 @@ def facing(recorded: Recorded) -> int:
     return -1 if not np.nanmean(knee) > 0.0 else 1
 
 
-def _no_repetition(body: Posture, stands: bool) -> Reason:
+def _no_repetition(body: Posture, stands: bool, seat_measured: bool) -> Reason:
     consequence = (
         "the person stands, and every sample is identified on"
         if stands
+        else "what the chair carries is measured, and every sample is identified on"
+        if seat_measured
         else "nothing shows that the person stands, so a chair may carry part of the body in every sample"
     )
     return Reason(
@@ -122,7 +125,7 @@ def _notes(contact: Contact, asked: ContactRule) -> tuple[Reason, ...]:
                 level="ok",
             ),
         )
-    if contact.rule != asked:
+    if contact.rule not in (asked, "seat-plate"):
         return (
             Reason(
                 "contact-rule",

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.external import SEAT
 from mocap_id.dynamics.fit import determined, fit
 from mocap_id.dynamics.lowpass import LowPass, runs
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.protocols import contact
-from mocap_id.protocols.contact import ContactRule
+from mocap_id.protocols.contact import ContactRule, DecidingRule
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.repetitions import Repetition
 
@@ -38,8 +39,9 @@ class Contact:
         Standing weight, N.
     threshold : float or None
         Missing vertical force that counted as contact, N; None where the rule was another.
-    rule : ContactRule
-        The rule that decided; another than asked for where that one had too little to go by.
+    rule : DecidingRule
+        The rule that decided: the chair's own plate where there is one; another than asked for where that one had too
+        little to go by.
     converged : bool or None
         The contact and the model that shows it agree with each other; None where the rule was another.
     """
@@ -49,7 +51,7 @@ class Contact:
     free: BoolArray
     weight: float
     threshold: float | None
-    rule: ContactRule
+    rule: DecidingRule
     converged: bool | None = None
 
 
@@ -69,7 +71,9 @@ def find_contact(
     knee_bend : float
         Bend of the second joint, rad, below which the person is off the chair, rule ``knee``.
     """
-    vertical = prepared.recorded.wrench[:, 1]
+    if prepared.recorded.seat is not None:
+        return by_seat_plate(prepared, posture)
+    vertical = prepared.recorded.surroundings[:, 1]
     weight = contact.standing_weight(posture, vertical)
     chair = contact.uses_chair(posture, vertical, weight)
     if chair is False:
@@ -87,6 +91,20 @@ def find_contact(
     if rule == "weight" or 1 not in prepared.settings.components or not determined(prepared, first):
         return Contact(True, by_weight, ~by_weight, weight, None, "weight")
     return _by_seat_force(prepared, posture, first, weight)
+
+
+def by_seat_plate(prepared: Prepared, posture: Posture) -> Contact:
+    """Contact as the chair's own plate shows it; every sample is free to identify on, since nothing is unmeasured."""
+    everything = np.ones(len(prepared.recorded.time), dtype=bool)
+    offset = fit(prepared, everything).offset if determined(prepared, everything) else 0.0
+    seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
+    weight = contact.standing_weight(posture, prepared.measured(offset)[:, 1])
+    if np.isnan(weight):  # nobody is seen to stand: what both plates carry together is the weight
+        weight = float(np.nanmedian(prepared.recorded.surroundings[:, 1]))
+    threshold = contact.seat_force_threshold(seat, posture.upright, weight)
+    with np.errstate(invalid="ignore"):
+        touching = contact.touching(posture, seat > threshold)
+    return Contact(bool(touching.any()), touching, everything, weight, threshold, "seat-plate")
 
 
 def sit_to_stand_repetitions(
@@ -124,7 +142,7 @@ def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weigh
     for _ in range(_ROUNDS):
         found = fit(prepared, free)
         base = found.problem.free_solution()[: found.base]
-        measured = prepared.wrench(prepared.recorded.time - found.offset)[:, 1]
+        measured = prepared.measured(found.offset)[:, 1]
         seat_force = smooth((prepared.rows[:, 1] @ base - measured)[:, None])[:, 0]
         threshold = contact.seat_force_threshold(seat_force, found.in_fit, weight)
         with np.errstate(invalid="ignore"):

@@ -1,27 +1,37 @@
 """Recordings of any lab, C3D or TRC with MOT, read into one form; and written."""
 
-from mocap_id.recording.choice import PlateChoice, choose_plates, standing_mass
+from mocap_id.recording.axes import to_z_up
+from mocap_id.recording.choice import PlateChoice, choose_plates, doubtful, standing_mass
 from mocap_id.recording.decimation import PlateSamples, decimate
 from mocap_id.recording.description import describe
+from mocap_id.recording.force_log import ForceLog, read_force_log
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reading import read
+from mocap_id.recording.seat import Seat, ZeroRule, seat_wrench
 from mocap_id.recording.tables import MotionTable, read_table
 from mocap_id.recording.writing import write_c3d, write_trc
 
 __all__ = [
+    "ForceLog",
     "MotionTable",
     "Plate",
     "PlateChoice",
     "PlateSamples",
     "PlateSignals",
     "Recording",
+    "Seat",
+    "ZeroRule",
     "choose_plates",
     "decimate",
     "describe",
+    "doubtful",
     "read",
+    "read_force_log",
     "read_table",
+    "seat_wrench",
     "standing_mass",
+    "to_z_up",
     "write_c3d",
     "write_trc",
 ]

@@ -32,6 +32,8 @@ _ENOUGH_S = 0.2
 
 _LEAST_KG = 2.0
 
+_CONFIGURED = "by the configuration"
+
 
 @dataclass(frozen=True)
 class PlateChoice:
@@ -111,13 +113,36 @@ def choose_plates(
             chosen.append(("unloaded", f"named as the feet's, but its load stays under {LOADED_N:.0f} N"))
         elif feet or seat:
             use: Use = "feet" if plate.index in feet else "seat" if plate.index in seat else "ignored"
-            chosen.append((use, "by the configuration"))
+            chosen.append((use, _CONFIGURED))
         else:
             chosen.append(_told_apart(each, tall, low, threshold))
     if not any(use == "feet" for use, _ in chosen) and not (feet or seat):
         # nobody stands on a chair's plate alone: this is a jump, or a walk past
         chosen = [("feet", "it is loaded") if use == "seat" else (use, why) for use, why in chosen]
     return PlateChoice(tuple(use for use, _ in chosen), loads, tuple(why for _, why in chosen))
+
+
+def doubtful(samples: Sequence[PlateSamples], choice: PlateChoice, positions: FloatArray) -> dict[int, str]:
+    """Plates whose load contradicts what the configuration says of them, by their position (from 0), and how.
+
+    Parameters
+    ----------
+    samples, choice, positions
+        As of :func:`choose_plates`.
+    """
+    tall, low = upright(positions)
+    threshold = max([LOADED_N, *(_OFFSET_SHARE * _peak(each) for each in samples)])
+    found: dict[int, str] = {}
+    named = [index for index, why in enumerate(choice.why) if why == _CONFIGURED]
+    for index in named:
+        use, each = choice.uses[index], samples[index]
+        standing, seated = _mean(each.force[:, 2], each.ok & tall), _mean(each.force[:, 2], each.ok & low)
+        if use == "seat" and standing > seated + LOADED_N:
+            found[index] = f"carries {standing:.0f} N while the person stands and {seated:.0f} N while the body is low"
+        elif use == "feet" and low.any():
+            told, why = _told_apart(each, tall, low, threshold)
+            found |= {index: f"carries {why}"} if told == "seat" else {}
+    return found
 
 
 def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:

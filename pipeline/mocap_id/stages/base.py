@@ -42,7 +42,7 @@ class PlateUse(Settings):
     """Which force plates carry what, counted from 1; told apart by the program where not given."""
 
     feet: tuple[PlateNumber, ...] = Field((), description="plates under the feet, summed")
-    seat: tuple[PlateNumber, ...] = Field((), description="plates under the chair, kept out")
+    seat: tuple[PlateNumber, ...] = Field((), description="plates under the chair; their force acts on the body too")
 
     @field_validator("seat")
     @classmethod
@@ -51,6 +51,23 @@ class PlateUse(Settings):
         if both:
             raise ValueError(f"plate {both[0]} is named under `feet` too")
         return value
+
+
+class ExternalForce(Settings):
+    """A force sensor beside the plates: a rail in the hand, a cable."""
+
+    file: Path = Field(description="CSV with time_s, Fx_N, Fy_N, Fz_N[, Mx_Nm, My_Nm, Mz_Nm] in the recording's axes")
+    name: str = Field(pattern=r"^\w[\w -]*$", max_length=40, description="what exerts it, for messages: hand, rail")
+    segment: str | int = Field(description="segment that it acts on, by name or number (0 = base)")
+    at: str | tuple[float, float, float] = Field(
+        description="where it acts: a marker, or a fixed point [x, y, z] in the recording's axes, m"
+    )
+    force: Literal["on-body", "on-sensor"] = Field(
+        "on-body", description="whose force the file holds: the sensor's on the body, or the body's on the sensor"
+    )
+    clock_offset_s: float = Field(
+        0.0, description="the row at time_s was taken at time_s + this on the recording's clock, s"
+    )
 
 
 Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint"]
@@ -72,6 +89,17 @@ class TrialKeys(Settings):
         None, description="first and last time to use, s in the recording's clock; proposed where not given"
     )
     plates: PlateUse = Field(PlateUse(), description="which force plates carry what; told apart where not given")
+
+    external: tuple[ExternalForce, ...] = Field((), description="force sensors beside the plates that act on the body")
+
+    @field_validator("external")
+    @classmethod
+    def _one_name_a_sensor(cls, value: tuple[ExternalForce, ...]) -> tuple[ExternalForce, ...]:
+        names = [sensor.name for sensor in value]
+        twice = sorted({name for name in names if names.count(name) > 1 or name == "seat"})
+        if twice:
+            raise ValueError(f"`{twice[0]}` stands twice or is the chair's: give every sensor a name of its own")
+        return value
 
     @field_validator("encoder")
     @classmethod

@@ -18,7 +18,7 @@ from mocap_id.dynamics.optimality import Answer
 from mocap_id.dynamics.predict import Prediction
 from mocap_id.dynamics.prepare import Prepared, Recorded, arcs
 from mocap_id.dynamics.pressure import centre_of_pressure
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.sit_to_stand import Contact
 from mocap_id.stages import validation
@@ -50,10 +50,10 @@ def events_table(repetitions: tuple[Repetition, ...]) -> Table:
 
 
 def dynamics_frame(result: Identified) -> pd.DataFrame:
-    """dynamics.parquet: the measured wrench, clock and constant error of Fx taken out, beside the models'."""
+    """dynamics.parquet: the ground's measured wrench, clock and constant error of Fx taken out, beside the models'."""
     prepared, model, threshold = result.prepared, result.model, result.cop_threshold
-    measured = _measured(result)
-    reference = prepared.regressor @ result.rivals.chosen.parameters
+    measured, external = _measured(result), prepared.elsewhere(result.found.fit.offset)
+    reference = prepared.regressor @ result.rivals.chosen.parameters - external
     columns = {"time": prepared.recorded.time}
     columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold))
     columns |= _wrench_columns(model.wrench, model.cop, "_model")
@@ -63,6 +63,8 @@ def dynamics_frame(result: Identified) -> pd.DataFrame:
     columns |= _wrench_columns(held_out, centre_of_pressure(held_out, threshold), "_held_out")
     for j, (torque, sd) in enumerate(zip(model.torque.T, model.torque_sd.T, strict=True), start=1):
         columns[f"tau_{j}"], columns[f"sd_tau_{j}"] = torque, sd
+    if prepared.recorded.external:
+        columns |= {f"{name}_external": column for name, column in zip(WRENCH_COMPONENTS, external.T, strict=True)}
     return pd.DataFrame(columns).assign(in_fit=result.found.fit.in_fit)
 
 
@@ -135,11 +137,13 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame) -> dict[str, Any]:
         "cop_rms_m": compared.cop_rms,
         "samples": int(samples.sum()),
         "reference_table": result.rivals.chosen.table,
-        "rivals": rival_facts(result.rivals, prepared.regressor, measured, samples, threshold),
+        "rivals": rival_facts(
+            result.rivals, prepared.regressor, measured, samples, threshold, external=prepared.elsewhere(fit.offset)
+        ),
         "held_out": validation.facts(
             result.validation,
             result.model.wrench,
-            prepared.regressor @ result.rivals.chosen.parameters,
+            prepared.regressor @ result.rivals.chosen.parameters - prepared.elsewhere(fit.offset),
             measured,
             threshold,
         ),
@@ -165,9 +169,9 @@ def unknown_facts(
     regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, gravity)
     facts = empty_facts(why) | {
         "reference_table": bodies.chosen.table,
-        "rivals": rival_facts(bodies, regressor, recorded.wrench, free, cop_threshold),
+        "rivals": rival_facts(bodies, regressor, recorded.wrench, free, cop_threshold, external=recorded.elsewhere),
     }
-    return regressor @ bodies.chosen.parameters, facts
+    return regressor @ bodies.chosen.parameters - recorded.elsewhere, facts
 
 
 def empty_facts(why: str | None) -> dict[str, Any]:
@@ -175,7 +179,7 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
-        "plate_bias_N", "untold", "arc_deg", "contact",
+        "plate_bias_N", "untold", "arc_deg", "contact", "external",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 
@@ -187,10 +191,9 @@ def _why_untold(untold: tuple[str, ...]) -> str | None:
 
 
 def _measured(result: Identified) -> FloatArray:
-    """The plates' wrench (T, 3) at the corrected clock, less their constant error of Fx."""
-    time = result.prepared.recorded.time
+    """The ground's wrench (T, 3) at the corrected clock, less the plates' constant error of Fx."""
     bias = np.array([result.found.plate_bias or 0.0, 0.0, 0.0])
-    return np.asarray(result.prepared.wrench(time - result.found.fit.offset) - bias)
+    return np.asarray(result.prepared.ground(result.found.fit.offset) - bias)
 
 
 def _solver(solution: Solution) -> dict[str, Any]:

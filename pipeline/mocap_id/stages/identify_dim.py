@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,21 +11,21 @@ from pydantic import Field
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.consistent import Consistency
-from mocap_id.dynamics.fit import LEAST_SECONDS, determined, select
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.judge import judge
 from mocap_id.dynamics.kinematic_error import KinematicError, from_markers
 from mocap_id.dynamics.predict import predict
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, arcs, prepare
+from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.errors import StoreError
 from mocap_id.protocols.contact import ContactRule
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
-from mocap_id.stages import validation
+from mocap_id.stages import surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.rivals import rivals
+from mocap_id.stages.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
@@ -48,6 +48,10 @@ class IdentifyDimSettings(Settings):
     contact: ContactRule = Field("seat-force", description="how the chair's contact is found")
     seat_off_share: float = Field(0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight`")
     knee_bend_rad: float = Field(0.8, gt=0, description="straighter is off the chair, for `contact: knee`, rad")
+    seat_plate: bool = Field(True, description="take the chair's force from its own plate, where it has one")
+    seat_segment: str | int | None = Field(
+        None, description="segment that the chair pushes on, by name or number (0 = base); default: the thigh"
+    )
     reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table to compare with")
     reference_sd: float = Field(0.15, gt=0, le=1, description="standard deviation of its parameters, of their size")
     reference_pulls: bool = Field(False, description="it pulls what the wrench tells too (4.13), as a prior")
@@ -96,22 +100,14 @@ class _Chain:
         )
 
 
-@dataclass(frozen=True)
-class _Unknown:
-    """Why nothing could be identified, and the mass where that much is known."""
-
-    code: str
-    why: str
-    mass: float | None = None
-
-
 def identify_dim(context: Context) -> Outputs:
     """Identify the inertial parameters from the states and the plates' wrench."""
     settings: IdentifyDimSettings = context.settings
     chain = _Chain.of(context.tree("chain.h5"))
     recorded = _recorded(context, chain)
-    unknown = _without_wrench(context, recorded)
+    unknown = without_wrench(context, recorded)
     prepared = None if unknown else prepare(recorded, _fit_settings(settings))
+    recorded, prepared, of_seat = surroundings.settle(recorded, prepared)
     movement = read_movement(
         context.trial.protocol,
         recorded,
@@ -121,10 +117,11 @@ def identify_dim(context: Context) -> Outputs:
         knee_bend=settings.knee_bend_rad,
         stands=context.table("wrench.parquet").facts.get("mass_kg") is not None,
     )
+    movement = replace(movement, reasons=(*of_seat, *movement.reasons))
     events = artefacts.events_table(movement.repetitions)
     grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
     if prepared is not None:
-        unknown = _not_excited(context, prepared, movement)
+        unknown = not_excited(context, prepared, movement)
     if prepared is None or unknown is not None:
         assert unknown is not None
         return (events, *_nothing(context, recorded, grid, unknown, movement))
@@ -158,7 +155,7 @@ def _identified(
         cop_threshold=threshold,
     )
     frame = artefacts.dynamics_frame(result)
-    facts = artefacts.dynamics_facts(result, frame)
+    facts = artefacts.dynamics_facts(result, frame) | {"external": surroundings.facts(prepared, found.fit)}
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
@@ -169,6 +166,7 @@ def _judgement(context: Context, result: artefacts.Identified) -> tuple[Reason, 
     facts = context.table("wrench.parquet").facts
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
     reasons = judge(result.prepared, result.found, given=given, standing=standing)
+    reasons += surroundings.doubts(result.prepared, result.found.fit)
     if result.model.untold:
         open_ = Reason(
             "components-short",
@@ -199,7 +197,7 @@ def _snap(context: Context, joints: int) -> FloatArray:
 
 
 def _nothing(
-    context: Context, recorded: Recorded, grid: PointGrid, unknown: _Unknown, movement: Movement
+    context: Context, recorded: Recorded, grid: PointGrid, unknown: Unknown, movement: Movement
 ) -> tuple[Table, Tree]:
     """The artefacts of a trial whose parameters stay unknown."""
     bodies, threshold = rivals(context, recorded, movement), _cop_threshold(context)
@@ -243,6 +241,7 @@ def _recorded(context: Context, chain: _Chain) -> Recorded:
         observed=np.logical_and.reduce([states[f"observed_{j}"].to_numpy(dtype=np.bool_) for j in joints]),
         wrench=np.where(sound[:, None], measured, np.nan),
         centres=chain.centres,
+        external=surroundings.external(context, context.settings.seat_plate, context.settings.seat_segment),
     )
 
 
@@ -257,73 +256,6 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
         block=settings.block_s,
         gravity=settings.gravity,
     )
-
-
-def _without_wrench(context: Context, recorded: Recorded) -> _Unknown | None:
-    """Why there is nothing to identify from, before any computation."""
-    facts = context.table("wrench.parquet").facts
-    felt = np.isfinite(recorded.wrench).all(axis=1)
-    if not felt.any():
-        why = facts.get("why") or "the recording has no usable force plate"
-        return _Unknown("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
-    known = np.isfinite(recorded.ddq).all(axis=1)
-    if (felt & known).sum() < LEAST_SECONDS * recorded.rate:
-        return _Unknown(
-            "no-common-samples",
-            f"wrench and joint angles are known together in {(felt & known).sum() / recorded.rate:.2f} s, "
-            f"expected at least {LEAST_SECONDS:g} s",
-            facts.get("mass_kg"),
-        )
-    return None
-
-
-def _not_excited(context: Context, prepared: Prepared, movement: Movement) -> _Unknown | None:
-    """Why the samples that are left say nothing of the parameters."""
-    settings: IdentifyDimSettings = context.settings
-    recorded = prepared.recorded
-    chosen = select(prepared, movement.free)
-    mass = context.table("wrench.parquet").facts.get("mass_kg")
-    if not movement.free.any():
-        return _Unknown(
-            "not-free",
-            "in no sample is it known that the ground alone touches the body: what a chair carries is not measured. "
-            "Use a window in which the person rises and stands",
-            mass,
-        )
-    if chosen.sum() < LEAST_SECONDS * recorded.rate:
-        return _Unknown(
-            "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are left to identify on, off the chair and clear of gaps by the "
-            f"filter's reach of {prepared.lowpass.reach:.2f} s; expected at least {LEAST_SECONDS:g} s: record longer "
-            "or with fewer gaps",
-            mass,
-        )
-    arc = np.degrees(np.max(arcs(recorded.q, chosen)))
-    if arc < settings.still_arc_deg:
-        if mass is None and _known_to_be_free(context, movement):
-            mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
-        shown = "nothing" if mass is None else "only the mass"
-        return _Unknown(
-            "standing-still",
-            f"no joint turns more than {arc:.1f}° where only the ground touches the body, expected at least "
-            f"{settings.still_arc_deg:g}°: {shown} is known; record a movement",
-            mass,
-        )
-    if not determined(prepared, movement.free):
-        return _Unknown(
-            "not-excited",
-            "where only the ground touches the body, a joint rests and its segment's parameters cannot be told from "
-            "the others'; record a movement of every joint",
-            mass,
-        )
-    return None
-
-
-def _known_to_be_free(context: Context, movement: Movement) -> bool:
-    """Whether the samples to identify on are shown, not only taken, to have no contact but the ground's."""
-    if context.trial.protocol == "robot-joint":
-        return True
-    return movement.contact is not None and movement.contact.chair is not None
 
 
 STAGE = Stage(

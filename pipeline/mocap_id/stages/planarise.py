@@ -15,10 +15,11 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import fit_plane, propose_window
-from mocap_id.recording import PlateChoice, PlateSamples, Recording
+from mocap_id.recording import PlateChoice, PlateSamples, Recording, ZeroRule
 from mocap_id.recording.posture import Facing, facing
 from mocap_id.stages import swapped
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.external_wrenches import Measured, Seen, measure_seat, measure_sensors
 from mocap_id.stages.marker_names import columns
 from mocap_id.store import Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -50,6 +51,9 @@ class PlanariseSettings(Settings):
     repair_swaps: bool = Field(False, description="exchange markers back that carry each other's label for a while")
     cop_threshold_N: float = Field(  # noqa: N815
         20.0, gt=0, description="vertical force under which there is no centre of pressure, N"
+    )
+    seat_zero: ZeroRule = Field(
+        "standing", description="what a chair's own plate reads without the person: as the person stands, or nothing"
     )
 
 
@@ -100,9 +104,12 @@ def planarise(context: Context) -> Outputs:
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
     found = {"swaps": swaps.facts, **_planar_facts(part, frame, planarity, faced)}
     planar = Table(PLANAR, _trajectories(part, frame), found, (*swaps.reasons, *notes))
-    wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N)
-    facts, reasons = _wrench_facts(part, samples, choice, settings.cop_threshold_N)
-    return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons))
+    seen = Seen(part.labels, part.positions, part.time, frame)
+    external = measure_seat(seen, samples, choice, source.rate, settings.seat_zero)
+    external += measure_sensors(seen, context.trial.external, source)
+    wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
+    facts, reasons = _wrench_facts(part, samples, choice, external, settings.cop_threshold_N)
+    return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *external.reasons))
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
@@ -221,7 +228,7 @@ def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facin
 
 
 def _wrench_facts(
-    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, threshold: float
+    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, external: Measured, threshold: float
 ) -> tuple[dict[str, Any], tuple[Reason, ...]]:
     """What the plates are used for, the mass that they show, and what is missing."""
     plates = part.source.plates
@@ -231,7 +238,7 @@ def _wrench_facts(
     reasons: tuple[Reason, ...] = ()
     if feet:
         vertical = sum((samples[index].force[:, 2] for index in feet), np.zeros(len(part.time)))
-        mass, why = recording.standing_mass(part.positions, part.source.rate, vertical)
+        mass, why = recording.standing_mass(part.positions, part.source.rate, vertical + external.vertical)
     else:
         if plates:
             found = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))
@@ -239,6 +246,7 @@ def _wrench_facts(
         reasons = (Reason("no-plate", f"{why}: kinematics only, nothing dynamic can be identified."),)
     facts = {
         "plates": choice.facts(plates),
+        "external": list(external.facts),
         "mass_kg": mass,
         "why": why,
         "analog_rate_hz": part.source.analog_rate,
@@ -288,10 +296,10 @@ def _notes(
 
 STAGE = Stage(
     name="planarise",
-    version=3,
+    version=4,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "protocol", "window", "plates"),
+    uses=("recording", "protocol", "window", "plates", "external"),
     settings=PlanariseSettings,
     function=planarise,
     help="Read the recording and express markers and ground forces in the plane of motion.",

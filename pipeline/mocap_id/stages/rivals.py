@@ -61,7 +61,13 @@ def rivals(context: Context, recorded: Recorded, movement: Movement) -> Rivals:
 
 
 def rival_facts(
-    bodies: Rivals, regressor: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float
+    bodies: Rivals,
+    regressor: FloatArray,
+    measured: FloatArray,
+    samples: BoolArray,
+    threshold: float,
+    *,
+    external: FloatArray,
 ) -> dict[str, Any] | None:
     """What the tables' bodies are, and how far their wrench and centre of pressure are from the measured ones.
 
@@ -71,17 +77,19 @@ def rival_facts(
     regressor : (T, 3, 4(n + 1)) array
         Full, unfiltered.
     measured : (T, 3) array
-        N, N·m.
+        The ground's wrench, N, N·m.
     samples : (T,) bool array
         Those that the model is judged by too, off the seat.
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
+    external : (T, 3) array
+        What else than the ground acts on the body.
     """
     if not bodies.every:
         return None
     found = {}
     for body in bodies.every:
-        compared = compare(regressor @ body.parameters, measured, samples, threshold)
+        compared = compare(regressor @ body.parameters - external, measured, samples, threshold)
         wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
         found[str(body.table)] = {
             "height_m": body.height,

@@ -33,13 +33,15 @@ class TableSchema:
     """The columns of a Parquet artefact.
 
     ``repeated`` columns carry ``{k}`` in their name and come once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
-    in the order of ``k`` first, k = 1, 2, …
+    in the order of ``k`` first, k = 1, 2, … ``optional`` groups are there as a whole or not at all; with ``{k}``, once
+    for every k.
     """
 
     file: str
     version: int
     columns: tuple[Column, ...]
     repeated: tuple[Column, ...] = ()
+    optional: tuple[tuple[Column, ...], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -152,17 +152,19 @@ def _parts(table: Table | LongTable, column: Column) -> Iterator[pa.Array]:
 
 
 def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
-    """The schema's columns, the repeated ones for every k of which ``names`` holds at least one."""
+    """The schema's columns; those of a group for every k of which ``names`` holds at least one, or once without k."""
     yield from schema.columns
-    found = {
-        int(match[1])
-        for name in names
-        for column in schema.repeated
-        if (match := re.fullmatch(re.escape(column.name).replace(r"\{k\}", "([1-9][0-9]*)"), str(name)))
-    }
-    for k in sorted(found):
-        for column in schema.repeated:
-            yield Column(column.name.format(k=k), column.dtype, column.unit, column.meaning)
+    for group in (schema.repeated, *schema.optional):
+        found = {match for name in names for column in group if (match := _place(column, str(name))) is not None}
+        for k in sorted(found):
+            for column in group:
+                yield Column(column.name.format(k=k), column.dtype, column.unit, column.meaning)
+
+
+def _place(column: Column, name: str) -> int | None:
+    """The k of a column's name, 0 for one without a k; None where the name is another column's."""
+    match = re.fullmatch(re.escape(column.name).replace(r"\{k\}", "([1-9][0-9]*)"), name)
+    return None if match is None else int(match[1]) if match.groups() else 0
 
 
 def _field(column: Column) -> pa.Field:

@@ -42,6 +42,18 @@ WRENCH = TableSchema(
         Column("Fy_p{k}", "float64", "N", "plate k alone, Fy"),
         Column("tauz_p{k}", "float64", "N*m", "plate k alone, tauz about the plane-frame origin"),
     ),
+    (
+        (
+            Column("Fx_seat", "float64", "N", "force of the chair on the body along x, less the plate's empty reading"),
+            Column("Fy_seat", "float64", "N", "force of the chair on the body upwards, likewise"),
+            Column("tauz_seat", "float64", "N*m", "moment of the chair on the body about the plane-frame origin"),
+        ),
+        (
+            Column("Fx_external_{k}", "float64", "N", "force of sensor k of `external:` on the body along x"),
+            Column("Fy_external_{k}", "float64", "N", "force of sensor k on the body upwards"),
+            Column("tauz_external_{k}", "float64", "N*m", "moment of sensor k about the plane-frame origin"),
+        ),
+    ),
 )
 
 SEGMENTS = TableSchema(
@@ -133,16 +145,23 @@ DYNAMICS_TABLE = TableSchema(
     1,
     (
         _TIME,
-        *_wrench("", "measured, at the corrected clock, less the plate's constant error of Fx"),
-        *_wrench("_model", "identified model"),
+        *_wrench("", "ground, measured, at the corrected clock, less the plate's constant error of Fx"),
+        *_wrench("_model", "ground, identified model less what chair and sensors are measured to do"),
         *_wrench("_model", "standard deviation of the model", "sd_"),
-        *_wrench("_reference", "allometric model"),
-        *_wrench("_held_out", "model fitted without this repetition"),
+        *_wrench("_reference", "ground, allometric model, likewise"),
+        *_wrench("_held_out", "ground, model fitted without this repetition, likewise"),
         Column("in_fit", "bool", "", "this sample was identified on"),
     ),
     (
         Column("tau_{k}", "float64", "N*m", "torque of segment k-1 on segment k, identified model"),
         Column("sd_tau_{k}", "float64", "N*m", "standard deviation"),
+    ),
+    (
+        (
+            Column("Fx_external", "float64", "N", "force of chair and sensors on the body along x, measured"),
+            Column("Fy_external", "float64", "N", "force of chair and sensors on the body upwards, measured"),
+            Column("tauz_external", "float64", "N*m", "their moment about the plane-frame origin, measured"),
+        ),
     ),
 )
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.explanation import Explanation
+from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
@@ -13,7 +14,7 @@ from mocap_id.verdict import Level
 
 __all__ = ["EXPLANATIONS", "LEVELS", "Explanation", "as_markdown"]
 
-EXPLANATIONS: Mapping[str, Explanation] = {**RECORDING, **SKELETON, **CONTACT, **PARAMETERS}
+EXPLANATIONS: Mapping[str, Explanation] = {**RECORDING, **SKELETON, **CONTACT, **EXTERNAL, **PARAMETERS}
 """Every code of every stage."""
 
 LEVELS: Mapping[Level, tuple[str, str]] = {

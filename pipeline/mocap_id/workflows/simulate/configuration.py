@@ -16,7 +16,7 @@ recording: trial.c3d  # markers and force plate
 """
 
 _SIT_TO_STAND = """\
-protocol: sit-to-stand  # samples with chair contact stay out of the identification
+protocol: sit-to-stand  # {chair}
 subject:  # for the reference model only
   height: {height:.3f}  # m
   mass: {mass:.2f}  # kg
@@ -36,4 +36,7 @@ def configuration(kind: Kind, name: str, options: Options, scene: Scene) -> str:
         return _TOP.format(what=what, seed=options.seed, name=quoted) + _ROBOT
     what = f"A person, {options.repetitions} sit-to-stands, {options.strategy} strategy."
     size = {"height": scene.body.description["subject"]["height_m"], "mass": scene.body.mass}
-    return _TOP.format(what=what, seed=options.seed, name=quoted) + _SIT_TO_STAND.format(**size)
+    chair = "samples with chair contact stay out of the identification"
+    if scene.seat_plate is not None:
+        chair = "the chair stands on plate 2, and what that reads counts as measured"
+    return _TOP.format(what=what, seed=options.seed, name=quoted) + _SIT_TO_STAND.format(**size, chair=chair)

@@ -43,6 +43,8 @@ class Simulated:
         Markers as measured, m; NaN where not seen.
     signals : PlateSignals
         The plate's channels, ``analog_rate / rate`` samples a frame.
+    seat_signals : PlateSignals or None
+        Those of the plate under the chair.
     """
 
     scene: Scene
@@ -53,6 +55,7 @@ class Simulated:
     jumps: tuple[Jump, ...]
     points: FloatArray
     signals: PlateSignals
+    seat_signals: PlateSignals | None
 
 
 def generate(kind: Kind, options: Options) -> Simulated:
@@ -77,4 +80,7 @@ def generate(kind: Kind, options: Options) -> Simulated:
         jumps=jumps,
         points=measured(rng["cameras"], positions + astray(scene.markers, jumps, frames), options.marker_noise, seen),
         signals=measure(rng["channels"], scene.plate, *scene.load_on_plate(loaded), options.analog_rate),
+        seat_signals=None
+        if scene.seat_plate is None
+        else measure(rng["seat channels"], scene.seat_plate, *scene.load_on_seat_plate(loaded), options.analog_rate),
     )

@@ -42,6 +42,10 @@ class Options:
         The file holds ORIGIN with the wrong sign.
     plate_noise, plate_bias : float
         Multiply the usual noise (1 N, 0.3 N·m) and channel bias (3 N, 0.3 N·m).
+    seat_plate : bool
+        The chair stands on a plate of its own, the second one.
+    chair_mass : float
+        kg; that plate reads its weight too.
     clock_offset : float
         Analog sample k is taken at marker-clock time k / analog_rate + this, s.
 
@@ -66,6 +70,8 @@ class Options:
     plate_noise: float = 1.0
     plate_bias: float = 0.0
     clock_offset: float = 0.0
+    seat_plate: bool = False
+    chair_mass: float = 6.0
 
     def __post_init__(self) -> None:
         multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0
@@ -82,6 +88,7 @@ class Options:
             ("plate_sense", self.plate_sense, self.plate_sense in ("reaction", "action"), "reaction or action"),
             ("plate_noise", self.plate_noise, 0 <= self.plate_noise <= 100, "0 … 100"),
             ("plate_bias", self.plate_bias, 0 <= self.plate_bias <= 100, "0 … 100"),
+            ("chair_mass", self.chair_mass, 0 <= self.chair_mass <= 50, "0 … 50 kg"),
             ("clock_offset", self.clock_offset, abs(self.clock_offset) <= 1, "-1 … 1 s"),
         )
         for name, value, fine, expected in checks:

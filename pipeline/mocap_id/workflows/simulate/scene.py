@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import PlaneFrame
-from mocap_id.workflows.simulate.body import Body, person, robot
+from mocap_id.workflows.simulate.body import GRAVITY, Body, person, robot
 from mocap_id.workflows.simulate.forces import Exact, exact
 from mocap_id.workflows.simulate.markers import MarkerSet, place
 from mocap_id.workflows.simulate.motion import Motion, Swing
@@ -19,7 +19,7 @@ from mocap_id.workflows.simulate.plate import SimulatedPlate, draw_plate
 from mocap_id.workflows.simulate.sit_to_stand import Chair, perform
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
-_STREAMS = (*_OLDEST, "jumps")  # what is new goes last: a seed keeps the trial that it made
+_STREAMS = (*_OLDEST, "jumps", "seat", "seat channels")  # what is new goes last: a seed keeps the trial that it made
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,10 @@ class Scene:
         Distance of the body's mid-plane from that origin along z, m.
     protocol : dict
         JSON values for the truth that belong to the kind of trial.
+    seat_plate : SimulatedPlate or None
+        Under the chair.
+    chair_weight : float
+        What that plate carries beside the person, N.
     """
 
     body: Body
@@ -61,6 +65,8 @@ class Scene:
     plane: PlaneFrame
     offset: float
     protocol: Mapping[str, Any]
+    seat_plate: SimulatedPlate | None = None
+    chair_weight: float = 0.0
 
     def at(self, time: FloatArray) -> Exact:
         """State and forces at times (T,), s."""
@@ -68,7 +74,19 @@ class Scene:
 
     def load_on_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
         """Force of the plate on the body and its moment about the surface's centre, (T, 3) each, laboratory axes."""
-        fx, fy, tauz = state.wrench.T
+        return self._in_laboratory(state.wrench)
+
+    def load_on_seat_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
+        """As :meth:`load_on_plate`, of the plate under the chair: what the person puts on it and the chair's weight."""
+        assert self.seat_plate is not None
+        (x, y), (fx, fy) = state.chair_point.T, state.chair_force.T
+        force, moment = self._in_laboratory(np.column_stack([fx, fy, x * fy - y * fx]))
+        moment = moment - np.cross(self.seat_plate.centre - self.plane.origin, force)
+        return force + np.array([0.0, 0.0, self.chair_weight]), moment
+
+    def _in_laboratory(self, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Force and moment about the plane's origin (T, 3), laboratory axes, of a wrench (T, 3) in the plane."""
+        fx, fy, tauz = wrench.T
         still = np.zeros_like(fx)
         force = np.column_stack([fx, fy, still])
         moment = np.column_stack([-self.offset * fy, self.offset * fx, tauz])
@@ -88,7 +106,7 @@ def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
         bias=options.plate_bias,
     )
     markers = place(rng["markers"], body)
-    return Scene(
+    scene = Scene(
         body=body,
         motion=motion,
         chair=chair,
@@ -98,6 +116,24 @@ def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
         offset=float(rng["place"].normal(0, 0.01)),
         protocol=protocol,
     )
+    return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and chair is not None else scene
+
+
+def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
+    """The chair on a plate of its own, whose centre lies under the force of somebody seated."""
+    plate = draw_plate(
+        rng,
+        options.plate_sense,
+        moved=options.plate_moved,
+        flipped=options.plate_origin_flipped,
+        noise=options.plate_noise,
+        bias=options.plate_bias,
+    )
+    seated = scene.at(np.zeros(1))
+    (x, y), (fx, fy) = seated.chair_point[0], seated.chair_force[0]
+    below = scene.plane.from_plane(np.array([x - y * fx / fy, 0.0, 0.0]))
+    plate = replace(plate, centre=np.array([below[0], below[1], plate.centre[2]]))
+    return replace(scene, seat_plate=plate, chair_weight=options.chair_mass * GRAVITY)
 
 
 def _performance(

@@ -74,7 +74,8 @@ def _contents(kind: Kind, name: str, options: Options, made: Simulated) -> dict[
 def _recording(options: Options, made: Simulated) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial.c3d"
-        write_c3d(path, made.scene.markers.labels, made.points, options.rate, plates=(made.signals,))
+        plates = (made.signals,) if made.seat_signals is None else (made.signals, made.seat_signals)
+        write_c3d(path, made.scene.markers.labels, made.points, options.rate, plates=plates)
         return path.read_bytes()
 
 

@@ -24,7 +24,8 @@ straight up. Segment 0 is the base, fixed to the plate, and its frame is the pla
 at the joint that moves them and y towards the next one.
 Inertia: m, mx, my, Izz about the segment frame's origin; Ic about the centre of mass (cx, cy).
 wrench: (Fx, Fy, tauz) of the ground on the body in the plane frame about its origin; wrench_total adds the chair's.
-chair_force: of the chair on the thigh, acting at chair_point; the plate does not carry it.
+chair_force: of the chair on the thigh, acting at chair_point; the plate does not carry it. Where there is a
+seat_plate, that one does, and the chair's own weight with it.
 tau_j: torque of segment j - 1 on segment j. cop_x = tauz / Fy of the ground's wrench.
 Markers: local_xyz_m in the segment's frame, z from the body's mid-plane; markers_true_mm in the laboratory, without
 measurement noise and jumps, soft tissue included; valid is False where an occlusion hides one.
@@ -73,6 +74,7 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         "dropped_fraction": float(1 - made.seen.mean()),
         "plane": _plane(scene),
         "plate": _plate(scene.plate),
+        **_seat_plate(scene),
         **_lengths(scene.body),
         **scene.body.description,
         **scene.protocol,
@@ -152,6 +154,12 @@ def _plate(plate: SimulatedPlate) -> dict[str, Any]:
         "bias_channels_N_Nmm": (plate.bias * np.array([1, 1, 1, 1e3, 1e3, 1e3])).tolist(),
         "cal_matrix": None,
     }
+
+
+def _seat_plate(scene: Scene) -> dict[str, Any]:
+    if scene.seat_plate is None:
+        return {}
+    return {"seat_plate": {**_plate(scene.seat_plate), "chair_weight_N": scene.chair_weight}}
 
 
 def _lengths(body: Body) -> Mapping[str, Any]:

@@ -1,0 +1,79 @@
+"""A second force sensor's file: read exactly, or refused with what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mocap_id.errors import RecordingError
+from mocap_id.recording import read_force_log
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "hand.csv"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def rows(time: np.ndarray, *columns: np.ndarray) -> str:
+    return "\n".join(",".join(f"{value:.6f}" for value in row) for row in np.column_stack([time, *columns])) + "\n"
+
+
+TIME = 0.3 + np.arange(50) / 250
+FORCE = np.column_stack([np.sin(TIME), 20 * TIME, 30 + 0 * TIME])
+
+
+def test_forces_with_and_without_moments(tmp_path: Path) -> None:
+    log = read_force_log(written(tmp_path, "time_s, Fx_N, Fy_N, Fz_N\r\n" + rows(TIME, FORCE)))
+    np.testing.assert_allclose(log.force, FORCE, atol=1e-6)
+    assert not log.moment.any()
+    assert (log.start, log.rate, log.end) == pytest.approx((0.3, 250, TIME[-1]))
+    text = "Fz_N,Fy_N,Fx_N,Mz_Nm,My_Nm,Mx_Nm,time_s\n" + rows(FORCE[:, 2], FORCE[:, 1], FORCE[:, 0], 3 * FORCE, TIME)
+    log = read_force_log(written(tmp_path, text))
+    np.testing.assert_allclose(log.force, FORCE, atol=1e-6)
+    np.testing.assert_allclose(log.moment, 3 * FORCE[:, ::-1], atol=1e-5)
+
+
+def test_jitter_is_taken_out_and_empty_cells_stay_empty(tmp_path: Path) -> None:
+    jitter = TIME + np.random.default_rng(0).uniform(-1e-3, 1e-3, len(TIME))
+    jitter[[0, -1]] = TIME[[0, -1]]
+    smooth = np.column_stack([10 * np.sin(3 * jitter)] * 3)
+    text = "time_s,Fx_N,Fy_N,Fz_N\n" + rows(jitter, smooth)
+    log = read_force_log(written(tmp_path, text))
+    np.testing.assert_allclose(log.force[:, 0], 10 * np.sin(3 * TIME), atol=1e-3)
+    lines = text.splitlines()
+    lines[20] = lines[20].split(",")[0] + ",,,"
+    gap = read_force_log(written(tmp_path, "\n".join(lines))).force
+    assert np.isnan(gap[18:21]).any()
+    assert np.isfinite(gap[:17]).all()
+    assert np.isfinite(gap[22:]).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("time_s,Fx,Fy,Fz\n0,1,2,3\n1,1,2,3\n", ["has the columns time_s, Fx, Fy, Fz", "expected time_s, Fx_N"]),
+        ("time_s,Fx_N,Fy_N,Fz_kN\n0,1,2,3\n1,1,2,3\n", ["Fz_kN", "convert other units"]),
+        ("time_s,Fx_N,Fy_N\n0,1,2\n1,1,2\n", ["Fz_N"]),
+        ("time_s,Fx_N,Fy_N,Fz_N,Mz_Nm\n0,1,2,3,4\n1,1,2,3,4\n", ["Mx_Nm, My_Nm, Mz_Nm"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n", ["two times or more"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n1,1,2,3\n1,1,2,3\n", ["increase"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n,1,2,3\n2,1,2,3\n", ["in every row"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n1,1,2,3\n2,1,2,3\n5,1,2,3\n6,1,2,3\n", ["row", "not even", "without gaps"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,two,3\n1,1,2,3\n", ["two", "numbers in every cell"]),
+        ("", ["no CSV table"]),
+    ],
+)
+def test_what_cannot_be_read_says_what_to_do(tmp_path: Path, text: str, words: list[str]) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(RecordingError) as caught:
+        read_force_log(path)
+    for word in [str(path), *words]:
+        assert word in str(caught.value)
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"hand\.csv: no such file"):
+        read_force_log(tmp_path / "hand.csv")
