@@ -24,7 +24,7 @@ MASS = float(BODY[:, 0].sum())
 
 def push(time: np.ndarray, segment: int, name: str, *, by_plates: bool, late: float = 0.0) -> External:
     """A force of some 250 N that comes and goes at a place that moves, stamped ``late`` s too early."""
-    t = time + late
+    t = time + late + segment  # each in its own time
     force = np.stack([40 * np.sin(1.1 * t), 250 + 150 * np.sin(0.7 * t + 1)], axis=1)
     x, y = 0.4 + 0.1 * np.cos(0.5 * t), 0.5 + 0.05 * np.sin(0.9 * t)
     wrench = np.column_stack([force, x * force[:, 1] - y * force[:, 0]])
@@ -60,7 +60,7 @@ def test_the_body_comes_back_whatever_else_carries_it(pushes: tuple[tuple[int, s
     np.testing.assert_allclose(found.base[0], MASS, rtol=2e-4)
     assert np.abs((found.base - truth) / np.maximum(np.abs(truth), 1.0)).max() < 0.01
     blind = identified(replace(prepared.recorded, external=()))[1]
-    assert abs(blind.base[0] / MASS - 1) > 0.2
+    assert abs(blind.base[0] / MASS - 1) > 0.1
 
 
 @pytest.mark.parametrize("late", [-0.04, 0.025])
@@ -127,4 +127,14 @@ def test_a_constant_wrench_cannot_be_told_from_the_body_and_is_not_judged() -> N
     recorded = supported(CHAIR)
     still = np.tile([0.0, 200.0, 90.0], (len(recorded.time), 1))
     prepared = prepare(replace(recorded, external=(External(SEAT, 2, still, True),)), FitSettings())
+    assert gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool))) == ()
+
+
+def test_a_wrench_in_step_with_the_body_is_not_judged() -> None:
+    """Three quarters of all that the body needs, and noise: any factor of it fits as well."""
+    recorded = moving_body(seconds=14.0)
+    noise = np.random.default_rng(0).normal(size=(2, *recorded.wrench.shape)) * [0.5, 0.5, 0.15]
+    chair = External(SEAT, 2, 0.75 * recorded.wrench + noise[0], True)
+    shared = replace(recorded, wrench=0.25 * recorded.wrench + noise[1], external=(chair,))
+    prepared = prepare(shared, FitSettings())
     assert gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool))) == ()

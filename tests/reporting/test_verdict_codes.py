@@ -8,6 +8,7 @@ from pathlib import Path
 import mocap_id
 from mocap_id.reporting.explanations import EXPLANATIONS, as_markdown
 from mocap_id.reporting.explanations.contact import CONTACT
+from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
@@ -46,7 +47,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, PARAMETERS, RECORDING, SKELETON)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, EXTERNAL, PARAMETERS, RECORDING, SKELETON)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

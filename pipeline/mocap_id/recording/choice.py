@@ -22,6 +22,9 @@ GRAVITY = 9.81
 _OFFSET_SHARE = 0.05
 """A plate that reads less than this share of the most loaded one's force carries nothing."""
 
+_STEADY = 0.05
+"""Of the load that a plate loses when the body stands up: a chair's own weight sways by less, feet by more."""
+
 _STILL_M_S = 0.02
 """Vertical speed of the body of somebody who stands nearly still."""
 
@@ -82,9 +85,9 @@ def choose_plates(
     """Tell the feet's plates from a chair's and from unloaded ones.
 
     A plate whose load stays under 20 N, or under a twentieth of the most loaded one's, is unloaded: such a reading is
-    an offset. A chair's plate is loaded while the body is low and
-    loses its load when it stands; a load that survives standing is the feet's, and where none does, there is no chair.
-    The configuration overrules this.
+    an offset. A chair's plate is loaded while the body is low and loses most of its load when it stands, or all but a
+    steady rest, the chair's weight; a load that survives standing is the feet's, and where none does, there is no
+    chair. The configuration overrules this.
 
     Parameters
     ----------
@@ -131,17 +134,18 @@ def doubtful(samples: Sequence[PlateSamples], choice: PlateChoice, positions: Fl
         As of :func:`choose_plates`.
     """
     tall, low = upright(positions)
+    if not low.any():
+        return {}
     threshold = max([LOADED_N, *(_OFFSET_SHARE * _peak(each) for each in samples)])
     found: dict[int, str] = {}
-    named = [index for index, why in enumerate(choice.why) if why == _CONFIGURED]
-    for index in named:
-        use, each = choice.uses[index], samples[index]
-        standing, seated = _mean(each.force[:, 2], each.ok & tall), _mean(each.force[:, 2], each.ok & low)
-        if use == "seat" and standing > seated + LOADED_N:
-            found[index] = f"carries {standing:.0f} N while the person stands and {seated:.0f} N while the body is low"
-        elif use == "feet" and low.any():
-            told, why = _told_apart(each, tall, low, threshold)
-            found |= {index: f"carries {why}"} if told == "seat" else {}
+    for index in (index for index, why in enumerate(choice.why) if why == _CONFIGURED):
+        each = samples[index]
+        told, why = _told_apart(each, tall, low, threshold)
+        standing, loaded = _mean(each.force[:, 2], each.ok & tall), _loaded(each, tall)
+        if choice.uses[index] == "seat" and told == "feet" and standing > loaded / 2:
+            found[index] = f"carries {standing:.0f} N while the person stands and up to {loaded:.0f} N before"
+        elif choice.uses[index] == "feet" and told == "seat":
+            found[index] = f"carries {why}"
     return found
 
 
@@ -201,8 +205,15 @@ def _told_apart(samples: PlateSamples, tall: BoolArray, low: BoolArray, threshol
     if _peak(samples) < threshold:
         return "unloaded", f"its load stays at {_peak(samples):.0f} N"
     standing, seated = _mean(vertical, samples.ok & tall), _mean(vertical, samples.ok & low)
-    if np.isfinite(standing) and np.isfinite(seated) and seated > threshold and standing < seated / 2:
-        return "seat", f"{seated:.0f} N while the body is low, {standing:.0f} N while it stands"
+    if np.isfinite(standing) and np.isfinite(seated):
+        if seated > threshold and standing < seated / 2:
+            return "seat", f"{seated:.0f} N while the body is low, {standing:.0f} N while it stands"
+        lost = _loaded(samples, tall) - standing
+        if lost > threshold and _sway(samples, tall) < _STEADY * lost:
+            return (
+                "seat",
+                f"up to {standing + lost:.0f} N before the body stands, a steady {standing:.0f} N while it does",
+            )
     return "feet", "its load survives standing" if np.isfinite(seated) else "it is loaded"
 
 
@@ -210,6 +221,18 @@ def _peak(samples: PlateSamples) -> float:
     """Vertical force that all but a twentieth of the good samples stay under, N."""
     vertical = samples.force[samples.ok, 2]
     return float(np.percentile(np.abs(vertical), 95)) if vertical.size else 0.0
+
+
+def _loaded(samples: PlateSamples, tall: BoolArray) -> float:
+    """Vertical force that a tenth of the samples exceeds in which the body does not stand, N."""
+    vertical = samples.force[samples.ok & ~tall, 2]
+    return float(np.percentile(vertical, 90)) if vertical.size else 0.0
+
+
+def _sway(samples: PlateSamples, tall: BoolArray) -> float:
+    """Range that four fifths of the vertical force keep to while the body stands, N."""
+    low, high = np.percentile(samples.force[samples.ok & tall, 2], [10, 90])
+    return float(high - low)
 
 
 def _mean(values: FloatArray, where: BoolArray) -> float:
