@@ -11,6 +11,7 @@ from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
+from mocap_id.reporting.explanations.transfer import TRANSFER
 
 PACKAGE = Path(mocap_id.__file__).parent
 DOCUMENT = PACKAGE.parent.parent / "docs" / "verdict.md"
@@ -46,7 +47,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, PARAMETERS, RECORDING, SKELETON)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:
