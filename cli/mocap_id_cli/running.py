@@ -23,8 +23,8 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings o
 
 def run(trial: TrialFile, quiet: Quiet = False, verbose: Verbose = False) -> None:
     """Run the whole pipeline on a trial; what is up to date is not computed again."""
-    _log_to_stderr(quiet, verbose)
-    outcome = runner.run(load(trial), progress=_progress(quiet))
+    log_to_stderr(quiet, verbose)
+    outcome = runner.run(load(trial), progress=progress(quiet))
     _print_verdict(outcome)
 
 
@@ -32,8 +32,8 @@ def stage_command(stage: Stage) -> Callable[[Path, bool, bool], None]:
     """The command of one stage."""
 
     def command(trial: TrialFile, quiet: Quiet = False, verbose: Verbose = False) -> None:
-        _log_to_stderr(quiet, verbose)
-        outcome = runner.run_stage(load(trial), stage.name, progress=_progress(quiet))
+        log_to_stderr(quiet, verbose)
+        outcome = runner.run_stage(load(trial), stage.name, progress=progress(quiet))
         if outcome.refused is not None:
             _print_verdict(outcome)
         for file in stage.outputs:
@@ -61,7 +61,9 @@ def _numbers(reason: Reason) -> str:
     return f" ({', '.join(numbers)})" if numbers else ""
 
 
-def _progress(quiet: bool) -> runner.Progress:
+def progress(quiet: bool) -> runner.Progress:
+    """What is told of each stage on standard error; nothing where it is to be quiet."""
+
     def tell(step: runner.Step) -> None:
         outcome = f"{step.seconds:8.2f} s" if step.action == "computed" else f"{step.action:>10}"
         typer.echo(f"{step.stage:<14}{outcome}", err=True)
@@ -69,7 +71,7 @@ def _progress(quiet: bool) -> runner.Progress:
     return (lambda step: None) if quiet else tell
 
 
-def _log_to_stderr(quiet: bool, verbose: bool) -> None:
+def log_to_stderr(quiet: bool, verbose: bool) -> None:
     """What the libraries warn of is shown when asked for; what the runner warns of, unless told to be quiet."""
     logging.captureWarnings(True)
     logging.basicConfig(stream=sys.stderr, format="mocap-id: %(message)s", level=logging.ERROR, force=True)

@@ -17,7 +17,7 @@ from mocap_id.stages import STAGES
 def test_help_names_every_command(cli) -> None:
     said = cli("--help")
     assert said.code == 0
-    for name in ("run", "inspect", "simulate", "schema", "stages", *(stage.name for stage in STAGES)):
+    for name in ("run", "transfer", "inspect", "simulate", "schema", "stages", *(stage.name for stage in STAGES)):
         assert f"\n  {name} " in said.out
 
 

@@ -12,6 +12,7 @@ from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
+from mocap_id.reporting.explanations.transfer import TRANSFER
 
 PACKAGE = Path(mocap_id.__file__).parent
 DOCUMENT = PACKAGE.parent.parent / "docs" / "verdict.md"
@@ -47,7 +48,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, EXTERNAL, PARAMETERS, RECORDING, SKELETON)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, EXTERNAL, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

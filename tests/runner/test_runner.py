@@ -15,7 +15,7 @@ from toy_stages import STAGES, cut, read, tell
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused, StoreError
-from mocap_id.runner import LOG_FILE, Outcome, make_rules, run, run_stage
+from mocap_id.runner import LOG_FILE, Outcome, make_rules, run, run_stage, run_to
 from mocap_id.stages.base import Context, Outputs, Stage
 from mocap_id.store import Folder, Table
 from mocap_id.store.schemas import SEGMENTS
@@ -87,6 +87,20 @@ def test_run_and_single_stages_share_their_work(bench: Bench) -> None:
     assert actions(bench.run()) == ["reused", "reused", "computed"]
     for stage in STAGES:
         assert actions(bench.stage(stage.name)) == ["reused"]
+
+
+def test_a_run_up_to_a_stage_leaves_the_later_ones_alone(bench: Bench) -> None:
+    def up_to(name: str) -> list[str]:
+        return actions(run_to(load(bench.file, STAGES), name, STAGES))
+
+    assert up_to("cut") == ["computed", "computed"]
+    assert bench.files() == ["events.parquet", "segments.parquet"]
+    assert up_to("cut") == ["reused", "reused"]
+    assert actions(bench.run()) == ["reused", "reused", "computed"]
+    bench.say(cut={"length": 1})
+    assert up_to("read") == ["reused"]
+    assert up_to("cut") == ["reused", "computed"]
+    assert actions(bench.run()) == ["reused", "reused", "computed"]
 
 
 def test_a_setting_concerns_its_stage_and_those_behind_it(bench: Bench) -> None:

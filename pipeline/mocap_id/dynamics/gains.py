@@ -87,7 +87,8 @@ def gains(prepared: Prepared, found: Fit) -> tuple[Gain, ...]:
     candidates = _candidates(prepared, found)
     if not candidates:
         return ()
-    known = np.isfinite(np.stack([column.values for column in candidates])).all(axis=(0, 2))
+    finite = np.isfinite(np.stack([column.values for column in candidates]))
+    known: BoolArray = np.all(finite, axis=(0, 2))
     body = found.design[known, :, :-1]
     told = [column for column, own in zip(candidates, _own_parts(body, candidates, known), strict=True) if own]
     if not told:

@@ -98,6 +98,19 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
         return this.go([stage])
 
 
+def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
+    """Run every stage up to one that is not up to date; what comes after it stays as it is.
+
+    Raises
+    ------
+    ConfigError, RecordingError, NumericalError, StoreError
+        As for :func:`run`; a refusal is an outcome, and reported as there.
+    """
+    last = next(k for k, stage in enumerate(stages) if stage.name == name)
+    with _run(trial, stages, progress) as this:
+        return this.go(stages[: last + 1])
+
+
 @contextmanager
 def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[_Run]:
     """A run that holds its folder; the user's files are looked at first, so that a mistake there writes nothing."""

@@ -10,12 +10,20 @@ from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
+from mocap_id.reporting.explanations.transfer import TRANSFER
 from mocap_id.verdict import Level
 
 __all__ = ["EXPLANATIONS", "LEVELS", "Explanation", "as_markdown"]
 
-EXPLANATIONS: Mapping[str, Explanation] = {**RECORDING, **SKELETON, **CONTACT, **EXTERNAL, **PARAMETERS}
-"""Every code of every stage."""
+EXPLANATIONS: Mapping[str, Explanation] = {
+    **RECORDING,
+    **SKELETON,
+    **CONTACT,
+    **EXTERNAL,
+    **PARAMETERS,
+    **TRANSFER,
+}
+"""Every code of every stage and workflow."""
 
 LEVELS: Mapping[Level, tuple[str, str]] = {
     "ok": ("Good", "Every check passed: the numbers below can be used, each with the interval that stands beside it."),

@@ -1,0 +1,44 @@
+"""What `mocap-id transfer` says of a model on another trial; no verdict of a trial holds these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mocap_id.reporting.explanations.explanation import Explanation
+
+TRANSFER: Mapping[str, Explanation] = {
+    "transfer-worse": Explanation(
+        ("caution",),
+        "A carried model is no better than a table",
+        "`mocap-id transfer` predicted this trial by the body that was identified on another one. For the quantities "
+        "that are named, a body from a table that knows height and mass alone is as good or better. What the two "
+        "trials leave unexplained, or what differs between them, is larger than what this person differs from the "
+        "table: limbs that are held or moved otherwise, joints that were placed otherwise, markers that slid.",
+        "Look at `held-out-worse` on both trials first: a model that does not predict its own repetitions will predict "
+        "no others. Then compare how the arms are held, the segments, and how far apart the joints are placed "
+        "(`joint_apart_m` of `--json`).",
+    ),
+    "transfer-markers": Explanation(
+        ("caution",),
+        "The markers lie otherwise in the two trials",
+        "`mocap-id transfer` lays each segment of the model onto the trial's by the markers that both have. Here they "
+        "do not fit: skin and posture leave about a centimetre, this is more. The body is then turned or shifted by "
+        "as much.",
+        "Compare the labels and the places of that segment's markers in both recordings; between sessions markers are "
+        "rarely put back to the same place.",
+    ),
+    "transfer-mass": Explanation(
+        ("caution",),
+        "The model has another mass than the person",
+        "The mass of the body that `mocap-id transfer` carries over is not the one that the plates show in this trial.",
+        "Check that both trials are of the same person, without things carried, and the plates' calibration.",
+    ),
+    "transfer-nothing": Explanation(
+        ("caution",),
+        "There is nothing to compare a carried model with",
+        "Errors are taken over the samples that the trial's own model was fitted to. On this trial nothing was "
+        "identified, most often because it has no force plate.",
+        "See the trial's own verdict.",
+    ),
+}
+"""Codes and their explanations."""
