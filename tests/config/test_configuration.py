@@ -29,6 +29,8 @@ STAGES = (
     Stage("segment", 1, (), (), (), Settings, nothing, "Find segments."),
     Stage("ukf-smooth", 1, (), (), (), FilterSettings, nothing, "Smooth."),
 )
+SENSOR = "external:\n  - file: hand.csv\n    name: hand\n    segment: torso\n"
+TWICE = SENSOR.removeprefix("external:\n")
 LEAST = "trial: s01\nrecording: trial.c3d\n"
 
 
@@ -66,6 +68,9 @@ subject: {height: 1.75, mass: 70, sex: female}
 encoder: encoder.csv
 window: [2, 31.5]
 plates: {feet: [1, 3], seat: [2]}
+external:
+  - {file: ../hand.csv, name: hand, segment: torso, at: RHAND, force: on-sensor, clock_offset_s: 0.5}
+  - {file: /data/cable.csv, name: cable, segment: 0, at: [0.1, 2, -0.5]}
 out: results/here
 segment:                    # nothing below
 ukf-smooth: {cutoff: 1e-3, count: 4, mode: two-filter, span: [0, 1e1]}
@@ -77,6 +82,10 @@ ukf-smooth: {cutoff: 1e-3, count: 4, mode: two-filter, span: [0, 1e1]}
     assert trial.keys.encoder == tmp_path / "encoder.csv"
     assert trial.keys.window == (2.0, 31.5)
     assert trial.keys.plates.feet == (1, 3)
+    hand, cable = trial.keys.external
+    assert (hand.file, cable.file) == (tmp_path / "../hand.csv", Path("/data/cable.csv"))
+    assert (hand.segment, hand.at, hand.force, hand.clock_offset_s) == ("torso", "RHAND", "on-sensor", 0.5)
+    assert (cable.segment, cable.at, cable.force, cable.clock_offset_s) == (0, (0.1, 2.0, -0.5), "on-body", 0.0)
     assert trial.out == tmp_path / "results/here"
     assert trial.settings["ukf-smooth"] == FilterSettings(cutoff=0.001, count=4, mode="two-filter", span=(0, 10))
 
@@ -116,6 +125,13 @@ def test_a_relative_file_finds_its_recording_from_anywhere(
         ("plates: {feet: [0]}\n", 3, ["`plates.feet[0]` is 0", "greater than or equal to 1"]),
         ("plates: {feet: [1], seat: [1]}\n", 3, ["`plates.seat`", "plate 1 is named under `feet` too"]),
         ("encoder: a.csv\n", 3, ["`encoder`", "robot-joint"]),
+        (SENSOR + "    clock_offset: 1\n", 7, ["`external[0].clock_offset`", "did you mean `clock_offset_s`?"]),
+        (SENSOR, 4, ["`external[0].at` is missing", "a marker, or a fixed point"]),
+        (SENSOR + "    at: [0, 1]\n", 7, ["`external[0].at` is [0, 1]", "`external[0].at[2]` is missing"]),
+        (SENSOR + "    at: RHAND\n    force: body\n", 8, ["`external[0].force` is 'body'", "did you mean `on-body`?"]),
+        (SENSOR + "    at: RHAND\n    clock_offset_s: 5 ms\n", 8, ["`external[0].clock_offset_s`", "without a unit"]),
+        (f"{SENSOR}    at: A\n{TWICE}    at: B\n", 3, ["`external`", "`hand` stands twice"]),
+        (SENSOR.replace("hand\n", "seat\n") + "    at: A\n", 3, ["`external`", "the chair's"]),
         ("out: 7\n", 3, ["`out` is 7", 'in quotes, "7"']),
         ("protocol: free\nprotocol: free\n", 4, ["`protocol` stands twice", "first on line 3"]),
         ("subject: {mass: 70, mass: 71}\n", 3, ["`mass` stands twice"]),

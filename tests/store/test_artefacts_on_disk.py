@@ -78,6 +78,37 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert table.reasons == (REASON,)
 
 
+def wrench(**more: np.ndarray) -> Table:
+    columns = {column.name: np.arange(4.0) for column in WRENCH.columns if column.dtype == "float64"}
+    return Table(WRENCH, pd.DataFrame({**more, **columns, "plate_ok": True}))
+
+
+def test_groups_of_columns_are_there_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.write([wrench()], ORIGIN)
+    plain = folder.read("wrench.parquet")
+    assert isinstance(plain, Table)
+    assert list(plain.frame) == [column.name for column in WRENCH.columns]
+    names = [f"{name}_{of}" for of in ("external_2", "seat", "external_1", "p1") for name in ("tauz", "Fy", "Fx")]
+    more = {name: np.full(4, float(i)) for i, name in enumerate(names)}
+    folder.write([wrench(**more)], ORIGIN)
+    whole = folder.read("wrench.parquet")
+    assert isinstance(whole, Table)
+    expected = [f"{name}_{of}" for of in ("p1", "seat", "external_1", "external_2") for name in ("Fx", "Fy", "tauz")]
+    assert list(whole.frame)[len(WRENCH.columns) :] == expected
+    for name in names:
+        assert (whole.frame[name] == more[name]).all()
+    field = pq.read_schema(tmp_path / "wrench.parquet").field("Fy_external_2")
+    assert field.metadata[b"unit"] == b"N"
+
+
+@pytest.mark.parametrize("missing", ["Fy_seat", "tauz_external_1"])
+def test_half_a_group_is_refused(missing: str) -> None:
+    names = [f"{name}_{of}" for of in ("seat", "external_1") for name in ("Fx", "Fy", "tauz")]
+    with pytest.raises(ValueError, match=f"missing columns .*{missing}"):
+        parquet.conform(wrench(**{name: np.zeros(4) for name in names if name != missing}))
+
+
 def test_a_tree_is_read_as_it_was_written(tmp_path: Path) -> None:
     folder = Folder(tmp_path)
     folder.write([chain()], ORIGIN)

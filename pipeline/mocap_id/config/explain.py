@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails
 from mocap_id.config.source import Location, Source
 
 _MAX_LINES = 12
+_ALTERNATIVE = re.compile(r"str|int|tuple\[.*\]")  # where a value may be of several kinds, pydantic names the one tried
 _NUMBERS = {
     "float_type": "expected a number",
     "float_parsing": "expected a number",
@@ -39,6 +40,8 @@ def nearest(name: str, known: Sequence[str]) -> str:
 
 def _line(detail: ErrorDetails, model: type[BaseModel], source: Source) -> str:
     location: Location = tuple(detail["loc"])
+    if detail["type"] != "extra_forbidden":
+        location = tuple(step for step in location if not _ALTERNATIVE.fullmatch(str(step)))
     key = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in location).lstrip(".")
     where = source.where(location)
     if detail["type"] == "extra_forbidden":
