@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +27,18 @@ from mocap_id.workflows.transfer_table import as_frame, as_json, write
 from mocap_id_cli.__main__ import main
 
 SHORT = Options(repetitions=2, analog_rate=100)
+
+
+@pytest.fixture(autouse=True)
+def logging_as_it_was() -> Iterator[None]:
+    """The command is called in this process, and sets up its logging."""
+    loggers = [logging.getLogger(name) for name in (None, "mocap_id", "py.warnings")]
+    before = [(logger.level, list(logger.handlers)) for logger in loggers]
+    yield
+    logging.captureWarnings(False)
+    for logger, (level, handlers) in zip(loggers, before, strict=True):
+        logger.setLevel(level)
+        logger.handlers[:] = handlers
 
 
 @pytest.fixture(scope="module")
