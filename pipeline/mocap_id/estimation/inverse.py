@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
-from mocap_id.estimation.frame_kernels import normal_matrices, refine
+from mocap_id.estimation.frame_kernels import refine
 from mocap_id.estimation.problem import Anchors
 from mocap_id.geometry.planar import marker_positions, rotate
 
@@ -162,7 +162,10 @@ def _take_out(
 def information(angles: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
     """Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
     found = np.empty((*angles.shape, angles.shape[1]))
-    normal_matrices(used, np.ascontiguousarray(angles), chain.centres, chain.segment, chain.local, found)
+    for s in chunks(len(angles)):
+        here = np.array(angles[s])
+        anywhere = np.zeros((*used[s].shape, 2))
+        refine(anywhere, used[s], here, chain.centres, chain.segment, chain.local, _DAMPING, _CONVERGED, 0, found[s])
     return found
 
 
@@ -175,7 +178,21 @@ def _reliable(observed: FloatArray, used: BoolArray, chain: Chain) -> BoolArray:
 
 def _refine(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Chain) -> None:
     """Gauss–Newton from ``angles`` (f, n), in their place; what no marker determines stays where it is."""
-    refine(observed, used, angles, chain.centres, chain.segment, chain.local, _DAMPING, _CONVERGED, _ITERATIONS)
+    n = angles.shape[1]
+    for s in chunks(len(angles)):
+        passed = np.empty((len(angles[s]), n, n))
+        refine(
+            observed[s],
+            used[s],
+            angles[s],
+            chain.centres,
+            chain.segment,
+            chain.local,
+            _DAMPING,
+            _CONVERGED,
+            _ITERATIONS,
+            passed,
+        )
 
 
 def _closed_form(observed: FloatArray, used: BoolArray, chain: Chain) -> FloatArray:
