@@ -19,7 +19,17 @@ from mocap_id_cli.settings import settings_page, settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
-_COMMANDS = ("", "run", *(stage.name for stage in STAGES), "transfer", "study", "inspect", "simulate", "schema", "stages")
+_COMMANDS = (
+    "",
+    "run",
+    *(stage.name for stage in STAGES),
+    "transfer",
+    "study",
+    "inspect",
+    "simulate",
+    "schema",
+    "stages",
+)
 
 
 def pages(root: Path) -> dict[Path, str]:

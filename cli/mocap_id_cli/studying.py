@@ -45,8 +45,7 @@ def study(
 
 def _teller(quiet: bool) -> Any:
     def tell(done: Performed) -> None:
-        what = "failed" if done.exit_code not in _LEVELS else _LEVELS[done.exit_code]
-        what = what or (f"{done.seconds:8.2f} s" if done.computed else "reused")
+        what = _LEVELS.get(done.exit_code, "failed") or (f"{done.seconds:8.2f} s" if done.computed else "reused")
         typer.echo(f"{done.trial:<28}{what:>10}", err=True)
 
     return (lambda done: None) if quiet else tell
@@ -61,6 +60,7 @@ def _lines(found: Outcome) -> Iterator[str]:
             yield from (f"{'':<{width}}    {line}" for line in done.message.splitlines())
     yield f"{len(verdicts) - len(found.failed)} of {len(verdicts)} trials went through"
     yield f"tables: {_short(found.study.folder)}"
+    yield f"page: {_short(found.page)}"
 
 
 def _verdict(trial: Mapping[str, Any]) -> str:

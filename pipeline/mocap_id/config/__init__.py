@@ -1,4 +1,4 @@
-"""Trial and study configurations: YAML in, frozen models out; every mistake with file, line, key and the nearest name."""
+"""Trial and study configurations: YAML in, frozen models out; every mistake with file, line, key and nearest name."""
 
 from mocap_id.config.study import Person, Study, StudyTrial, load_study
 from mocap_id.config.trial import Trial, load, schema, trial_model

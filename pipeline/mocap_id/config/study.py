@@ -143,13 +143,14 @@ def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -
 
 def _one(source: Source, index: int, subjects: Mapping[str, Person]) -> Source:
     """The keys of one trial with the defaults and the person's, each on the line on which it was written."""
-    entry, defaults = source.data["trials"][index], source.data.get("defaults") or {}
+    entry: dict[str, Any] = source.data["trials"][index]
+    defaults: dict[str, Any] = source.data.get("defaults") or {}
     person = subjects[entry["subject"]].model_dump(mode="json", exclude={"landmarks_m"}, exclude_none=True)
-    data, lines = {}, {(): source.lines["trials", index]}
+    data: dict[str, Any] = {}
+    lines: dict[Location, int] = {(): source.lines["trials", index]}
     for key, value in (defaults | entry | {"subject": person}).items():
         own, other = entry.get(key), defaults.get(key)
-        both = key != "recording" and isinstance(own, dict) and isinstance(other, dict)
-        data[key] = {**other, **own} if both else value
+        data[key] = {**other, **own} if isinstance(own, dict) and isinstance(other, dict) else value
         if key in defaults:
             lines |= _moved(source, ("defaults", key), (key,))
         if key in entry:

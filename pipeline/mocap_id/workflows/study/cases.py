@@ -121,10 +121,11 @@ def case(study: Study, trial: StudyTrial, performed: Performed) -> Case:
     out, well = trial.trial.out, performed.exit_code == 0
     told = performed.exit_code in (0, Refused.exit_code)
     done = finished(out) if well else None
+    identification: Any = trial.trial.settings["identify-dim"]
     return Case(
         trial=trial,
         performed=performed,
-        reference=length_reference(study.subjects[trial.subject], trial.trial.settings["identify-dim"].reference),
+        reference=length_reference(study.subjects[trial.subject], identification.reference),
         summary=json.loads((out / SUMMARY_FILE).read_text("utf-8")) if told else None,
         done=done,
         at_home=() if done is None else at_home(done),
@@ -142,7 +143,7 @@ def length_reference(person: Person, name: TableName) -> Reference:
     measured = {segment: getattr(person.landmarks_m, segment) for segment in SEGMENTS}
     if any(length is not None for length in measured.values()):
         return Reference(LANDMARKS, measured, stature)
-    return Reference("" if person.height is None else f"stature, {name}", stature, stature)
+    return Reference("" if person.height is None else f"stature ({name})", stature, stature)
 
 
 def parameters(out: Path) -> Parameters | None:

@@ -86,8 +86,13 @@ def _numbers(name: str, error: Agreement | None, root: float | None = None) -> d
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Each model of each action over everybody: errors put together, condition numbers' mean and spread."""
     known = [row for row in own if math.isfinite(row.get("Fy_mean", math.nan))]
-    series = [*SERIES, *sorted({name[:-5] for row in own for name in row if name.startswith("tau_") and name.endswith("_mean")})]
-    for alike in groups(sorted(known, key=_order(known)), lambda row: "\n".join((row["action"], row["model"]))).values():
+    series = [
+        *SERIES,
+        *sorted({name[:-5] for row in own for name in row if name.startswith("tau_") and name.endswith("_mean")}),
+    ]
+    for alike in groups(
+        sorted(known, key=_order(known)), lambda row: "\n".join((row["action"], row["model"]))
+    ).values():
         first = alike[0]
         row: dict[str, Any] = {
             "subject": COHORT,

@@ -76,7 +76,8 @@ def perform_all(trials: Sequence[Trial], jobs: int, tell: Tell) -> tuple[Perform
 
 def perform(trial: Trial) -> Performed:
     """Run one trial; its failure is an answer, not an error."""
-    start, message, code, steps = time.perf_counter(), None, 0, ()
+    start, message, code = time.perf_counter(), None, 0
+    steps: tuple[runner.Step, ...] = ()
     try:
         outcome = runner.run(trial)
     except MocapIdError as error:

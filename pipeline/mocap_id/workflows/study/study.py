@@ -12,6 +12,8 @@ import pandas as pd
 
 from mocap_id import __version__
 from mocap_id.config import Study, load_study
+from mocap_id.reporting.cohort.material import CohortMaterial, TrialEntry
+from mocap_id.reporting.shape import ReasonEntry
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.store.atomic import replace_together
 from mocap_id.workflows.study import (
@@ -98,7 +100,7 @@ def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
             return Outcome(study, performed, standing, reused=True)
         cases = [case(study, one, done) for one, done in zip(study.trials, performed, strict=True)]
         frames = tables(cases)
-        files = writing.table_files(frames)
+        files = {**writing.table_files(frames), writing.PAGE: _page(study, cases, frames)}
         document = writing.document(study, cases, frames, files, key)
         replace_together(study.folder, {**files, writing.DOCUMENT: writing.as_bytes(document)})
     return Outcome(study, performed, document, reused=False)
@@ -107,6 +109,24 @@ def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
 def tables(cases: Sequence[Case]) -> dict[str, pd.DataFrame]:
     """Every table of :data:`mocap_id.workflows.study.columns.TABLES`."""
     return {name: frame(schema, _ROWS[name](cases)) for name, schema in TABLES.items()}
+
+
+def _page(study: Study, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> bytes:
+    from mocap_id.reporting.cohort.page import page  # noqa: PLC0415  drawing is imported by whoever draws
+
+    return page(CohortMaterial(study.name, __version__, tuple(map(_entry, cases)), frames))
+
+
+def _entry(case: Case) -> TrialEntry:
+    return TrialEntry(
+        name=case.trial.name,
+        subject=case.subject,
+        strategy=case.strategy,
+        fate=trials_table.level(case),
+        reasons=[] if case.summary is None else [ReasonEntry(**one) for one in case.summary["verdict"]["reasons"]],
+        message=case.performed.published,
+        report=writing.report_of(case),
+    )
 
 
 def _key(study: Study, performed: Sequence[Performed]) -> str:

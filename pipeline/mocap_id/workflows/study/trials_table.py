@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from mocap_id.reporting.cohort.material import Fate
 from mocap_id.workflows.study.cases import SEGMENTS, Case
 
 _SERIES = ("Fx", "Fy", "tauz", "cop_x")
-_FAILED = "failed"
 _FIVE_TIMES = {"five_times": "to_fifth_stand_s", "five_times_seated": "to_fifth_seat_s"}
 
 
@@ -30,9 +30,12 @@ def rows(cases: Sequence[Case]) -> Iterator[dict[str, Any]]:
         }
 
 
-def level(case: Case) -> str:
+def level(case: Case) -> Fate:
     """The verdict's level; `failed` where there is none."""
-    return _FAILED if case.summary is None else str(case.summary["verdict"]["level"])
+    if case.summary is None:
+        return "failed"
+    found: Fate = case.summary["verdict"]["level"]
+    return found
 
 
 def codes(case: Case) -> list[str]:

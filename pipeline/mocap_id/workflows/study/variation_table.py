@@ -24,6 +24,7 @@ from mocap_id.workflows.study.cases import Case, Parameters
 from mocap_id.workflows.study.statistics import groups, mean_sd
 
 BASE, MODIFIED = "base", "modified"
+_ROUNDING = 1e-9  # kg, kg m, kg m²: the table's body has its masses on the lines between the joints
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,9 @@ def _person(subject: str, trials: Sequence[Parameters]) -> Iterator[dict[str, An
 
 
 def _variation(values: FloatArray) -> tuple[float, float, float]:
-    """Mean, standard deviation and coefficient of variation."""
+    """Mean, standard deviation and coefficient of variation; none of what is zero by construction, but for rounding."""
     mean, sd = mean_sd(values.tolist())
-    return mean, sd, sd / abs(mean) if mean else math.nan
+    return mean, sd, sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:

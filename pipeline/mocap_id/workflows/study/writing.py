@@ -63,6 +63,11 @@ def as_bytes(content: Mapping[str, Any]) -> bytes:
     return (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
+def report_of(case: Case) -> str | None:
+    """Where a trial's own report is, from the study's folder; None where there is none."""
+    return None if case.summary is None else f"../{case.trial.name}/report.html"
+
+
 def _trial(case: Case) -> dict[str, Any]:
     return {
         "trial": case.trial.name,
@@ -72,7 +77,7 @@ def _trial(case: Case) -> dict[str, Any]:
         "verdict": level(case),
         "codes": codes(case),
         "message": case.performed.published,
-        "report": f"../{case.trial.name}/report.html" if case.summary is not None else None,
+        "report": report_of(case),
     }
 
 
