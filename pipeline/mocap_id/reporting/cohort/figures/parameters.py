@@ -42,5 +42,6 @@ def _panel(axes: Axes, material: CohortMaterial, frame: pd.DataFrame, *, named: 
         axes.plot(x, y, "x", color=style.REFERENCE, ms=4, mew=1.2, label="allometric body")
     people.rows(axes, material.subjects, named=named)
     axes.margins(x=0.1)
+    axes.locator_params(axis="x", nbins=4)
     axes.set_title(style.printable(frame["parameter"].iloc[0], 12))
     axes.set_xlabel(style.unit(str(frame["unit"].iloc[0])))
