@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -157,7 +158,7 @@ class Prepared:
         """Every how many-th sample holds all that the filtered signals say."""
         return self.lowpass.step
 
-    @property
+    @cached_property
     def rows(self) -> FloatArray:
         """Minimal regressor Y_b (T, 3, b), unfiltered (eq. 4.7)."""
         return self.regressor[:, :, self.base.kept]
@@ -168,8 +169,11 @@ class Prepared:
 
     def ground(self, offset: float) -> FloatArray:
         """Wrench (T, 3) of the ground alone at the markers' times, for a clock offset of the plates, s."""
-        time = self.recorded.time
-        return SampledWrench.of(time, _whole(self.recorded.wrench))(time - offset)
+        return self._ground(self.recorded.time - offset)
+
+    @cached_property
+    def _ground(self) -> SampledWrench:
+        return SampledWrench.of(self.recorded.time, _whole(self.recorded.wrench))
 
     def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
         """Every external wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
