@@ -71,7 +71,7 @@ def test_the_mass_matrix_is_one() -> None:
     found = composite(q, CENTRES, *columns(BODY)).torque
     np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
     assert np.linalg.eigvalsh(found).min() > 0.0
-    turned = composite(q + [0.7, 0.0, 0.0], CENTRES, *columns(BODY)).torque
+    turned = composite(q + np.array([0.7, 0.0, 0.0]), CENTRES, *columns(BODY)).torque
     np.testing.assert_allclose(turned, found, atol=1e-10)
 
 

@@ -61,7 +61,7 @@ def _information(q: FloatArray, centres: FloatArray, segment: IntArray, local: F
     segments = len(centres) + 1
 
     def total(values: FloatArray) -> FloatArray:
-        return np.bincount(segment, weights=values, minlength=segments)
+        return np.bincount(segment, weights=values, minlength=segments).astype(np.float64)
 
     first = np.column_stack([total(local[:, 0]), total(local[:, 1])])
     return composite(q, centres, total(np.ones(len(local))), first, total(np.sum(local**2, axis=1))).torque

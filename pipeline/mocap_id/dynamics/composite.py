@@ -37,9 +37,7 @@ class Composite:
     torque: FloatArray
 
 
-def composite(
-    q: FloatArray, centres: FloatArray, mass: FloatArray, first: FloatArray, second: FloatArray
-) -> Composite:
+def composite(q: FloatArray, centres: FloatArray, mass: FloatArray, first: FloatArray, second: FloatArray) -> Composite:
     """Composite inertia in every posture.
 
     Parameters
