@@ -25,7 +25,7 @@ from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regresso
 _SAMPLES = 300  # of the fit: what repeats with the movement needs no more
 _MOMENT = 1.0 / 30.0  # s, over which errors of the posture are differentiated in time
 _RATE = 10.0  # Hz; postures a second at which torques are looked at, a movement's own frequencies being below 3 Hz
-_STEP = 1e-5  # rad, rad/s … of a numerical derivative
+_STEP = 1e-6  # rad, rad/s …, m, of a numerical derivative
 
 
 @dataclass(frozen=True)
@@ -140,16 +140,15 @@ def _effect(
     errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
     states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
     centres = recorded.centres
-    slopes = []
-    for k in range(states.shape[1]):
-        step = _STEP * (np.arange(states.shape[1]) == k)
-        slopes.append((function(states + step, centres) - function(states - step, centres)) / (2 * _STEP))
-    of_states = np.stack(slopes, axis=-1) @ errors
-    slopes = []
-    for k in range(centres.size):
-        moved = _STEP * (np.arange(centres.size) == k).reshape(centres.shape)
-        slopes.append((function(states, centres + moved) - function(states, centres - moved)) / (2 * _STEP))
-    return np.asarray(of_states + np.stack(slopes, axis=-1) @ error.centre.reshape(centres.size, errors.shape[-1]))
+    undisturbed = function(states, centres)
+
+    def slope(states: FloatArray, centres: FloatArray) -> FloatArray:
+        return (function(states, centres) - undisturbed) / _STEP
+
+    of_states = [slope(states + _STEP * unit, centres) for unit in np.eye(states.shape[1])]
+    of_centres = [slope(states, centres + _STEP * unit) for unit in np.eye(centres.size).reshape(-1, *centres.shape)]
+    geometry = error.centre.reshape(centres.size, errors.shape[-1])
+    return np.asarray(np.stack(of_states, axis=-1) @ errors + np.stack(of_centres, axis=-1) @ geometry)
 
 
 def _regressor(prepared: Prepared, states: FloatArray, centres: FloatArray) -> FloatArray:

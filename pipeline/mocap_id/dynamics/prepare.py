@@ -194,7 +194,7 @@ class Prepared:
         return sum(self.external(offset), np.zeros_like(self.recorded.wrench))
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
-        """Filtered wrench (R, 3) of all surroundings at some samples (R,), stamped by the plates' clock so (R,), s."""
+        """Filtered wrench (..., R, 3) of all surroundings at samples (R,), by the plates' clock at (..., R), s."""
         return self.filtered_wrench(stamped) + self.filtered_sensors[samples]
 
 
