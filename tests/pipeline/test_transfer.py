@@ -118,6 +118,7 @@ def test_a_carried_body_is_as_good_as_the_own_one_and_better_than_the_table(norm
         assert ours is not None and theirs is not None
         assert rms(ours) < 0.5 * rms(theirs)
     assert found.reasons == ()
+    assert found.supported is True
 
 
 def test_on_its_own_trial_a_body_is_the_own_model(dynamic) -> None:

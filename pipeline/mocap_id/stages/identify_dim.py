@@ -260,7 +260,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=5,
+    version=6,
     inputs=("wrench.parquet", "chain.h5", "states.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),
