@@ -55,7 +55,9 @@ def test_the_covariance_of_full_parameters_keeps_that_of_the_base_parameters() -
 def test_the_carried_covariance_is_that_of_carried_draws(pair) -> None:
     source, target = pair
     registration = register(source.skeleton, target.skeleton)
-    registration = replace(registration, angle=registration.angle + 0.3, shift=registration.shift + [0.1, -0.05])
+    registration = replace(
+        registration, angle=registration.angle + 0.3, shift=registration.shift + np.array([0.1, -0.05])
+    )
     rng = np.random.default_rng(1)
     root = rng.normal(size=(16, 16))
     draws = root @ rng.normal(size=(16, 1000))

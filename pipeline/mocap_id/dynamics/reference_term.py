@@ -82,7 +82,7 @@ class Prior:
         return np.asarray(gain @ of_data @ gain.T + rest @ self._spread(regrouping) @ rest.T)
 
     def completed(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
-        """Covariance (f, f) of full parameters that keep base parameters of this covariance (b, b) and are else closest.
+        """Covariance (f, f) of full parameters with base parameters of this covariance (b, b), else the closest ones.
 
         What the base parameters leave open has the prior's own spread: another trial, with its joints in other places,
         may feel it.

@@ -31,10 +31,10 @@ TRANSFER: Mapping[str, Explanation] = {
         "A carried model cannot be told from a table",
         "On the states of the other trial the carried body's moment or centre of pressure differs from those of the "
         "table's body by less than two of its own standard deviations (rms over the trial). These hold the covariance "
-        "of the base parameters, and 15 % of each full parameter (`identify-dim: {reference_sd: …}`) in what the wrench "
-        "left open. The other trial's forces take no part in this.",
-        "Record the model's trial with the movement that is to be predicted in it, more repetitions, or a larger range; "
-        "or use the table's body.",
+        "of the base parameters, and of each full parameter 15 % (`identify-dim: {reference_sd: …}`) in what the "
+        "wrench left open. The other trial's forces take no part in this.",
+        "Record the model's trial with the movement that is to be predicted in it, more repetitions, or a larger "
+        "range; or use the table's body.",
     ),
     "transfer-joints": Explanation(
         ("caution",),
@@ -42,8 +42,8 @@ TRANSFER: Mapping[str, Explanation] = {
         "Among the same markers a joint of the same person lies in the same place, within skin's centimetres. Here the "
         "two trials put it farther apart, and a mass that the wrench leaves open between the segments on either side "
         "comes to another place.",
-        "See `joint-uncertain` and `small-arc` on both trials; hold both to fewer segments (`segment: {count: …}`) where "
-        "a joint hardly bends in one of them.",
+        "See `joint-uncertain` and `small-arc` on both trials; hold both to fewer segments (`segment: {count: …}`) "
+        "where a joint hardly bends in one of them.",
     ),
     "transfer-markers": Explanation(
         ("caution",),
