@@ -77,6 +77,13 @@ def test_no_force_of_the_other_trial_takes_part(pair) -> None:
     assert found.supported is None
 
 
+def test_without_a_table_nothing_is_shown(pair) -> None:
+    source, target = pair
+    bare = replace(target, reference=np.full(16, np.nan), facts={**target.facts, "reference_table": None})
+    found = apply(source, bare)
+    assert (found.support, found.reasons, found.supported) == (None, (), None)
+
+
 def test_what_is_apart_is_the_difference_of_two_predictions(pair) -> None:
     source, target = pair
     registration = register(source.skeleton, target.skeleton)

@@ -59,7 +59,8 @@ def as_frame(found: Transfer) -> pd.DataFrame:
     recordings support the transfer, empty where it could not be shown.
     """
     joints = range(1, len(found.segments))
-    return pd.DataFrame([_row(found, trial, body, joints) for trial in found.trials for body in trial.bodies])
+    frame = pd.DataFrame([_row(found, trial, body, joints) for trial in found.trials for body in trial.bodies])
+    return frame.astype({"supported": "boolean"})
 
 
 def as_json(found: Transfer) -> dict[str, Any]:
