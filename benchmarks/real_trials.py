@@ -68,10 +68,10 @@ held-out error of each component, and how far the pelvis's markers (ASIS, PSIS) 
 Left unexplained of the measurement's variance, repetition left out:
 {unexplained}.
 
-- **The hip.** Upright, the pelvis and all that is on it are {drop:.0f} mm lower, beside the chain, than at half height
-  on the way: its markers move against the bone, those of the thigh with the muscle, the heels leave the floor by up to
-  a centimetre. On the sit-to-stand this happens within a tenth or two of a second. The chain cannot give way, the
-  accelerations of its joints do, and the peak of Fy at the end of the rise is missing from the model.
+- **The hip.** Upright, the pelvis and all that is on it are {drop:.0f} mm lower, beside the chain, than on the way there.
+  On the sit-to-stand the step takes a tenth or two of a second. The chain cannot give way, the accelerations of its
+  joints do, and the peak of Fy at the end of the rise is missing from the model. Why is not shown: skin over pelvis and
+  thigh is likely; the heels leave the floor, but by a centimetre at most.
 - **Pelvis and trunk** bend on each other, about a fixed lumbar joint only to centimetres. As one body they fit worse.
 - **The arms** are on no segment. Their mass counts where it is on average; what they swing is in the residual.
 
@@ -104,6 +104,8 @@ body's prediction from the table's, in its own standard deviations, and the erro
 {support}
 
 {verdict}
+
+The rule's limits were set with these two trials and four simulated persons in view.
 """
 UNITS = {"Fx": ("N", 1.0, 1), "Fy": ("N", 1.0, 1), "tauz": ("N·m", 1.0, 1), "cop_x": ("mm", 1e3, 1)}
 HEADS = [f"{'CoP' if name == 'cop_x' else name}, {unit}" for name, (unit, _, _) in UNITS.items()]
