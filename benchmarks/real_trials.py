@@ -68,7 +68,7 @@ held-out error of each component, and how far the pelvis's markers (ASIS, PSIS) 
 Left unexplained of the measurement's variance, repetition left out:
 {unexplained}.
 
-- **The hip.** Upright, the pelvis and all that is on it are {drop:.0f} mm lower, beside the chain, than on the way there.
+- **The hip.** Upright, the pelvis and all on it are {drop:.0f} mm lower, beside the chain, than on the way there.
   On the sit-to-stand the step takes a tenth or two of a second. The chain cannot give way, the accelerations of its
   joints do, and the peak of Fy at the end of the rise is missing from the model. Why is not shown: skin over pelvis and
   thigh is likely; the heels leave the floor, but by a centimetre at most.
