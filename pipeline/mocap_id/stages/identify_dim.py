@@ -255,7 +255,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=7,
+    version=8,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),
