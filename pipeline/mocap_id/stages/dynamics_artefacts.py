@@ -95,7 +95,7 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
     """dynamics.h5."""
     found, centres = result.found, result.prepared.recorded.centres
     return {
-        "base": _base(result.prepared.base, centres, found.base, found.base_sd),
+        "base": _base(result.prepared.base, centres, found.base, found.covariance),
         "full": {
             "name": np.array(full_names(len(centres) + 1), dtype=object),
             "value": found.full,
@@ -115,7 +115,7 @@ def empty_data(
     value[0] = np.nan if mass is None else mass
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
-        "base": _base(base, centres, value, np.full(len(value), np.nan)),
+        "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)),
         "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
         "held_out": {"base": np.zeros((0, len(value))), "clock_offset": np.zeros(0)},
@@ -227,11 +227,12 @@ def _contact(contact: Contact) -> dict[str, Any]:
     }
 
 
-def _base(base: BaseSet, centres: FloatArray, value: FloatArray, sd: FloatArray) -> dict[str, Any]:
+def _base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: FloatArray) -> dict[str, Any]:
     return {
         "name": np.array(base_names(base, centres), dtype=object),
         "value": value,
-        "sd": sd,
+        "sd": np.sqrt(np.diag(covariance)),
+        "covariance": covariance,
         "unit": np.array(base_units(base), dtype=object),
         "regrouping": base.regrouping,
     }

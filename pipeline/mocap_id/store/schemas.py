@@ -196,6 +196,7 @@ DYNAMICS_TREE = TreeSchema(
         Column("base/name", "str", "", "(b,) base parameters in symbols"),
         Column("base/value", "float64", "", "(b,) SI"),
         Column("base/sd", "float64", "", "(b,) standard deviation"),
+        Column("base/covariance", "float64", "", "(b, b) behind base/sd, SI"),
         Column("base/unit", "str", "", "(b,) kg, kg*m or kg*m^2"),
         Column("base/regrouping", "float64", "", "(b, 4(n+1)) matrix M of eq. 4.24"),
         Column("full/name", "str", "", "(4(n+1),) m, mx, my, Izz of every segment, base first"),
