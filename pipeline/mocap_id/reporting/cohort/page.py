@@ -68,7 +68,7 @@ def page(material: CohortMaterial) -> bytes:
 
 def _parts(material: CohortMaterial) -> tuple[Part, ...]:
     lengths = (tables.lengths(material), tables.strategies(material))
-    models = (tables.models(material), tables.not_carried(material))
+    models = (tables.models(material), tables.doubtful(material))
     return (
         Part("lengths", "Segment lengths", ("lengths",), lengths),
         Part("models", "Forces and torques by every model", ("pressure",), models),

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from mocap_id.reporting.cohort.material import CohortMaterial
+from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.numbers import UNKNOWN, known, show, show_fixed
 from mocap_id.reporting.tables import Grid, grid
 
@@ -110,12 +111,16 @@ def models(material: CohortMaterial) -> Grid:
     return grid(caption, head, rows, (0, 2))
 
 
-def not_carried(material: CohortMaterial) -> Grid:
-    """Models that could not be applied, and why."""
+def doubtful(material: CohortMaterial) -> Grid:
+    """Models of other trials that could not be applied, or should not be believed, and why."""
     frame = material.of_people("models")
-    frame = frame[frame["why"] != ""]
-    rows = [(row["action_trial"], row["model_trial"] or row["model"], row["why"]) for row in frame.to_dict("records")]
-    return grid("Predictions that could not be made", ("action", "model", "why"), rows, (0, 1, 2))
+    frame = frame[(frame["why"] != "") | (frame["codes"] != "")]
+    rows = [
+        (row["action_trial"], row["model_trial"] or row["model"], row["why"] or _titles(row["codes"]))
+        for row in frame.to_dict("records")
+    ]
+    caption = "Predictions that could not be made, or that the recordings do not support"
+    return grid(caption, ("action", "model", "why"), rows, (0, 1, 2))
 
 
 def variation(material: CohortMaterial) -> Grid:
@@ -137,6 +142,12 @@ def variation(material: CohortMaterial) -> Grid:
         "mean ± sd over the people. The allometric body varies with the chain that it is put on, and with nothing else"
     )
     return grid(caption, head, rows, (0, 1, 2))
+
+
+def _titles(codes: str) -> str:
+    """What codes mean, in their explanations' words."""
+    found = [EXPLANATIONS[code].title if code in EXPLANATIONS else code for code in codes.split(", ")]
+    return "; ".join(found)
 
 
 def _times(value: Any, factor: float) -> float | None:

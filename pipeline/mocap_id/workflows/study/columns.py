@@ -139,6 +139,7 @@ MODELS = TableSchema(
         *_spread("condition_number", "1", "of the regressor of the predicted trial"),
         *(column for name, unit in _SERIES for column in _error(name, unit, "model less measurement")),
         Column("registration_residual", "float64", "m", "how far the markers of the two trials lie apart, rms"),
+        Column("supported", "str", "", "yes or no: the recordings support this transfer; empty where not shown"),
         Column("codes", "str", "", "what to know before believing it: codes as of a verdict"),
         _WHY,
     ),
@@ -201,13 +202,13 @@ def frame(schema: TableSchema, rows: Iterable[Mapping[str, Any]]) -> pd.DataFram
     rows = list(rows)
     given = [name for row in rows for name in row]
     columns = list(columns_of(schema, [*given, *(column.name for column in schema.columns)]))
+    unknown = set(given) - {column.name for column in columns}
+    if unknown:
+        raise ValueError(f"{schema.file} has no columns {sorted(unknown)}")
     missing = {"str": "", "float64": float("nan"), "Int64": pd.NA}
     data = {}
     for column in columns:
         values = [row.get(column.name) for row in rows]
         filled = [missing.get(column.dtype) if value is None else value for value in values]
         data[column.name] = pd.Series(filled, dtype=column.dtype)
-    unknown = set(given) - set(data)
-    if unknown:
-        raise ValueError(f"{schema.file} has no columns {sorted(unknown)}")
     return pd.DataFrame(data)

@@ -51,6 +51,7 @@ def _carried(action: Case, model: Case) -> dict[str, Any]:
     known = [value for value in found.registration.residual[1:].tolist() if math.isfinite(value)]
     return _row(action, name, source, body) | {
         "registration_residual": max(known, default=math.nan),
+        "supported": {True: "yes", False: "no", None: ""}[found.supported],
         "codes": ", ".join(reason.code for reason in found.reasons),
     }
 
