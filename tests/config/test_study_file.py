@@ -90,7 +90,7 @@ def test_a_trials_own_keys_add_to_the_defaults(tmp_path: Path) -> None:
         (
             "shank: 0.41",
             "shin: 0.41",
-            "line 7: unknown key `subjects.s01.landmarks_m.shin`: expected one of sha",
+            "line 7: unknown key `subjects.s01.landmarks_m.shin`: did you mean",
         ),
         ("    window: [1.0, 9.0]", "    out: x", "line 15: `out` is the study's: write it at the top"),
         ("  protocol: sit-to-stand", "  recording: x.c3d", "line 4: `defaults.recording` is every trial's own"),
