@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -48,6 +49,7 @@ class Performed:
     seconds: float
 
 
+_LOGGERS = ("mocap_id", "py.warnings")
 Tell: TypeAlias = Callable[[Performed], None]
 
 
@@ -99,8 +101,8 @@ def perform(trial: Trial) -> Performed:
 
 def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
     # New interpreters, not copies of this one, whose libraries have threads by now.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(jobs, len(trials)), mp_context=context)
+    context, levels = multiprocessing.get_context("spawn"), {name: logging.getLogger(name).level for name in _LOGGERS}
+    pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _as_loud, (levels,))
     try:
         for future in as_completed([pool.submit(perform, trial) for trial in trials]):
             yield future.result()
@@ -110,6 +112,14 @@ def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
             process.terminate()
         raise
     pool.shutdown()
+
+
+def _as_loud(levels: Mapping[str, int]) -> None:
+    """Have a new process tell as much as this one."""
+    logging.captureWarnings(True)
+    logging.basicConfig(format="mocap-id: %(message)s", level=logging.ERROR)
+    for name, level in levels.items():
+        logging.getLogger(name).setLevel(level)
 
 
 def _published(message: str, trial: Trial) -> str:
