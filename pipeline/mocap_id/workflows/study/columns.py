@@ -10,7 +10,7 @@ import pandas as pd
 from mocap_id.store import Column, TableSchema
 from mocap_id.store.parquet import columns_of
 
-_SUBJECT = Column("subject", "str", "", "id of the person; `cohort` = all of them, each counting once")
+_SUBJECT = Column("subject", "str", "", "id of the person; `cohort` = all of them")
 _STRATEGY = Column("strategy", "str", "", "how the person moves")
 _SUBJECTS = Column("subjects", "int64", "1", "how many people the row is about")
 _TRIALS = Column("trials", "int64", "1", "how many trials the row is about")
@@ -151,7 +151,7 @@ VARIATION = TableSchema(
     1,
     (
         _SUBJECT,
-        Column("set", "str", "", "base, or modified: each (mx, my) as one length mr = |(mx, my)|"),
+        Column("set", "str", "", "base, or modified: each (mx, my) as its length mr"),
         Column("parameter", "str", "", "short name in the thesis's count: m1, mx1, mr2, I2 …"),
         Column("expression", "str", "", "what is regrouped in it"),
         Column("unit", "str", "", "kg, kg*m or kg*m^2"),
@@ -160,7 +160,12 @@ VARIATION = TableSchema(
         _TRIALS,
         Column("mean", "float64", "", "identified, over the trials, in `unit`"),
         Column("sd", "float64", "", "standard deviation over the trials, in `unit`"),
-        Column("cv", "float64", "1", "coefficient of variation sd / |mean|; of the cohort the mean of the subjects'"),
+        Column(
+            "cv",
+            "float64",
+            "1",
+            "coefficient of variation, sd over the size of the mean; of the cohort the subjects' mean",
+        ),
         Column("cv_sd", "float64", "1", "of the cohort: standard deviation over the subjects"),
         Column("reference_mean", "float64", "", "of the allometric body on the same chains, in `unit`"),
         Column("reference_sd", "float64", "", "likewise, in `unit`"),

@@ -46,7 +46,7 @@ def document(
         "study": study.name,
         "product": __version__,
         "about": "Each table stands as CSV and as Parquet (units and meanings in the field metadata). A row of the "
-        "subject `cohort` is about all people, each counting once. Missing is empty in CSV and NaN in Parquet.",
+        "subject `cohort` is about all people. Missing is empty in CSV and NaN in Parquet.",
         "page": PAGE,
         "subjects": {
             subject: [case.trial.name for case in cases if case.subject == subject] for subject in study.subjects
