@@ -81,7 +81,7 @@ def material(cases: list[Case]) -> CohortMaterial:
 
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:
     found = checked(ran.outcome.page.read_bytes())
-    assert found.tags.count("figure") == 3
+    assert found.tags.count("figure") == found.tags.count("details") == 3
     assert "2 of 5 trials went through" in found.text
     for words in ("s01-dynamic-1", "Good", "Refused", "Failed", "no such file", "thesis table 6.3", "mr2", "winter"):
         assert words in found.text, words

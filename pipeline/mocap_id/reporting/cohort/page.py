@@ -36,12 +36,13 @@ class Told:
 
 @dataclass(frozen=True)
 class Part:
-    """A section of the page: figures first, then tables."""
+    """A section of the page: figures first, then tables, and those of every person, folded away."""
 
     anchor: str
     title: str
     figures: tuple[str, ...]
     grids: tuple[Grid, ...]
+    of_people: tuple[Grid, ...]
 
 
 def page(material: CohortMaterial) -> bytes:
@@ -69,10 +70,12 @@ def page(material: CohortMaterial) -> bytes:
 def _parts(material: CohortMaterial) -> tuple[Part, ...]:
     lengths = (tables.lengths(material), tables.strategies(material))
     models = (tables.models(material), tables.doubtful(material))
+    variation, varied = tables.variation(material), tables.variation_of_people(material)
+    strategies, predicted = tables.strategies_of_people(material), tables.models_of_people(material)
     return (
-        Part("lengths", "Segment lengths", ("lengths",), lengths),
-        Part("models", "Forces and torques by every model", ("pressure",), models),
-        Part("parameters", "Inertial parameters", ("parameters",), (tables.variation(material),)),
+        Part("lengths", "Segment lengths", ("lengths",), lengths, (strategies,)),
+        Part("models", "Forces and torques by every model", ("pressure",), models, (predicted,)),
+        Part("parameters", "Inertial parameters", ("parameters",), (variation,), (varied,)),
     )
 
 

@@ -67,33 +67,57 @@ def lengths(material: CohortMaterial) -> Grid:
 
 def strategies(material: CohortMaterial) -> Grid:
     """Table 6.2."""
+    return _strategies(material.of_cohort("strategies"), "By strategy (thesis table 6.2): mean ± sd over the people")
+
+
+def strategies_of_people(material: CohortMaterial) -> Grid:
+    """Table 6.2 of every person."""
+    return _strategies(material.of_people("strategies"), "By person and strategy: mean ± sd over the person's trials")
+
+
+def _strategies(frame: pd.DataFrame, caption: str) -> Grid:
     rows = [
         (
+            row["subject"],
             row["strategy"],
             row["reference"] or UNKNOWN,
-            str(row["subjects"]),
+            str(row["trials"]),
             _spread(row, "shank_error"),
             _spread(row, "thigh_error"),
             _spread(row, "reprojection", 1e3),
             _spread(row, "condition_number"),
         )
-        for row in material.of_cohort("strategies").to_dict("records")
+        for row in frame.to_dict("records")
     ]
     head = (
-        "strategy", "lengths against", "people", "shank (%)", "thigh (%)", "re-projection (mm)", "condition number",
+        "", "strategy", "lengths against", "trials", "shank (%)", "thigh (%)", "re-projection (mm)", "condition number",
     )  # fmt: skip
-    return grid("By strategy (thesis table 6.2): mean ± sd over the people", head, rows, (0, 1))
+    return grid(caption, head, rows, (0, 1, 2))
 
 
 def models(material: CohortMaterial) -> Grid:
     """Table 6.3."""
-    frame = material.of_cohort("models")
+    caption = (
+        "Every model on every action of the same person (thesis table 6.3), model less measurement off the chair, "
+        "bias ± sd over all people; torques against those of the action's own model"
+    )
+    return _models(material.of_cohort("models"), caption)
+
+
+def models_of_people(material: CohortMaterial) -> Grid:
+    """Table 6.3 of every person."""
+    frame = material.of_people("models")
+    caption = "Every model on every trial of the same person, model less measurement off the chair, bias ± sd"
+    return _models(frame[frame["pairs"] > 0], caption)
+
+
+def _models(frame: pd.DataFrame, caption: str) -> Grid:
     torques = [name[:-5] for name in frame.columns if name.startswith("tau_") and name.endswith("_mean")]
     rows = [
         (
-            row["action"],
+            row["action_trial"] or row["action"],
             _spread(row, "condition_number", decimals=0),
-            row["model"],
+            row["model"] if row["model"].startswith("own") else row["model_trial"] or row["model"],
             str(row["pairs"]),
             _spread(row, "Fy"),
             _spread(row, "tauz"),
@@ -104,10 +128,6 @@ def models(material: CohortMaterial) -> Grid:
     ]
     joints = tuple(f"τ{name[4:]} (N·m)" for name in torques)
     head = ("action", "condition number", "model", "predictions", "Fy (N)", "τz (N·m)", "CoP (mm)", *joints)
-    caption = (
-        "Every model on every action of the same person (thesis table 6.3), model less measurement off the chair, "
-        "bias ± sd over all people; torques against those of the action's own model"
-    )
     return grid(caption, head, rows, (0, 2))
 
 
@@ -125,23 +145,34 @@ def doubtful(material: CohortMaterial) -> Grid:
 
 def variation(material: CohortMaterial) -> Grid:
     """Figure 6.8 as a table."""
-    rows = [
-        (
-            row["set"],
-            row["parameter"],
-            row["expression"],
-            str(row["subjects"]),
-            _percent(row, "cv"),
-            _percent(row, "reference_cv"),
-        )
-        for row in material.of_cohort("variation").to_dict("records")
-    ]
-    head = ("set", "parameter", "which is", "people", "own models (%)", "allometric body (%)")
     caption = (
         "Coefficient of variation of base and modified base parameters over each person's trials (thesis figure 6.8): "
         "mean ± sd over the people. The allometric body varies with the chain that it is put on, and with nothing else"
     )
-    return grid(caption, head, rows, (0, 1, 2))
+    return _variation(material.of_cohort("variation"), caption)
+
+
+def variation_of_people(material: CohortMaterial) -> Grid:
+    """Figure 6.8 of every person."""
+    frame = material.of_people("variation")
+    return _variation(frame[frame["trials"] > 1], "Coefficient of variation over each person's trials")
+
+
+def _variation(frame: pd.DataFrame, caption: str) -> Grid:
+    rows = [
+        (
+            row["subject"],
+            row["set"],
+            row["parameter"],
+            row["expression"],
+            str(row["trials"]),
+            _percent(row, "cv"),
+            _percent(row, "reference_cv"),
+        )
+        for row in frame.to_dict("records")
+    ]
+    head = ("", "set", "parameter", "which is", "trials", "own models (%)", "allometric body (%)")
+    return grid(caption, head, rows, (0, 1, 2, 3))
 
 
 def _titles(codes: str) -> str:

@@ -164,7 +164,7 @@ VARIATION = TableSchema(
             "cv",
             "float64",
             "1",
-            "coefficient of variation, sd over the size of the mean; of the cohort the subjects' mean",
+            "coefficient of variation: sd over the mean's size; of the cohort the mean",
         ),
         Column("cv_sd", "float64", "1", "of the cohort: standard deviation over the subjects"),
         Column("reference_mean", "float64", "", "of the allometric body on the same chains, in `unit`"),
