@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
 
-from mocap_id.config import load, load_study
+from mocap_id.config import load, load_study, study_schema, trial_model
 from mocap_id.errors import ConfigError
 
 GOOD = """\
@@ -112,6 +114,23 @@ def test_mistakes_of_all_trials_are_told_together_and_once(tmp_path: Path) -> No
     wrong = GOOD.replace("{count: 4}", "{count: four}").replace("window: [1.0, 9.0]", "window: 1")
     lines = told(tmp_path, wrong)
     assert [line.partition(":")[0] for line in lines] == ["study.yaml, line 5", "study.yaml, line 15"]
+
+
+def test_the_schema_knows_the_keys_of_study_and_trial() -> None:
+    schema = study_schema()
+    entry, defaults = schema["$defs"]["_Entry"], schema["properties"]["defaults"]
+    assert entry["required"] == ["recording", "strategy", "subject", "trial"]
+    assert set(entry["properties"]) - {"strategy", "subject"} == set(
+        trial_model().model_json_schema()["properties"]
+    ) - {
+        "subject",
+        "out",
+    }
+    assert entry["properties"]["subject"]["type"] == "string", "an id, and not the person"
+    assert {"trial", "recording", "strategy", "out"}.isdisjoint(defaults["properties"])
+    assert "segment" in defaults["properties"]
+    references = set(re.findall(r'"#/\$defs/(\w+)"', json.dumps(schema)))
+    assert references <= set(schema["$defs"])
 
 
 def test_no_trials_are_no_study(tmp_path: Path) -> None:

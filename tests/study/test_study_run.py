@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -77,6 +80,24 @@ def test_several_at_a_time_give_the_same(ran: Ran) -> None:
     side_by_side = perform_all(trials, 2, told.append)
     assert list(map(fate, side_by_side)) == list(map(fate, ran.outcome.performed))
     assert sorted(done.trial for done in told) == sorted(trial.name for trial in trials)
+
+
+class Deadly:
+    """A trial that kills whatever process gets it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __reduce__(self) -> tuple[Callable[[int], object], tuple[int]]:
+        return os._exit, (1,)
+
+
+def test_a_killed_process_is_the_failure_of_its_trials() -> None:
+    trials: Any = [Deadly("one"), Deadly("two")]
+    told: list[Performed] = []
+    done = perform_all(trials, 2, told.append)
+    assert [(one.trial, one.exit_code, one.key) for one in done] == [("one", 5, None), ("two", 5, None)]
+    assert all("fewer --jobs" in (one.message or "") for one in told)
 
 
 def test_a_damaged_table_is_made_anew_and_no_trial_computed(ran: Ran, tmp_path: Path) -> None:

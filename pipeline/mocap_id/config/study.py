@@ -125,6 +125,26 @@ def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
     return Study(source.file, parsed.study, out, parsed.subjects, trials)
 
 
+def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
+    """JSON Schema of a study's YAML file, for editors."""
+    schema, trial = _File.model_json_schema(), trial_model(stages).model_json_schema(by_alias=True)
+    keys = {name: key for name, key in trial["properties"].items() if name not in ("subject", "out")}
+    entry = schema["$defs"]["_Entry"]
+    entry["properties"] = keys | entry["properties"]
+    entry["required"] = sorted({*entry["required"], "recording"})
+    entry["additionalProperties"] = False
+    defaults = {name: key for name, key in keys.items() if name not in _OWN_KEYS}
+    described = schema["properties"]["defaults"]["description"]
+    schema["properties"]["defaults"] = {
+        "type": "object",
+        "properties": defaults,
+        "additionalProperties": False,
+        "description": described,
+    }
+    schema["$defs"] = trial["$defs"] | schema["$defs"]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "Study"}
+
+
 def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -> tuple[StudyTrial, ...]:
     """Every trial; the mistakes of all of them together, each told once."""
     strategy: Any = (str, Field(description=_Entry.model_fields["strategy"].description))

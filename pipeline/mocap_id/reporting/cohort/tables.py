@@ -38,7 +38,9 @@ def trials(material: CohortMaterial) -> Grid:
         "trial", "subject", "strategy", "verdict", "complete repetitions", "five times (s)", "re-projection (mm)",
         "condition number", "CoP, own (mm)", "held out (mm)", "allometric (mm)",
     )  # fmt: skip
-    return grid("Every trial; errors of the centre of pressure are rms, off the chair", head, rows, range(4))
+    shown = [k for k in range(len(head)) if k < 4 or any(row[k] != UNKNOWN for row in rows)]
+    caption = "Every trial; errors of the centre of pressure are rms, off the chair"
+    return grid(caption, [head[k] for k in shown], ([row[k] for k in shown] for row in rows), range(4))
 
 
 def lengths(material: CohortMaterial) -> Grid:

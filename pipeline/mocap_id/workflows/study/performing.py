@@ -7,12 +7,13 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from mocap_id import runner
 from mocap_id.config import Trial
-from mocap_id.errors import MocapIdError
+from mocap_id.errors import MocapIdError, NumericalError
 from mocap_id.reporting.contents import FILES
 from mocap_id.runner.dependencies import user_files
 from mocap_id.stages import STAGES
@@ -104,14 +105,23 @@ def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
     context, levels = multiprocessing.get_context("spawn"), {name: logging.getLogger(name).level for name in _LOGGERS}
     pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _as_loud, (levels,))
     try:
-        for future in as_completed([pool.submit(perform, trial) for trial in trials]):
-            yield future.result()
+        asked = {pool.submit(perform, trial): trial for trial in trials}
+        for future in as_completed(asked):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                yield _killed(asked[future])
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             process.terminate()
         raise
     pool.shutdown()
+
+
+def _killed(trial: Trial) -> Performed:
+    message = "a process was killed, by the system for want of memory perhaps: run again with fewer --jobs"
+    return Performed(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
 
 
 def _as_loud(levels: Mapping[str, int]) -> None:
