@@ -17,7 +17,7 @@ from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import fit_plane, propose_window
 from mocap_id.recording import PlateChoice, PlateSamples, Recording, ZeroRule
 from mocap_id.recording.posture import Facing, facing
-from mocap_id.stages import swapped
+from mocap_id.stages import plate_registration, swapped
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.external_wrenches import Measured, Seen, measure_seat, measure_sensors
 from mocap_id.stages.marker_names import columns
@@ -109,7 +109,9 @@ def planarise(context: Context) -> Outputs:
     external += measure_sensors(seen, context.trial.external, source)
     wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
     facts, reasons = _wrench_facts(part, samples, choice, external, settings.cop_threshold_N)
-    return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *external.reasons))
+    placed = _placed(part, samples, choice, person=context.trial.protocol != "robot-joint")
+    facts["registration"] = placed.facts
+    return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *placed.reasons, *external.reasons))
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
@@ -255,6 +257,15 @@ def _wrench_facts(
     return facts, reasons
 
 
+def _placed(
+    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, *, person: bool
+) -> plate_registration.Checked:
+    """Whether the feet's plates are where the file has them."""
+    feet = choice.indexes("feet")
+    plates, loads = [part.source.plates[index] for index in feet], [samples[index] for index in feet]
+    return plate_registration.check(plates, loads, part.positions, part.source.rate, person=person)
+
+
 def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:
     """Units that were assumed for the feet's plates: forces, mass and inertial parameters rest on them."""
     return tuple(
@@ -296,7 +307,7 @@ def _notes(
 
 STAGE = Stage(
     name="planarise",
-    version=4,
+    version=5,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates", "external"),
