@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 from mocap_id import recording
 from mocap_id.kinematics import propose_window
 from mocap_id.recording import Plate, Recording
+from mocap_id.recording.direction import turned
 from mocap_id.recording.feet import outside, standing_feet
 from mocap_id.recording.plate_types import plate_axes
-from mocap_id.recording.registration import register, standing_lean, turned
+from mocap_id.recording.registration import register, standing_lean
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.plate_registration import Checked, check

@@ -125,11 +125,16 @@ def _bounded(found: Identification) -> Reason | None:
         return None
     return Reason(
         "parameters-bounded",
-        f"bodies that can exist fit {100 * price:.0f} % worse than free parameters: joints, markers or plate are off, "
+        f"bodies that can exist fit {_times(price)} than free parameters: joints, markers or plate are off, "
         "or mass lies far outside the markers",
         value=price,
         limit=_BOUNDED,
     )
+
+
+def _times(price: float) -> str:
+    """How much worse a fit is."""
+    return f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
 
 
 def _weakly_known(prepared: Prepared, found: Identification) -> Reason | None:

@@ -1,8 +1,8 @@
 """Where a force plate is said to be, against what the cameras see of the person on it.
 
-Four laws that hold for any body, with no model of it: the ground only pushes, so its force acts under the feet; who
-stands still is carried by a vertical force; the horizontal force goes the way in which the body is accelerated; and
-feet stand on the surface.
+Laws that hold for any body, with no model of it: the ground only pushes, so its force acts under the feet; feet stand
+on the surface; who stands still is carried by a vertical force. That the force also goes the way in which the body is
+accelerated is :mod:`mocap_id.recording.direction`'s business.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment, nnls
+from scipy.optimize import linear_sum_assignment
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.recording.decimation import PlateSamples
+from mocap_id.recording.direction import mean_over_markers
 from mocap_id.recording.feet import length, outside, standing_feet
 from mocap_id.recording.model import Plate
 from mocap_id.recording.plate_types import plate_axes
@@ -30,12 +31,7 @@ _FOOT_M = 0.20
 """From the markers at the heel to those at the toes; an outline that is shorter lacks one end of the foot."""
 
 _STEP_S = 0.1
-"""Accelerations are second differences over this time."""
-
-_CARRIED = 0.6
-"""Share of the usual load below which something else, a chair most often, may push too, and to the side."""
-
-_ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
+"""Speeds are differences over this time to either side."""
 
 _SWAY_M_S = 0.03
 """Horizontal and vertical speed that a body keeps to when it stands still."""
@@ -78,25 +74,6 @@ class Registration:
     def inclined(self) -> float | None:
         """Angle of the surface from the level, rad."""
         return None if self.normal is None else float(np.arccos(min(1.0, self.normal[2])))
-
-
-@dataclass(frozen=True)
-class Turned:
-    """Angle about the vertical from the acceleration that the cameras see to the horizontal force.
-
-    Parameters
-    ----------
-    angle : float
-        rad, in (-π, π].
-    coherence : float
-        Share of the force that follows the acceleration turned so, 0 … 1 (correlation).
-    force : float
-        rms of the horizontal force about its mean, N.
-    """
-
-    angle: float
-    coherence: float
-    force: float
 
 
 def register(plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray) -> list[Registration]:
@@ -150,7 +127,7 @@ def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> Floa
     if len(positions) <= 2 * half:
         return None
     speed = np.full(len(positions), np.inf)
-    moved = _mean_over_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
+    moved = mean_over_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
     speed[half:-half] = np.linalg.norm(moved, axis=1)
     slow = np.nan_to_num(speed, nan=np.inf) < _SWAY_M_S
     still = _lasting(upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
@@ -158,60 +135,6 @@ def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> Floa
         return None
     mean = force[still].mean(axis=0)
     return np.asarray(np.arctan2(mean[:2], mean[2])) if mean[2] > _LEAST_N else None
-
-
-def turned(force: FloatArray, positions: FloatArray, rate: float) -> Turned | None:
-    """How far a horizontal force points away from the acceleration of the body that it moves.
-
-    The second difference of a position over a step h is the acceleration, averaged over ± h with the weights of a
-    triangle; the force is averaged alike. The markers in each third of the body's height stand for a part of it, with
-    a mass that is fitted and not negative: that settles how fast the centre of mass moves, not which way.
-
-    Parameters
-    ----------
-    force : (F, 3) array
-        N, lab axes; NaN where unknown.
-    positions : (F, M, 3) array
-        m.
-    rate : float
-        Hz.
-    """
-    half = max(1, round(_STEP_S * rate))
-    groups = _by_height(positions)
-    if len(positions) < 4 * half or not groups or not np.isfinite(force).any():
-        return None
-    bent = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
-    parts = np.stack([_mean_over_markers(bent[:, part])[:, :2] for part in groups])  # (k, T, 2)
-    weights = np.concatenate([np.arange(1, half + 1), np.arange(half - 1, 0, -1)]) / half**2
-    pushed = np.stack([np.convolve(each, weights, "valid")[1:-1] for each in force.T], axis=1)
-    with np.errstate(invalid="ignore"):
-        known = np.isfinite(parts).all(axis=(0, 2)) & (pushed[:, 2] > _CARRIED * np.nanpercentile(force[:, 2], 95))
-    if known.sum() < _ENOUGH_S * rate:
-        return None
-    step = max(1, half // 4)  # the triangle leaves nothing that fewer samples would miss
-    horizontal, moved = pushed[known, :2][::step], parts[:, known][:, ::step]
-    horizontal, moved = horizontal - horizontal.mean(axis=0), moved - moved.mean(axis=1, keepdims=True)
-    size = float(np.linalg.norm(horizontal))
-    left, angle = min((_unexplained(horizontal, moved, angle), angle) for angle in _ANGLES)
-    return Turned(angle, float(np.sqrt(max(0.0, 1.0 - (left / size) ** 2))), size / float(np.sqrt(len(horizontal))))
-
-
-def _by_height(positions: FloatArray) -> list[IntArray]:
-    """Indexes of the markers in the lowest, middle and highest third of the body's height, those that have any."""
-    height = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else np.nan for z in positions[:, :, 2].T])
-    if not np.isfinite(height).any():
-        return []
-    low, high = np.nanmin(height), np.nanmax(height)
-    third = np.clip(3 * (height - low) / max(high - low, 1e-9), 0, 2.999)
-    groups = [np.flatnonzero((third >= k) & (third < k + 1)) for k in range(3)]
-    return [group for group in groups if group.size]
-
-
-def _unexplained(force: FloatArray, parts: FloatArray, angle: float) -> float:
-    """What is left of forces (T, 2) after the best masses, none negative, times accelerations (k, T, 2) turned so."""
-    c, s = np.cos(angle), np.sin(angle)
-    rows = (parts @ np.array([[c, s], [-s, c]])).reshape(len(parts), -1).T
-    return float(nnls(rows, force.reshape(-1))[1])
 
 
 def _lasting(flags: BoolArray, least: int) -> BoolArray:
@@ -257,11 +180,3 @@ def _pressure(plate: Plate, samples: PlateSamples) -> FloatArray:
     about = samples.moment - np.cross(centre, samples.force)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(centre[:2] + np.column_stack([-about[:, 1], about[:, 0]]) / samples.force[:, 2:])
-
-
-def _mean_over_markers(values: FloatArray) -> FloatArray:
-    """Mean over the markers (F, M, 3) that are known, (F, 3); NaN where none is."""
-    known: BoolArray = np.asarray(np.isfinite(values).all(axis=2))
-    count = known.sum(axis=1)
-    total = np.where(known[..., None], values, 0.0).sum(axis=1)
-    return np.asarray(np.where(count[:, None] > 0, total, np.nan) / np.maximum(count, 1)[:, None])

@@ -10,7 +10,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.recording import Plate, PlateSamples
-from mocap_id.recording.registration import Registration, Turned, register, standing_lean, turned
+from mocap_id.recording.direction import Turned, turned
+from mocap_id.recording.registration import Registration, register, standing_lean
 from mocap_id.verdict import Reason
 
 _MARGIN_M = 0.05
@@ -66,9 +67,7 @@ def check(
     facts = {
         "plates": [_fact(each) for each in found],
         "standing_lean_deg": None if lean is None else np.degrees(lean).tolist(),
-        "turned": None
-        if whole is None
-        else {"angle_deg": float(np.degrees(whole.angle)), "coherence": whole.coherence},
+        "turned": _direction(whole),
     }
     reasons = [reason for each in found for reason in (_misplaced(each), _height(each))]
     reasons += [_tilted(found, lean), *_turned(plates, whole, alone)]
@@ -83,6 +82,12 @@ def _fact(found: Registration) -> dict[str, Any]:
         "feet_over_surface_m": found.over_surface,
         "inclined_deg": None if found.inclined is None else float(np.degrees(found.inclined)),
     }
+
+
+def _direction(found: Turned | None) -> dict[str, float] | None:
+    if found is None:
+        return None
+    return {"angle_deg": float(np.degrees(found.angle)), "coherence": found.coherence, "rms": found.size}
 
 
 def _misplaced(found: Registration) -> Reason | None:
@@ -162,7 +167,7 @@ def _turned(plates: Sequence[Plate], whole: Turned | None, alone: Sequence[Turne
 
 
 def _points_away(found: Turned, limit: float) -> bool:
-    return found.coherence >= _COHERENT and found.force >= _FORCE_N and abs(found.angle) > limit
+    return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
 
 
 def _turned_reason(name: str, found: Turned, limit: float) -> Reason:

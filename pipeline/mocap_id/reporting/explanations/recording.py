@@ -93,6 +93,28 @@ RECORDING: Mapping[str, Explanation] = {
         "wrong sign. Fx and tauz are then of another sign or another axis, and no parameter holds.",
         "Look at the order of the corners (+x+y, −x+y, −x−y, +x−y in the plate's axes) and at the channels' signs.",
     ),
+    "plate-saturated": Explanation(
+        ("caution",),
+        "A force plate is at the end of its range",
+        "A channel sits at the converter's limit, or is held at an extreme that it never passes. The force was larger. "
+        "Such samples are left out, and they are those in which the movement is strongest: parameters are known less "
+        "well, and the mass only if the person's weight is within the range.",
+        "Choose a larger range of the plate's amplifier and record again.",
+    ),
+    "plate-short": Explanation(
+        ("caution", "ok"),
+        "Forces and markers are not equally long",
+        "The forces begin later than the markers or end before them. Without a force there is nothing to identify "
+        "from; the kinematics use all frames.",
+        "Export both whole. If they are of two recordings, the clock offset and every parameter are meaningless.",
+    ),
+    "plate-dropout": Explanation(
+        ("caution",),
+        "A force plate lost its signal",
+        "The plates read nothing, or next to it, while the person stands upright and is not in the air. These frames "
+        "are left out as if they had not been measured.",
+        "Look at the plate's signal and its cable, or at a step beside the plate; leave that part out with `window:`.",
+    ),
     "encoder-unused": Explanation(
         ("ok",),
         "The encoder is not read",
