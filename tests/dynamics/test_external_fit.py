@@ -45,7 +45,7 @@ def supported(*pushes: tuple[int, str, bool], late: float = 0.0, seconds: float 
 def identified(recorded: Recorded) -> tuple[Prepared, Identification]:
     prepared = prepare(recorded, FitSettings())
     grid = segment_grid(CENTRES, np.repeat([0, 1, 2, 3], 2), np.tile([[-0.3, -0.2], [0.3, 1.0]], (4, 1)), (5, 9))
-    error = KinematicError(np.zeros((3, 3)), np.zeros((3, 2, 2)))
+    error = KinematicError.none(3)
     everything = np.ones(len(recorded.time), dtype=bool)
     return prepared, identify(prepared, everything, grid, np.full(16, np.nan), error)
 

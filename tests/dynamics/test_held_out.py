@@ -21,7 +21,7 @@ from mocap_id.dynamics.solve import Compressed
 GRID = segment_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
 )
-NO_ERROR = KinematicError(np.zeros((3, 3)), np.zeros((3, 2, 2)))
+NO_ERROR = KinematicError.none(3)
 NOISE = (0.5, 0.5, 0.15)
 SPANS = np.array([[0.5, 9.0], [11.0, 19.0], [21.0, 29.5]])
 

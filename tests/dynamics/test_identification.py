@@ -26,7 +26,7 @@ GRID = segment_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
 )
 NO_REFERENCE = np.full(16, np.nan)
-NO_ERROR = KinematicError(np.zeros((3, 3)), np.zeros((3, 2, 2)))
+NO_ERROR = KinematicError.none(3)
 NOISE = (0.5, 0.5, 0.15)
 
 
@@ -293,7 +293,7 @@ def test_parameters_and_centre_of_pressure(
     local = np.array([m["local_xyz_m"][:2] for m in told["markers"]])
     grid = segment_grid(recorded.centres, np.array([m["segment"] for m in told["markers"]]), local)
     joints = len(recorded.centres)
-    error = KinematicError(np.zeros((joints, joints)), np.zeros((joints, 2, 2)))
+    error = KinematicError.none(joints)
     found = identify(prepared, free, grid, np.full(4 * (joints + 1), np.nan), error)
     expected = np.array(told["base_parameters"]["values"])
     for pair in ([0], *[[2 + 3 * k, 3 + 3 * k] for k in range(joints)], *[[4 + 3 * k] for k in range(joints)]):

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.grid import segment_grid
 from mocap_id.dynamics.identify import identify
-from mocap_id.dynamics.kinematic_error import from_markers
+from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.model_error import model_error
 from mocap_id.dynamics.predict import Prediction, predict
 from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
@@ -20,6 +20,7 @@ from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
 from mocap_id.geometry import planar
+from mocap_id.kinematics import State, skin_without_fit
 from mocap_id.workflows.simulate.forces import Exact
 from mocap_id.workflows.simulate.generate import Simulated, generate
 from mocap_id.workflows.simulate.options import Options
@@ -100,9 +101,12 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[Simulated, Exact, Pr
     angles = (states.mean[..., k] for k in range(3))
     recorded = Recorded(state.time, *angles, states.sd[..., 2], known, state.wrench + noise, centres)
     residual = np.sqrt(np.nanmean(np.sum((observed - states.predicted) ** 2, axis=2), axis=0))
-    error = from_markers(
-        recorded.q, centres, segment, local, residual=residual, centre_covariance=np.zeros((len(centres), 2, 2))
-    )
+    moves = segment > 0
+    placed = State(centres @ [1, 1j], local[moves] @ [1, 1j], np.cumsum(recorded.q, axis=1))
+    skin = skin_without_fit(
+        placed, segment[moves], residual[moves], np.zeros((len(centres), 2, 2))
+    )  # the geometry is the true one
+    error = KinematicError(lambda q: skin.errors(q)[0], skin.frames_turned()[0])
     prepared = prepare(recorded, FitSettings())
     free = np.hypot(*state.chair_force.T) == 0.0
     reference = np.full(4 * (len(centres) + 1), np.nan)

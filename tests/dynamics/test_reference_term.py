@@ -15,7 +15,7 @@ from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.prepare import FitSettings, prepare
 from mocap_id.dynamics.reference_term import Prior, deviations
 
-NO_ERROR = KinematicError(np.zeros((3, 3)), np.zeros((3, 2, 2)))
+NO_ERROR = KinematicError.none(3)
 NOISE = (0.5, 0.5, 0.15)
 
 

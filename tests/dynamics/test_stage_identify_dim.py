@@ -13,6 +13,8 @@ from dynamics_cases import BODY, CENTRES, moving_body
 from mocap_id.dynamics.prepare import Recorded
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import StoreError
+from mocap_id.kinematics import State, skin_without_fit
+from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.store import Table, Tree, hdf5, parquet
@@ -43,14 +45,20 @@ def context(
         time=recorded.time, plate_ok=np.isfinite(recorded.wrench).all(axis=1)
     )
     chain = {
-        "joints": {"centre": CENTRES, "covariance": np.tile(1e-6 * np.eye(2), (joints, 1, 1))},
-        "markers": {"segment": SEGMENT, "local": LOCAL, "residual": np.full(len(SEGMENT), 0.001)},
+        "joints": {"centre": CENTRES},
+        "markers": {"segment": SEGMENT, "local": LOCAL},
     }
+    moves = SEGMENT > 0
+    placed = State(CENTRES @ [1, 1j], LOCAL[moves] @ [1, 1j], np.cumsum(np.nan_to_num(recorded.q), axis=1))
+    skin = skin_without_fit(
+        placed, SEGMENT[moves], np.full(moves.sum(), 0.001), np.tile(1e-6 * np.eye(2), (joints, 1, 1))
+    )
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), protocol=protocol, subject=subject or Subject())
     inputs = {
         "states.parquet": Table(STATES, states, {"sigma_v": [300.0] * joints}),
         "wrench.parquet": Table(WRENCH, wrench, {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold}),
         "chain.h5": Tree(CHAIN, chain),
+        "skin.h5": skin_artefact.as_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
     }
     return Context(keys, IdentifyDimSettings(**settings), inputs)
 

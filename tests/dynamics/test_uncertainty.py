@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
@@ -11,16 +13,15 @@ from mocap_id.dynamics.base import structural_base
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.grid import segment_grid
 from mocap_id.dynamics.identify import identify
-from mocap_id.dynamics.kinematic_error import KinematicError, from_markers, kinematic_covariance
+from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
 from mocap_id.dynamics.predict import predict
 from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks, variance
-from mocap_id.geometry import planar
 
 EVERYTHING = np.ones(1200, dtype=bool)
-NO_ERROR = KinematicError(np.zeros((3, 3)), np.zeros((3, 2, 2)))
+NO_ERROR = KinematicError.none(3)
 
 
 def regression(rng: np.random.Generator, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -68,6 +69,17 @@ def test_variance_is_the_quadratic_form() -> None:
     np.testing.assert_allclose(variance(rows, root @ root.T), expected)
 
 
+def following(q: np.ndarray, size: float) -> KinematicError:
+    """Every joint's error follows every joint's angle, by ``size`` (rad) in all, either way."""
+    mean, spread = q.mean(axis=0), q.std(axis=0)
+
+    def angle(postures: np.ndarray) -> np.ndarray:
+        shape = size / np.sqrt(3) * (postures - mean) / spread
+        return np.einsum("ij,tk->tijk", np.eye(3), shape).reshape(len(postures), 3, 9)
+
+    return KinematicError(angle, np.zeros((3, 2, 9)))
+
+
 def test_skin_that_slides_is_covered() -> None:
     """Angles wrong by a smooth function of posture: the residuals hardly show it, the geometry's covariance does."""
     rng = np.random.default_rng(3)
@@ -88,7 +100,8 @@ def test_skin_that_slides_is_covered() -> None:
         prepared = prepare(shifted, FitSettings())
         found = fit(prepared, EVERYTHING)
         base = found.problem.free_solution()[:11]
-        extra = kinematic_covariance(prepared, found, base, KinematicError(size**2 * np.eye(3), np.zeros((3, 2, 2))))
+        response = kinematic_response(prepared, found, base, following(recorded.q, size))
+        extra = response @ response.T
         error = np.abs(base - truth)
         plain.append(error < 1.96 * np.sqrt(np.diag(found.covariance)[:11]))
         whole.append(error < 1.96 * np.sqrt(np.diag(found.covariance + extra)[:11]))
@@ -99,6 +112,7 @@ def test_skin_that_slides_is_covered() -> None:
 def test_misplaced_joints_are_covered() -> None:
     rng = np.random.default_rng(4)
     truth = structural_base(CENTRES).regrouping @ BODY.ravel()
+    error = KinematicError(lambda q: np.zeros((*q.shape, 6)), 0.003 * np.eye(6).reshape(3, 2, 6))
     inside = []
     for seed in range(40):
         recorded = moving_body(seed=seed, noise=(0.5, 0.5, 0.15))
@@ -106,25 +120,45 @@ def test_misplaced_joints_are_covered() -> None:
         prepared = prepare(moved, FitSettings())
         found = fit(prepared, EVERYTHING)
         base = found.problem.free_solution()[:11]
-        error = KinematicError(np.zeros((3, 3)), np.tile(0.003**2 * np.eye(2), (3, 1, 1)))
-        covariance = found.covariance + kinematic_covariance(prepared, found, base, error)
+        response = kinematic_response(prepared, found, base, error)
+        covariance = found.covariance + response @ response.T
         inside.append(np.abs(base - truth) < 1.96 * np.sqrt(np.diag(covariance)[:11]))
     assert 0.88 < np.mean(inside) < 0.99
 
 
-def test_angle_errors_follow_from_the_markers() -> None:
-    """A Monte Carlo over marker displacements gives the covariance that the formula gives."""
-    rng = np.random.default_rng(5)
-    segment = np.repeat([0, 1, 2, 3], 3)
-    local = rng.uniform([-0.1, 0.0], [0.1, 0.4], size=(12, 2))
-    residual = np.where(segment > 0, rng.uniform(0.001, 0.003, 12), 0.0)
-    q = np.tile([[0.1, -0.8, 0.6]], (10, 1))
-    covariance = from_markers(
-        q, CENTRES, segment, local, residual=residual, centre_covariance=np.zeros((3, 2, 2))
-    ).angle
-    gain = np.linalg.pinv(planar.marker_jacobian(q[0], CENTRES, segment, local).reshape(-1, 3))
-    drawn = gain @ (np.repeat(residual, 2)[:, None] / np.sqrt(2) * rng.normal(size=(24, 40_000)))
-    np.testing.assert_allclose(np.cov(drawn), covariance, atol=0.03 * covariance.max())
+def test_errors_of_the_states_are_those_of_the_postures_in_time() -> None:
+    """Along a movement with known derivatives, a mode that is a polynomial of the posture has known ones too."""
+    t = np.linspace(0.0, 4.0, 200)[:, None]
+    rates = np.array([0.9, 1.3, 0.7])
+    q, dq, ddq = np.sin(rates * t), rates * np.cos(rates * t), -(rates**2) * np.sin(rates * t)
+    error = KinematicError(lambda q: 0.01 * np.stack([q, q**2], axis=-1), np.zeros((3, 2, 2)))
+    position, velocity, acceleration = np.split(error.states(q, dq, ddq), 3, axis=1)
+    np.testing.assert_allclose(position[..., 1], 0.01 * q**2)
+    np.testing.assert_allclose(velocity[..., 0], 0.01 * dq, atol=1e-4)
+    np.testing.assert_allclose(velocity[..., 1], 0.02 * q * dq, atol=1e-4)
+    np.testing.assert_allclose(acceleration[..., 0], 0.01 * ddq, atol=1e-4)
+    np.testing.assert_allclose(acceleration[..., 1], 0.02 * (dq**2 + q * ddq), atol=1e-4)
+
+
+def test_a_mode_moves_the_parameters_as_a_fit_to_wrong_states_does() -> None:
+    """The response is the derivative of the fit by the mode's size, here by differences; the low-pass lets all pass."""
+    recorded, settings = moving_body(seed=1, noise=(0.0, 0.0, 0.0)), FitSettings(cutoff=20.0)
+    centre = 3e-4 * np.random.default_rng(2).normal(size=(3, 2, 9))
+    error = KinematicError(following(recorded.q, 1e-4).angle, centre)
+    found = fit(prepare(recorded, settings), EVERYTHING)
+    base = found.problem.free_solution()[:11]
+    said = kinematic_response(prepare(recorded, settings), found, base, error)[:11]
+    states = np.split(error.states(recorded.q, recorded.dq, recorded.ddq), 3, axis=1)
+    for mode in range(9):
+        both = []
+        for sign in (1, -1):
+            parts = zip(("q", "dq", "ddq"), states, strict=True)
+            wrong = {name: getattr(recorded, name) + sign * part[..., mode] for name, part in parts}
+            again = prepare(replace(recorded, **wrong, centres=CENTRES + sign * centre[..., mode]), settings)
+            rows = again.filtered[found.samples] * found.weights[:, None]
+            columns = np.concatenate([rows, found.design[..., 11:12]], axis=-1).reshape(found.target.size, -1)
+            both.append(np.linalg.lstsq(columns, found.target.reshape(-1), rcond=None)[0][:11])
+        np.testing.assert_allclose(said[:, mode], (both[0] - both[1]) / 2, atol=0.02 * np.abs(said[:, mode]).max())
 
 
 def test_the_plate_s_zero_is_in_the_mass_and_nowhere_else() -> None:

@@ -11,8 +11,8 @@ from simulated_chains import Moving, measured, rms, swinging
 from test_ukf_smooth_stage import STAGE, Context, Files, Path, TrialKeys, chain, planar
 
 from mocap_id.estimation import States
-from mocap_id.estimation.skin import with_lasting_errors
-from mocap_id.stages.state_errors import lasting_errors
+from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.stages.state_errors import known_skin, lasting_errors
 from mocap_id.store.parquet import conform
 
 FLOOR = 5e-5
@@ -21,9 +21,10 @@ FLOOR = 5e-5
 def deviations(states: States, moving: Moving) -> np.ndarray:
     """(F, n, 4) that hold what the markers tell."""
     rested = np.where(states.used[..., None], moving.markers, np.nan)
-    errors = lasting_errors(states, rested, moving.rate, FLOOR)
-    assert errors is not None
-    return with_lasting_errors(states, moving.rate, errors)
+    camera = camera_sd(rested, states, FLOOR)
+    skin = known_skin(states, rested, camera)
+    assert skin is not None
+    return with_lasting_errors(states, moving.rate, lasting_errors(states, rested, skin, camera, moving.rate))
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
@@ -58,7 +59,7 @@ def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
     markers[0] = np.nan
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     inputs = {"planar.parquet": planar(moving, markers), "chain.h5": chain(moving)}
-    states, predicted = STAGE.function(Context(trial, STAGE.settings(), inputs))
+    states, predicted, _ = STAGE.function(Context(trial, STAGE.settings(), inputs))
     conform(states)
     conform(predicted)
     assert not states.reasons

@@ -99,7 +99,10 @@ def test_a_gap_stays_as_uncertain_as_the_filter_says() -> None:
 
 def told(states: States, moving: Moving) -> LastingErrors | None:
     rested = np.where(states.used[..., None], moving.markers, np.nan)
-    return state_errors.lasting_errors(states, rested, moving.rate, FLOOR)
+    skin = state_errors.known_skin(states, rested, camera(states, moving))
+    if skin is None:
+        return None
+    return state_errors.lasting_errors(states, rested, skin, camera(states, moving), moving.rate)
 
 
 def test_skin_widens_the_angles() -> None:

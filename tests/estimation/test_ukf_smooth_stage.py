@@ -59,11 +59,16 @@ def chain(moving: Moving) -> Tree:
     local = np.concatenate([moving.local, np.broadcast_to([0.1, 0.0], (STILL, 2))])
     order = np.random.default_rng(0).permutation(len(names))
     data = {
-        "joints": {"name": np.array(["ankle", "knee"], dtype=object), "centre": moving.centres},
+        "joints": {
+            "name": np.array(["ankle", "knee"], dtype=object),
+            "centre": moving.centres,
+            "covariance": np.tile(1e-6 * np.eye(2), (2, 1, 1)),
+        },
         "markers": {
             "name": np.array(names, dtype=object)[order],
             "segment": segment[order],
             "local": local[order],
+            "residual": np.full(len(names), 1e-3),
         },
     }
     return Tree(CHAIN, data)
@@ -72,7 +77,7 @@ def chain(moving: Moving) -> Tree:
 def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, LongTable]:
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     inputs = {"planar.parquet": table, "chain.h5": chain(moving)}
-    states, markers = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
+    states, markers, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table)
     assert isinstance(markers, LongTable)
     return states, markers

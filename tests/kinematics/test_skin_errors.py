@@ -7,20 +7,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap_id.kinematics import skin_errors
+from mocap_id.kinematics import skin_errors, skin_slides
 from mocap_id.kinematics.chain_equations import Problem, State, moved, reduce
 
 JOINTS, MARKERS, FRAMES = 3, 3, 40
 
 
-def refitted(points: np.ndarray, segment: np.ndarray, start: State) -> np.ndarray:
-    """(T, n) joint angles of the whole fit, centres and coordinates included, less their mean."""
+def solved(points: np.ndarray, segment: np.ndarray, start: State) -> State:
+    """The whole fit, centres and coordinates included."""
     nowhere = np.zeros(len(segment), dtype=bool)
     problem, state = Problem(points, np.ones(points.shape), segment, nowhere, JOINTS), start
     for _ in range(12):
         state = moved(state, reduce(problem, state).step())
-    relative = np.diff(state.angles, axis=1, prepend=0.0)
+    return state
+
+
+def refitted(points: np.ndarray, segment: np.ndarray, start: State) -> np.ndarray:
+    """(T, n) its joint angles less their mean."""
+    relative = np.diff(solved(points, segment, start).angles, axis=1, prepend=0.0)
     return relative - relative.mean(axis=0)
+
+
+def written(state: State, segment: np.ndarray) -> State:
+    """The same chain with +y of every segment towards its next joint, of the last towards its markers' middle."""
+    towards = np.append(state.centres[1:], state.local[segment == JOINTS].mean())
+    turn = 1j * np.abs(towards) / towards
+    centres = state.centres * np.append(1, turn[:-1])
+    return State(centres, state.local * turn[segment - 1], state.angles - np.angle(turn))
+
+
+def first_turn(state: State, segment: np.ndarray) -> np.ndarray:
+    """(n,) what that changes the joint angles by."""
+    return np.diff((written(state, segment).angles - state.angles)[0], prepend=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +57,11 @@ def posed(chain):
 
 def test_each_slide_moves_the_angles_as_a_new_fit_says(posed) -> None:
     points, segment, state, relative = posed
-    skin = skin_errors._linearised(points, segment, state, np.arange(FRAMES), camera_sd=0.0)
+    skin = skin_slides.skin_model(points, segment, state, np.arange(FRAMES), camera_sd=0.0)
     skin = replace(skin, size=np.ones(len(segment)))
-    said = skin_errors._series(skin, np.arange(FRAMES))[0]
+    said = skin.errors(relative)[0]
     said = (said - said.mean(axis=0))[..., : 4 * len(segment)].reshape(FRAMES, JOINTS, -1, 2, 2)
-    shape = skin_errors._shapes(relative - relative.mean(axis=0), skin.spread, segment)
+    shape = skin_slides._shapes(relative - relative.mean(axis=0), skin.spread, segment)
     assert np.sum(np.mean(shape**2, axis=0), axis=1) == pytest.approx(1)
     step = 1e-5
     for marker in range(len(segment)):
@@ -58,18 +76,31 @@ def test_each_slide_moves_the_angles_as_a_new_fit_says(posed) -> None:
                 np.testing.assert_allclose(said[:, :, marker, which, side], slope, atol=2e-4 * np.abs(said).max())
 
 
+def test_each_slide_moves_the_chain_as_a_new_fit_says(posed) -> None:
+    """In the frames that the chain is written down in, which turn with the joints and the markers."""
+    points, segment, state, relative = posed
+    skin = skin_slides.skin_model(points, segment, written(state, segment), np.arange(FRAMES), camera_sd=0.0)
+    skin = replace(skin, size=np.ones(len(segment)))
+    moved, turned = (part[..., : 4 * len(segment)] for part in skin.frames_turned())
+    angles = (skin.errors(relative + first_turn(state, segment))[0][..., : 4 * len(segment)] + turned).mean(axis=0)
+    shape = skin_slides._shapes(relative - relative.mean(axis=0), skin.spread, segment)
+    step = 1e-5
+    for mode in range(0, 4 * len(segment), 3):
+        marker, which, side = np.unravel_index(mode, (len(segment), 2, 2))
+        turn = np.exp(1j * (np.cumsum(relative + first_turn(state, segment), axis=1))[:, segment[marker] - 1])
+        slide = np.zeros(points.shape, dtype=complex)
+        slide[:, marker] = step * (1, 1j)[side] * shape[:, marker, which] * turn
+        both = [written(solved(points + sign * slide, segment, state), segment) for sign in (1, -1)]
+        centres = (both[0].centres - both[1].centres) / (2 * step)
+        np.testing.assert_allclose(moved[:, :, mode] @ [1, 1j], centres, atol=5e-4 * np.abs(moved).max())
+        slope = np.diff(both[0].angles - both[1].angles, axis=1, prepend=0.0).mean(axis=0) / (2 * step)
+        np.testing.assert_allclose(angles[:, mode], slope, atol=5e-4 * np.abs(angles).max())
+
+
 def run(posed, points: np.ndarray, camera_sd: float, rate: float = 50.0) -> np.ndarray:
     _, segment, state, relative = posed
-    frames, variance = skin_errors.angle_errors(
-        points,
-        segment,
-        state.centres,
-        state.local,
-        relative,
-        observed=np.ones(FRAMES, dtype=bool),
-        camera_sd=camera_sd,
-        rate=rate,
-    )
+    skin = skin_slides.skin_model(points, segment, state, np.arange(FRAMES), camera_sd)
+    frames, variance = skin_errors.angle_errors(skin, relative, rate)
     return np.stack([np.interp(np.arange(FRAMES), frames, column) for column in variance.reshape(len(frames), -1).T], 1)
 
 

@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.consistent import Consistency, Solution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.grid import PointGrid
-from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_covariance
+from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.reference_term import Prior, deviations
 from mocap_id.dynamics.solve import Compressed
@@ -123,7 +123,8 @@ def _alone(
 ) -> Identification:
     """What the data say by themselves."""
     base, own = solution.parameters[: found.base], slice(found.base)
-    kinematic = kinematic_covariance(prepared, found, base, error)
+    response = kinematic_response(prepared, found, base, error)
+    kinematic = response @ response.T
     covariance = found.covariance + kinematic + _plate_covariance(prepared, len(kinematic))
     sd = np.sqrt(np.diag(covariance))
     biased = len(solution.parameters) > found.base

@@ -2,80 +2,70 @@
 
 Skin slides over bone as the joints turn: the same error in every repetition. No resampling of the trial sees it, yet
 it is the larger part of the parameters' error (in simulated sit-to-stands residuals alone give intervals that hold
-the truth half of the time). So it is modelled: each marker's residual in the joint fit counts as a smooth function of
-posture, its effect on the angles follows from the chain, and with the covariance of the joint centres it is
-propagated through the least squares.
+the truth half of the time). So it is modelled: each marker's slide, with what it did to the joint centres and does to
+the angles in every posture, is an error mode of its own, and each mode is carried through the least squares. A slide
+that misplaces a joint and one that turns a segment are one and the same here; taken as independent they would make
+some parameters' deviations too large and others' too small.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.base import triangular_factor
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.prepare import Prepared, Recorded
+from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.regressor import planar_regressor
-from mocap_id.geometry import planar
 
-_CURVED = 0.5  # rms of the part that is quadratic in a joint angle, of the linear one
-_POSTURES = 50
+_SAMPLES = 600  # of the fit: what repeats with the movement needs no more
+_MOMENT = 1.0 / 30.0  # s, over which errors of the posture are differentiated in time
+_STEP = 1e-5  # rad, rad/s … of a numerical derivative
 
 
 @dataclass(frozen=True)
 class KinematicError:
-    """What is uncertain of the geometry.
+    """What is uncertain of the geometry: independent modes of one standard deviation each.
 
     Parameters
     ----------
-    angle : (n, n) array
-        Covariance of the joint angles' errors that vary with posture, rad².
-    centre : (n, 2, 2) array
-        Covariance of each joint centre in the segment before, m².
+    angle : callable
+        From joint angles (T, n), rad, to every mode's errors of them (T, n, S), rad.
+    centre : (n, 2, S) array
+        Every mode's error of the joint centres in the segment before, m.
     """
 
-    angle: FloatArray
+    angle: Callable[[FloatArray], FloatArray]
     centre: FloatArray
 
+    @classmethod
+    def none(cls, joints: int) -> KinematicError:
+        """A geometry that is exact."""
+        return cls(lambda q: np.zeros((*q.shape, 0)), np.zeros((joints, 2, 0)))
 
-def from_markers(
-    q: FloatArray,
-    centres: FloatArray,
-    segment: IntArray,
-    local: FloatArray,
-    *,
-    residual: FloatArray,
-    centre_covariance: FloatArray,
-) -> KinematicError:
-    """Errors that the markers' residuals stand for.
+    def states(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """(T, 3 n, S) errors of angles, velocities, accelerations: the errors of the postures a moment ago, now, soon.
 
-    Parameters
-    ----------
-    q : (T, n) array
-        Joint angles, rad; NaN where unknown.
-    centres : (n, 2) array
-        Joint centres in the segment before, m.
-    segment : (M,) int array
-    local : (M, 2) array
-        Markers in their segment's frame, m.
-    residual : (M,) array
-        rms re-projection error of each marker in the joint fit, m.
-    centre_covariance : (n, 2, 2) array
-        m².
-    """
-    moving = segment > 0
-    known = np.flatnonzero(np.isfinite(q).all(axis=1))
-    postures = q[known[:: max(1, len(known) // _POSTURES)]]
-    jacobian = planar.marker_jacobian(postures, centres, segment[moving], local[moving])
-    stacked = jacobian.reshape(len(postures), -1, len(centres))  # (K, 2M, n)
-    gain = np.linalg.pinv(stacked)  # from marker displacements to angles
-    variance = np.repeat(residual[moving] ** 2 / 2, 2)
-    return KinematicError(np.einsum("kim,m,kjm->ij", gain, variance, gain) / len(postures), centre_covariance)
+        Parameters
+        ----------
+        q, dq, ddq : (T, n) arrays
+            rad and time derivatives.
+        """
+        bend = _MOMENT**2 / 2 * ddq
+        before, now, after = (self.angle(q + side * _MOMENT * dq + side**2 * bend) for side in (-1, 0, 1))
+        velocity, acceleration = (after - before) / (2 * _MOMENT), (after - 2 * now + before) / _MOMENT**2
+        return np.concatenate([now, velocity, acceleration], axis=1)
 
 
-def kinematic_covariance(prepared: Prepared, found: Fit, base: FloatArray, error: KinematicError) -> FloatArray:
-    """Covariance of the fit's parameters that the geometry's errors cause.
+def kinematic_response(prepared: Prepared, found: Fit, base: FloatArray, error: KinematicError) -> FloatArray:
+    """By how much every mode moves the fit's parameters.
+
+    With q + e in the place of q the wrench of the true parameters changes by its derivatives times the error; least
+    squares answers with minus what the columns explain of that.
 
     Parameters
     ----------
@@ -87,59 +77,46 @@ def kinematic_covariance(prepared: Prepared, found: Fit, base: FloatArray, error
 
     Returns
     -------
-    (b + k + 1, b + k + 1) array
-        In the order of ``found.covariance``.
+    (b + k + 1, S) array
+        In the order of ``found.covariance``, which its outer product is to be added to.
     """
+    chosen = slice(None, None, max(1, len(found.samples) // _SAMPLES))
+    samples, design = found.samples[chosen], found.design[chosen]
+    columns = design.shape[-1]
+    slopes = _slopes(prepared, samples, base) * found.weights[:, None]
     recorded = prepared.recorded
-    components = list(prepared.settings.components)
+    states = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
+    geometry = error.centre.reshape(recorded.centres.size, states.shape[-1])
+    effect = slopes[..., : states.shape[1]] @ states + slopes[..., states.shape[1] :] @ geometry  # (R, c, S)
+    rows = design.reshape(-1, columns)
+    factor = triangular_factor(rows)
+    half = solve_triangular(factor, rows.T @ effect.reshape(len(rows), -1), trans="T")
+    return -np.asarray(solve_triangular(factor, half))
 
-    def wrench(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+
+def _slopes(prepared: Prepared, samples: IntArray, base: FloatArray) -> FloatArray:
+    """(R, c, 5 n) derivatives of the fitted components by angles, velocities, accelerations and joint centres."""
+    recorded, components = prepared.recorded, list(prepared.settings.components)
+    states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
+    joints, centres = recorded.q.shape[1], recorded.centres
+
+    def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
+        q, dq, ddq = np.split(states, 3, axis=1)
         rows = planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
-        return ((rows[:, :, prepared.base.kept] @ base)[:, components] * found.weights).reshape(-1)
+        return np.asarray((rows[:, components] @ _spread(prepared, base))[..., None])
 
-    states = recorded.q[found.samples], recorded.dq[found.samples], recorded.ddq[found.samples]
-    undisturbed = wrench(recorded.centres, *states)
-    effects = [
-        wrench(recorded.centres, *(state + part for state, part in zip(states, shift, strict=True))) - undisturbed
-        for shift in _angle_errors(*states, error.angle)
-    ]
-    effects += [wrench(moved, *states) - undisturbed for moved in _moved_centres(recorded, error.centre)]
-    rows = found.design.reshape(-1, found.design.shape[-1])
-    response = np.linalg.lstsq(rows, np.stack(effects, axis=1), rcond=None)[0]
-    return np.asarray(response @ response.T)
+    slopes = []
+    for k in range(3 * joints):
+        step = _STEP * (np.arange(3 * joints) == k)
+        slopes.append((wrench(states + step, centres) - wrench(states - step, centres)) / (2 * _STEP))
+    for k in range(2 * joints):
+        moved = _STEP * (np.arange(2 * joints) == k).reshape(joints, 2)
+        slopes.append((wrench(states, centres + moved) - wrench(states, centres - moved)) / (2 * _STEP))
+    return np.concatenate(slopes, axis=-1)
 
 
-def _angle_errors(
-    q: FloatArray, dq: FloatArray, ddq: FloatArray, covariance: FloatArray
-) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Independent error trajectories (R, n) of the angles with their derivatives, whose covariances add up to this.
-
-    Along each axis of the covariance the error follows each joint's angle, linearly and quadratically.
-    """
-    joints = q.shape[1]
-    values, vectors = np.linalg.eigh(covariance)
-    axes = vectors * np.sqrt(np.maximum(values, 0.0) / (joints * (1 + _CURVED**2)))
-    errors = []
-    for joint in range(joints):
-        size = max(float(q[:, joint].std()), 1e-12)
-        u, du, ddu = ((x[:, joint] - m) / size for x, m in ((q, q[:, joint].mean()), (dq, 0.0), (ddq, 0.0)))
-        square = u**2 - np.mean(u**2)
-        curve = _CURVED / max(float(square.std()), 1e-12)
-        shapes = ((u, du, ddu), (curve * square, curve * 2 * u * du, curve * 2 * (du**2 + u * ddu)))
-        for shape in shapes:
-            for axis in axes.T:
-                first, second, third = (np.outer(part, axis) for part in shape)
-                errors.append((first, second, third))
-    return errors
-
-
-def _moved_centres(recorded: Recorded, covariance: FloatArray) -> list[FloatArray]:
-    """Joint centres (n, 2), each moved by one standard deviation along each axis of its covariance."""
-    moved = []
-    for joint, own in enumerate(covariance):
-        values, vectors = np.linalg.eigh(own)
-        for axis in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
-            centres = recorded.centres.copy()
-            centres[joint] += axis
-            moved.append(centres)
-    return moved
+def _spread(prepared: Prepared, base: FloatArray) -> FloatArray:
+    """(4(n + 1),) full parameters that the base parameters stand for, zero where a column was regrouped."""
+    full = np.zeros(4 * (len(prepared.recorded.centres) + 1))
+    full[prepared.base.kept] = base
+    return full

@@ -112,7 +112,7 @@ class FitSettings:
     offset_limit: float = 0.15
     apply_offset: bool = True
     plate_bias: bool = True
-    plate_zero: tuple[float, float] = (2.0, 0.5)
+    plate_zero: tuple[float, float] = (3.0, 0.5)
     block: float = 1.0
     gravity: float = 9.81
 

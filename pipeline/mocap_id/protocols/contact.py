@@ -5,7 +5,8 @@ three rules find it:
 
 - ``seat-force`` (default): a model identified on samples that are surely off the chair says what the feet should
   carry; what they carry less is on the chair. Contact lasts while the missing vertical force exceeds a threshold:
-  four standard deviations of the same difference off the chair, between 0.5 and 10 % of the standing weight.
+  four standard deviations of the same difference off the chair, between 0.5 and 10 % of the standing weight, and from
+  there until it vanishes as its course foretells (:mod:`mocap_id.protocols.release`).
 - ``weight``: the chair is released when the feet carry 72 % of the standing weight. In simulated trials the chair
   still carries up to a quarter of the weight then.
 - ``knee``: off the chair is where the knee is straighter than 0.8 rad, as in the thesis (6.4.2). It leaves out a
@@ -22,6 +23,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import runs
 from mocap_id.protocols.posture import Posture
+from mocap_id.protocols.release import release
 
 ContactRule = Literal["seat-force", "weight", "knee"]
 DecidingRule = Literal["seat-plate", "seat-force", "weight", "knee"]
@@ -30,6 +32,7 @@ _SEATED = 0.5  # of the rise: nobody sits above
 _CHAIR_SHARE = 0.8  # of the weight: feet that carry less than this all the while share it with a chair
 _QUIET = 0.1  # of the fastest speed
 _SPREADS, _LEAST, _MOST = 4.0, 0.005, 0.1
+_LOADED = 0.95  # quantile of the chair's force that stands for its full load
 
 
 def standing_weight(posture: Posture, vertical: FloatArray) -> float:
@@ -85,6 +88,30 @@ def touching(posture: Posture, sign_of_contact: BoolArray) -> BoolArray:
             first = low.start if low.start == 0 else low.start + int(found[0])
             last = low.stop if low.stop == len(signs) else low.start + int(found[-1]) + 1
             out[first:last] = True
+    return out
+
+
+def until_zero(time: FloatArray, touching: BoolArray, seat_force: FloatArray) -> BoolArray:
+    """Contact from where the chair's force begins to where it vanishes, beyond where it stands out of the noise.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    touching : (T,) bool array
+        Where it stands out.
+    seat_force : (T,) array
+        Vertical force of the chair, N, as it is: a low-pass would blur its end.
+    """
+    out = touching.copy()
+    for run in runs(touching):
+        full = float(np.nanquantile(seat_force[run], _LOADED)) if np.isfinite(seat_force[run]).any() else 0.0
+        if run.stop < len(time):
+            end = release(time, seat_force, float(time[run.stop - 1]), full)
+            out[run.start : int(np.searchsorted(time, end, side="right"))] = True
+        if run.start > 0:
+            begin = -release(-time[::-1], seat_force[::-1], -float(time[run.start]), full)
+            out[int(np.searchsorted(time, begin)) : run.stop] = True
     return out
 
 

@@ -103,7 +103,7 @@ def by_seat_plate(prepared: Prepared, posture: Posture) -> Contact:
         weight = float(np.nanmedian(prepared.recorded.surroundings[:, 1]))
     threshold = contact.seat_force_threshold(seat, posture.upright, weight)
     with np.errstate(invalid="ignore"):
-        touching = contact.touching(posture, seat > threshold)
+        touching = contact.until_zero(prepared.recorded.time, contact.touching(posture, seat > threshold), seat)
     return Contact(bool(touching.any()), touching, everything, weight, threshold, "seat-plate")
 
 
@@ -139,11 +139,13 @@ def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weigh
     rate = prepared.recorded.rate
     smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)
     free, before, touching, threshold, converged = first, ~first, ~first, 0.0, False
+    missing = np.full(len(first), np.nan)
     for _ in range(_ROUNDS):
         found = fit(prepared, free)
         base = found.problem.free_solution()[: found.base]
         measured = prepared.measured(found.offset)[:, 1]
-        seat_force = smooth((prepared.rows[:, 1] @ base - measured)[:, None])[:, 0]
+        missing = prepared.rows[:, 1] @ base - measured
+        seat_force = smooth(missing[:, None])[:, 0]
         threshold = contact.seat_force_threshold(seat_force, found.in_fit, weight)
         with np.errstate(invalid="ignore"):
             shown = contact.touching(posture, seat_force > threshold)
@@ -155,6 +157,8 @@ def _by_seat_force(prepared: Prepared, posture: Posture, first: BoolArray, weigh
             break
     if not converged and determined(prepared, ~(touching | before)):
         touching = touching | before
+    longer = contact.until_zero(prepared.recorded.time, touching, missing)
+    touching = longer if determined(prepared, ~longer) else touching
     return Contact(True, touching, ~touching, weight, threshold, "seat-force", converged)
 
 

@@ -14,7 +14,7 @@ from mocap_id.dynamics.consistent import Consistency
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.judge import judge
-from mocap_id.dynamics.kinematic_error import KinematicError, from_markers
+from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.predict import predict
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -22,7 +22,7 @@ from mocap_id.errors import StoreError
 from mocap_id.protocols.contact import ContactRule
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
-from mocap_id.stages import surroundings, validation
+from mocap_id.stages import skin_artefact, surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.rivals import rivals
 from mocap_id.stages.unknown import Unknown, not_excited, without_wrench
@@ -43,7 +43,7 @@ class IdentifyDimSettings(Settings):
     apply_clock_offset: bool = Field(True, description="take the offset between the clocks out; it is always reported")
     clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="offsets up to ± this are tried, s")
     plate_bias: bool = Field(True, description="estimate a constant error of the plate's Fx")
-    plate_zero_sd_n: float = Field(2.0, ge=0, description="sd of a constant error of the plate's Fy, N")
+    plate_zero_sd_n: float = Field(3.0, ge=0, description="sd of a constant error of the plate's Fy, N")
     plate_zero_sd_nm: float = Field(0.5, ge=0, description="sd of a constant error of the plate's tauz, N*m")
     contact: ContactRule = Field("seat-force", description="how the chair's contact is found")
     seat_off_share: float = Field(0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight`")
@@ -69,8 +69,6 @@ class _Chain:
     centres: FloatArray
     segment: IntArray
     local: FloatArray
-    residual: FloatArray
-    covariance: FloatArray
 
     def correlation(self, q: FloatArray, snap: FloatArray) -> FloatArray:
         """Of the errors of the joint accelerations, (T, n, n)."""
@@ -84,19 +82,6 @@ class _Chain:
             centres=np.asarray(joints["centre"], dtype=np.float64),
             segment=np.asarray(markers["segment"], dtype=np.int64),
             local=np.asarray(markers["local"], dtype=np.float64),
-            residual=np.asarray(markers["residual"], dtype=np.float64),
-            covariance=np.asarray(joints["covariance"], dtype=np.float64),
-        )
-
-    def error(self, q: FloatArray) -> KinematicError:
-        """What is uncertain of the geometry."""
-        return from_markers(
-            q,
-            self.centres,
-            self.segment,
-            self.local,
-            residual=self.residual,
-            centre_covariance=self.covariance,
         )
 
 
@@ -138,7 +123,7 @@ def _identified(
         movement.free,
         grid,
         bodies.chosen.parameters,
-        chain.error(q),
+        _geometry_error(context),
         consistency=settings.consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls,
@@ -159,6 +144,13 @@ def _identified(
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+
+
+def _geometry_error(context: Context) -> KinematicError:
+    """What skin has done to the chain and does to the angles, in the chain's own frames."""
+    skin = skin_artefact.from_tree(context.tree("skin.h5"))
+    centres, turned = skin.frames_turned()
+    return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
 
 
 def _judgement(context: Context, result: artefacts.Identified) -> tuple[Reason, ...]:
@@ -260,8 +252,8 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=5,
-    inputs=("wrench.parquet", "chain.h5", "states.parquet"),
+    version=6,
+    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),
     settings=IdentifyDimSettings,

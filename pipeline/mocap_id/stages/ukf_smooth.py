@@ -15,10 +15,12 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.inverse import Chain
-from mocap_id.estimation.skin import with_lasting_errors
+from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.kinematics import SkinModel
+from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.predicted_markers import beside_measured
-from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, lasting_errors
+from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, known_skin, lasting_errors, supposed_skin
 from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import MARKERS, STATES
@@ -67,32 +69,37 @@ def ukf_smooth(context: Context) -> Outputs:
     labels, names = ([str(label) for label in _node(tree, f"{group}/name")] for group in ("markers", "joints"))
     chain = Chain(_node(tree, "joints/centre"), _node(tree, "markers/segment"), _node(tree, "markers/local"))
     columns = np.array([view.labels.index(label) for label in labels], dtype=np.int64)
-    states, sd_holds = _states(view, columns, chain, settings, lasting=tree.facts.get("estimator") == "bundle")
+    moves = chain.segment > 0
+    states, observed = _states(view, columns[moves], chain, settings)
+    camera = camera_sd(observed, states, settings.marker_sd_floor)
+    skin = known_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
+    states, sd_holds = _with_sd(states, observed, skin, camera, rate=view.rate, settings=settings)
+    del observed
+    slips = _skin_tree(tree, states, skin, camera)
     markers = beside_measured(states, view, columns, chain)
     reasons = _gaps(states, view.time, names, settings) + _for_comparison(settings)
     if context.trial.encoder is not None:
         reasons += (_encoder_unused(context.trial.encoder.name),)
-    facts = _facts(states, markers, chain.segment > 0, settings) | {"sd_holds": sd_holds}
+    facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds}
     return (
         Table(STATES, _state_table(states, view.time), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, labels, markers),
+        slips,
     )
 
 
 def _states(
-    view: PlanarView, columns: IntArray, chain: Chain, settings: UkfSmoothSettings, *, lasting: bool
-) -> tuple[States, str]:
-    """States from the markers of the moving segments, and what their standard deviations hold.
+    view: PlanarView, columns: IntArray, chain: Chain, settings: UkfSmoothSettings
+) -> tuple[States, FloatArray]:
+    """States from the markers of the moving segments, and what they rest on (F, M, 2), NaN elsewhere, m.
 
     Parameters
     ----------
     columns : (M,) int array
-        The chain's markers in the view.
-    lasting : bool
-        Whether it is known how skin moved the chain: for other estimators of the joints it is not.
+        Those markers in the view.
     """
     moves = chain.segment > 0
-    observed = view.without_bursts(columns[moves])
+    observed = view.without_bursts(columns)
     states = smooth(
         observed,
         view.rate,
@@ -102,14 +109,37 @@ def _states(
         settings=FilterSettings(**settings.model_dump()),
         overwrite=True,
     )
-    errors = None
-    if lasting and settings.method == "rts":  # of other methods it is not known what they let pass
-        observed[~states.used] = np.nan  # in its place: a copy would be as large as all the rest
-        errors = lasting_errors(states, observed, view.rate, settings.marker_sd_floor)
-    del observed
-    if errors is None:
-        return states, UNKNOWN if settings.method in FRAMEWISE else NOISE
-    return replace(states, sd=with_lasting_errors(states, view.rate, errors)), SKIN
+    observed[~states.used] = np.nan  # in its place: a copy would be as large as all the rest
+    return states, observed
+
+
+def _with_sd(
+    states: States,
+    observed: FloatArray,
+    skin: SkinModel | None,
+    camera: float,
+    *,
+    rate: float,
+    settings: UkfSmoothSettings,
+) -> tuple[States, str]:
+    """States with standard deviations that hold skin where it is known, and what they hold."""
+    if settings.method in FRAMEWISE:  # what such a method lets pass is not known
+        return states, UNKNOWN
+    if skin is None or settings.method != "rts":
+        return states, NOISE
+    errors = lasting_errors(states, observed, skin, camera, rate)
+    return replace(states, sd=with_lasting_errors(states, rate, errors)), SKIN
+
+
+def _skin_tree(chain: Tree, states: States, skin: SkinModel | None, camera: float) -> Tree:
+    """What is known of the skin, or else supposed."""
+    moves = _node(chain, "markers/segment") > 0
+    labels = [str(label) for label in _node(chain, "markers/name")[moves]]
+    if skin is None:
+        supposed = supposed_skin(states, _node(chain, "markers/residual")[moves], _node(chain, "joints/covariance"))
+        return skin_artefact.as_tree(supposed, labels, camera, "residuals of the joint fit")
+    counted = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
+    return skin_artefact.as_tree(skin, counted, camera, "residuals of all frames")
 
 
 def _node(tree: Tree, path: str) -> np.ndarray[Any, Any]:
@@ -227,9 +257,9 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=4,
+    version=5,
     inputs=("planar.parquet", "chain.h5"),
-    outputs=("states.parquet", "markers.parquet"),
+    outputs=("states.parquet", "markers.parquet", "skin.h5"),
     uses=("encoder",),
     settings=UkfSmoothSettings,
     function=ukf_smooth,

@@ -126,6 +126,30 @@ MARKERS = TableSchema(
     ),
 )
 
+SKIN = TreeSchema(
+    "skin.h5",
+    1,
+    (
+        Column("joints/centre", "float64", "m", "(n, 2) as in chain.h5"),
+        Column("joints/mean_angle", "float64", "rad", "(n,) from which the slides are counted"),
+        Column("markers/name", "str", "", "(K,) labels of the moving segments' markers"),
+        Column("markers/segment", "int64", "", "(K,) segment of each"),
+        Column("markers/local", "float64", "m", "(K, 2) coordinates in the segment frame"),
+        Column("markers/seen", "float64", "1", "(K,) share of the frames that the joint fit looked at"),
+        Column("markers/variance", "float64", "m^2", "(K,) of the slide, a coordinate"),
+        Column("markers/unshaped_variance", "float64", "m^2", "(K,) of its part that follows no joint"),
+        Column("markers/spread", "float64", "rad", "(K,) rms of the angles of the joints below and above"),
+        Column(
+            "response/slides",
+            "float64",
+            "1",
+            "(K, 2, 2, 2(n + K)) change of centres, then coordinates, with a slide along x or y of the segment in step "
+            "with the joint below or above",
+        ),
+        Column("response/noise", "float64", "m", "(P, P) square root of their covariance from other causes"),
+    ),
+)
+
 EVENTS = TableSchema(
     "events.parquet",
     1,
@@ -189,5 +213,5 @@ DYNAMICS_TREE = TreeSchema(
 
 SCHEMAS: dict[str, TableSchema | TreeSchema] = {
     schema.file: schema
-    for schema in (PLANAR, WRENCH, SEGMENTS, CHAIN, STATES, MARKERS, EVENTS, DYNAMICS_TABLE, DYNAMICS_TREE)
+    for schema in (PLANAR, WRENCH, SEGMENTS, CHAIN, STATES, MARKERS, SKIN, EVENTS, DYNAMICS_TABLE, DYNAMICS_TREE)
 }

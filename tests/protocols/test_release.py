@@ -1,0 +1,58 @@
+"""When a chair's force vanishes: against courses whose end is known exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import betainc
+
+from mocap_id.protocols.contact import until_zero
+from mocap_id.protocols.release import release
+
+RATE, END, FULL, NOISE = 100.0, 2.0, 450.0, 0.8
+TIME = np.arange(0.0, 4.0, 1 / RATE)
+
+
+def unloading(lasts: float, first: float, last: float) -> np.ndarray:
+    """A chair that is fully loaded until ``lasts`` s before the end, with a smooth course in between."""
+    return FULL * betainc(last, first, np.clip((END - TIME) / lasts, 0.0, 1.0))
+
+
+COURSES = [(0.25, 5, 5), (0.4, 5, 5), (0.6, 5, 5), (0.4, 2, 3), (0.4, 3, 2), (0.3, 1, 1)]
+
+
+@pytest.mark.parametrize(("lasts", "first", "last"), COURSES)
+def test_the_end_is_found_beyond_where_the_force_is_seen(lasts: float, first: float, last: float) -> None:
+    rng, late, seen = np.random.default_rng(0), [], []
+    for _ in range(20):
+        force = unloading(lasts, first, last) + NOISE * rng.normal(size=len(TIME))
+        shown = TIME[np.flatnonzero(unloading(lasts, first, last) > 4 * NOISE)[-1]]
+        late.append(release(TIME, force, shown, FULL) - END)
+        seen.append(shown - END)
+    assert abs(np.median(late)) < 0.07 * lasts
+    assert np.max(np.abs(late)) < 0.06
+    assert abs(np.median(late)) < 0.6 * abs(np.median(seen)) + 0.01
+
+
+def test_without_noise_a_power_is_found_to_a_millisecond() -> None:
+    force = 3000.0 * np.maximum(END - TIME, 0.0) ** 3
+    assert release(TIME, force, END - 0.15, FULL) == pytest.approx(END, abs=1e-3)
+
+
+def test_a_sudden_release_is_found_within_its_sample() -> None:
+    force = np.where(TIME <= END, FULL, 0.0)
+    assert END <= release(TIME, force, END, FULL) <= END + 1 / RATE
+
+
+def test_a_touch_is_a_release_in_reverse() -> None:
+    force = unloading(0.4, 5, 5)
+    there = force > 4 * NOISE
+    mirrored = until_zero(TIME, there[::-1].copy(), force[::-1].copy())
+    np.testing.assert_array_equal(mirrored, until_zero(TIME, there, force)[::-1])
+    assert until_zero(TIME, there, force).sum() > there.sum()
+
+
+def test_what_is_not_known_changes_nothing() -> None:
+    force = np.full(len(TIME), np.nan)
+    there = TIME < 2.0
+    np.testing.assert_array_equal(until_zero(TIME, there, force), there)
