@@ -35,9 +35,11 @@ def recorded(
 ) -> Recorded:
     """A body whose joints move as widely as ``size`` says, (n,), at these speeds, (n,)."""
     time, speed = np.arange(0, 40, 0.01), np.broadcast_to(speed, 3)
-    each = [[part[:, j] for part in waves(speed[j] * time, 3, seed)] for j in range(3)]
+    clock = np.multiply.outer(time, speed)
+    sign, clock = np.where(clock < 40, 1.0, -1.0), np.where(clock < 40, clock, 80 - clock)  # to and fro
+    each = [[part[:, j] for part in waves(clock[:, j], 3, seed)] for j in range(3)]
     q, dq, ddq = (np.stack(part, axis=1) for part in zip(*each, strict=True))
-    q, dq, ddq = size * q, size * speed * dq, size * speed**2 * ddq
+    q, dq, ddq = size * q, size * speed * sign * dq, size * speed**2 * ddq
     wrench = planar_regressor(CENTRES, q, dq, ddq) @ BODY.ravel()
     wrench = wrench + np.random.default_rng(seed + 1).normal(size=wrench.shape) * noise
     return Recorded(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)
@@ -96,11 +98,7 @@ def test_without_excitation_a_parameter_is_not_identifiable() -> None:
 @pytest.mark.parametrize("error", [EXACT, SLIDING], ids=["noise", "noise and sliding skin"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_recommended_movement_keeps_its_promise(error: KinematicError, seed: int) -> None:
-    """Record it: the standard deviations fall, and about as far as was promised.
-
-    What is found is an estimate too, from some forty blocks; and a joint that is faster by itself passes through other
-    postures of the others than was foreseen, in which skin slides otherwise.
-    """
+    """Record it: every standard deviation falls, and about as far as was promised."""
     noise = (5.0, 5.0, 2.0)
     _, before, told = identified(recorded(SMALL, seed=seed, noise=noise), error)
     after: dict[tuple[str, int | None], np.ndarray] = {}
@@ -116,11 +114,10 @@ def test_the_recommended_movement_keeps_its_promise(error: KinematicError, seed:
         checked.append((after[key][i] / before.base_sd[i], advice.ratio))
     found, promised = np.array(checked).T
     off = np.abs(np.log(found / promised))
-    assert len(found) >= 5
-    assert np.mean(found < 1.0) >= (1.0 if error is EXACT else 0.8)
-    assert np.median(off) < np.log(1.3 if error is EXACT else 1.5)
-    if error is EXACT:
-        assert np.max(off) < np.log(2)
+    assert len(found) >= 3
+    assert np.all(found < 1.0)
+    assert np.median(off) < np.log(1.3 if error is EXACT else 1.6)
+    assert np.max(off) < np.log(2 if error is EXACT else 2.5)
 
 
 def test_the_joint_that_hardly_moves_is_the_one_to_move() -> None:
@@ -141,4 +138,5 @@ def test_in_words() -> None:
     joints = ("ankle", "knee", "hip")
     assert Advice("faster", None, 0.5).said(joints) == "the whole movement 1.5 times faster"
     assert Advice("larger", 2, 0.5).said(joints) == "the hip's movement 1.5 times larger"
+    assert Advice("faster", 2, 0.5).said(joints) == "the hip's movement 1.5 times faster, out of step with the others,"
     assert Advice("alone", 0, 0.5).said(joints).startswith("the ankle's movement by itself")

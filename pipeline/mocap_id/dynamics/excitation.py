@@ -60,8 +60,9 @@ class Advice:
         """
         moved = "the whole movement" if self.joint is None else f"the {joints[self.joint]}'s movement"
         if self.change == "alone":
-            return f"{moved} by itself for half of the time, the other joints at rest,"
-        return f"{moved} {FACTOR:g} times {self.change}"
+            return f"{moved} by itself for half of the time (the other joints at rest)"
+        step = ", out of step with the others," if self.change == "faster" and self.joint is not None else ""
+        return f"{moved} {FACTOR:g} times {self.change}{step}"
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ def advice_facts(told: Excitation, joints: Sequence[str]) -> list[dict[str, Any]
             "change": None if one is None else one.change,
             "joint": None if one is None or one.joint is None else joints[one.joint],
             "sd_ratio": None if one is None else one.ratio,
-            "text": None if one is None else one.said(joints),
+            "text": None if one is None else one.said(joints).removesuffix(","),
         }
         for name, one in zip(told.names, told.advice, strict=True)
     ]
