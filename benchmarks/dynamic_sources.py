@@ -88,7 +88,8 @@ def _wrench(trial: Trial) -> Trial:
     table, done = trial.context.table("wrench.parquet"), trial.done
     columns = dict(zip(("Fx", "Fy", "tauz"), done.true["wrench"].T, strict=True))
     trial = replace(trial, done=replace(done, truth={**done.truth, "analog_offset_s": 0.0}))
-    return _with(trial, {"wrench.parquet": replace(table, frame=table.frame.assign(**columns))})
+    facts = {**table.facts, "analog_rate_hz": None}  # of single moments, not means over a frame
+    return _with(trial, {"wrench.parquet": replace(table, frame=table.frame.assign(**columns), facts=facts)})
 
 
 def _contact(trial: Trial) -> Trial:

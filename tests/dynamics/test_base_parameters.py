@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, random_chain, waves
 
-from mocap_id.dynamics.base import base_names, base_set, base_units, full_names, structural_base
+from mocap_id.dynamics.base import (
+    BaseSet,
+    base_names,
+    base_set,
+    base_units,
+    full_names,
+    spanned,
+    structural_base,
+)
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
 EQUATION_6_1 = (
@@ -73,6 +81,29 @@ def test_torques_lie_in_the_row_space_of_the_base_parameters(joints: int) -> Non
     torque = planar_torque_regressor(centres, q, regressor)
     base = structural_base(centres)
     np.testing.assert_allclose(torque[:, :, base.kept] @ base.regrouping, torque, atol=1e-9 * np.abs(torque).max())
+
+
+def outside(rows: np.ndarray, base: BaseSet) -> float:
+    """What the base parameters do not decide of all the rows, of the largest entry."""
+    known = rows[np.isfinite(rows).all(axis=1)]
+    return float(np.abs(known[:, base.kept] @ base.regrouping - known).max() / np.abs(known).max())
+
+
+@pytest.mark.parametrize("moving", [slice(None), slice(9_000, 9_060)], ids=["all the time", "half a second in all"])
+@pytest.mark.parametrize("components", [(0, 1, 2), (1, 2), (2,), (0, 2), (0, 1), (1,)], ids=str)
+def test_a_thousand_rows_tell_what_all_of_a_long_trial_do(components: tuple[int, ...], moving: slice) -> None:
+    """Nothing is between: outside the span by a hundredth at least, or by rounding."""
+    states = [np.zeros((20_000, 3)) for _ in range(3)]
+    for state, wave in zip(states, waves(np.linspace(0, 166, 20_000), 3), strict=True):
+        state[moving] = wave[moving]
+    regressor = planar_regressor(CENTRES, *states)
+    base = base_set(regressor[:, list(components)].reshape(-1, 16))
+    regressor[400:700] = np.nan
+    rows = np.concatenate([regressor, planar_torque_regressor(CENTRES, states[0], regressor)], axis=1)
+    for each in np.moveaxis(rows, 1, 0):
+        off = outside(each, base)
+        assert off < 1e-10 or off > 1e-2
+        assert spanned(each, base) == (off < 1e-10)
 
 
 def test_structure_is_that_of_a_moving_trial() -> None:

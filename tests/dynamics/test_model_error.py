@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from dynamics_cases import CENTRES, random_chain
+from dynamics_cases import CENTRES, independent, moving_body, random_chain
 from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
@@ -61,6 +62,21 @@ def test_correlations_are_correlations(joints: int) -> None:
     assert np.linalg.eigvalsh(found).min() > 0.0
 
 
+@pytest.mark.parametrize("joints", [1, 3, 5])
+def test_it_is_that_of_the_markers_jacobian(joints: int) -> None:
+    """Q^½ (Q^½ JᵀJ Q^½)^(-3/8) Q^½ with J written out."""
+    rng = np.random.default_rng(joints)
+    q, centres, snap = rng.normal(size=(20, joints)), random_chain(rng, joints), rng.uniform(1, 9, joints)
+    segment = np.repeat(np.arange(joints + 1), 3)
+    local = rng.uniform(-0.2, 0.2, size=(len(segment), 2))
+    jacobian = planar.marker_jacobian(q, centres, segment, local).reshape(20, -1, joints) * snap
+    values, vectors = np.linalg.eigh(np.swapaxes(jacobian, 1, 2) @ jacobian)
+    covariance = (vectors * values[:, None] ** (-3 / 8)) @ np.swapaxes(vectors, 1, 2) * np.outer(snap, snap)
+    size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    found = acceleration_correlation(q, centres, segment, local, snap)
+    np.testing.assert_allclose(found, covariance / (size[:, :, None] * size[:, None]), atol=1e-10)
+
+
 def coloured(rng: np.random.Generator, size: int) -> np.ndarray:
     """Smooth noise of unit variance, at 100 Hz."""
     noise = sosfiltfilt(butter(4, 8.0, fs=100.0, output="sos"), rng.normal(size=size))
@@ -103,9 +119,8 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[Simulated, Exact, Pr
     residual = np.sqrt(np.nanmean(np.sum((observed - states.predicted) ** 2, axis=2), axis=0))
     moves = segment > 0
     placed = State(centres @ [1, 1j], local[moves] @ [1, 1j], np.cumsum(recorded.q, axis=1))
-    skin = skin_without_fit(
-        placed, segment[moves], residual[moves], np.zeros((len(centres), 2, 2))
-    )  # the geometry is the true one
+    true = np.zeros((len(centres), 2, 2))
+    skin = skin_without_fit(placed, segment[moves], residual[moves], true)
     error = KinematicError(lambda q: skin.errors(q)[0], skin.frames_turned()[0])
     prepared = prepare(recorded, FitSettings())
     free = np.hypot(*state.chair_force.T) == 0.0
@@ -143,6 +158,27 @@ def test_the_intervals_hold_the_truth(names: tuple[str, ...]) -> None:
     """Over all trials together: the errors of the torques are the geometry's, one draw a trial."""
     inside = [np.abs(scaled_errors(case)[name]) < 1.96 for case in TRIALS for name in names]
     assert 0.9 < np.mean(np.concatenate(inside)) <= 0.99
+
+
+@pytest.mark.parametrize(("component", "factor"), [(0, 1.0), (1, 1.0), (2, 3.0)], ids=WRENCH_COMPONENTS)
+def test_the_torques_deviations_follow_those_of_tauz(component: int, factor: float) -> None:
+    """A force that the model misses says nothing of the moments; a moment that it misses does."""
+    recorded, noise = moving_body(seconds=30.0, noise=(1.0, 1.0, 0.3)), np.random.default_rng(4)
+    recorded = replace(recorded, ddq_sd=np.full_like(recorded.q, 0.2))
+    free, reference = np.ones(len(recorded.time), dtype=bool), np.full(16, np.nan)
+    exact = KinematicError.none(3)
+    prepared = prepare(recorded, FitSettings())
+    found = identify(prepared, free, segment_grid(CENTRES, SEGMENT, LOCAL), reference, exact)
+    missed = recorded.wrench.copy()
+    missed[:, component] += 10.0 * coloured(noise, len(missed))
+    usual, wider = (
+        predict(with_wrench, found, independent(recorded), 20.0)
+        for with_wrench in (prepared, prepare(replace(recorded, wrench=missed), FitSettings()))
+    )
+    assert np.mean(wider.wrench_sd[:, component]) > 3.0 * np.mean(usual.wrench_sd[:, component])
+    assert (wider.torque_sd >= factor * usual.torque_sd).all()
+    if factor == 1.0:
+        np.testing.assert_array_equal(wider.torque_sd, usual.torque_sd)
 
 
 def test_a_noisy_plate_hides_the_models_error_but_leaves_it_a_size() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
+from scipy.interpolate import CubicSpline
 
 from mocap_id.dynamics.prepare import Recorded
 from mocap_id.dynamics.regressor import planar_regressor
@@ -33,6 +34,7 @@ def context(
     why: str | None = None,
     standing: float | None = MASS,
     cop_threshold: float = 20.0,
+    analog_rate: float = 100.0,
     **settings: Any,
 ) -> Context:
     joints = recorded.q.shape[1]
@@ -53,10 +55,11 @@ def context(
     skin = skin_without_fit(
         placed, SEGMENT[moves], np.full(moves.sum(), 0.001), np.tile(1e-6 * np.eye(2), (joints, 1, 1))
     )
+    told = {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold, "analog_rate_hz": analog_rate}
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), protocol=protocol, subject=subject or Subject())
     inputs = {
         "states.parquet": Table(STATES, states, {"sigma_v": [300.0] * joints}),
-        "wrench.parquet": Table(WRENCH, wrench, {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold}),
+        "wrench.parquet": Table(WRENCH, wrench, told),
         "chain.h5": Tree(CHAIN, chain),
         "skin.h5": skin_artefact.as_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
     }
@@ -159,6 +162,22 @@ def test_the_measured_wrench_is_at_the_corrected_clock() -> None:
     _, table, tree = run(late, apply_clock_offset=False)
     assert tree.facts["clock_offset_s"] == pytest.approx(0.03, abs=3e-3)
     np.testing.assert_array_equal(table.frame["Fy"][inner], late.wrench[inner, 1])
+
+
+def test_what_averaging_takes_off_the_wrench_is_put_back() -> None:
+    """A plate of 1000 Hz is read as means over 10 ms, which add T²/24 of the second derivative and a little more."""
+    recorded = moving_body(seconds=15.0)
+    bend = CubicSpline(recorded.time, recorded.wrench)(recorded.time, 2)
+    flattened = with_(recorded, wrench=recorded.wrench + (0.01**2 + 2 * 0.001**2) / 24 * bend)
+
+    def base(wrench: Recorded, analog_rate: float) -> np.ndarray:
+        found: Any = run(wrench, analog_rate=analog_rate)[2].data["base"]
+        return np.asarray(found["value"])
+
+    exact = base(recorded, 100.0)
+    off = np.linalg.norm(base(flattened, 100.0) - exact)
+    assert off > 1e-3
+    assert np.linalg.norm(base(flattened, 1000.0) - exact) < 0.05 * off
 
 
 def test_a_person_is_compared_with_the_reference() -> None:

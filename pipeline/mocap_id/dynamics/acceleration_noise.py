@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.geometry import planar
+from mocap_id.dynamics.composite import composite
 
 _EXPONENT = -3.0 / 8.0
 _LEAST = 1e-12  # of the largest eigenvalue: a joint that no marker shows must not divide by zero
@@ -47,13 +47,21 @@ def acceleration_correlation(
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
-    moving = segment > 0
-    jacobian = planar.marker_jacobian(q[known], centres, segment[moving], local[moving])
-    stacked = jacobian.reshape(len(jacobian), -1, q.shape[1])  # (K, 2M, n)
-    scaled = stacked * (snap / np.max(snap))
-    values, vectors = np.linalg.eigh(np.swapaxes(scaled, 1, 2) @ scaled)
+    scale = snap / np.max(snap)
+    values, vectors = np.linalg.eigh(_information(q[known], centres, segment, local) * scale[:, None] * scale)
     values = np.maximum(values, _LEAST * values[:, -1:])
     covariance = (vectors * values[:, None, :] ** _EXPONENT) @ np.swapaxes(vectors, 1, 2)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     correlation[known] = covariance / (size[:, :, None] * size[:, None, :])  # the outer Q^½ are a scale a joint
     return correlation
+
+
+def _information(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Jᵀ J over the markers' Jacobian (eq. 2.47), (T, n, n), m²: the mass matrix of a chain of unit masses there."""
+    segments = len(centres) + 1
+
+    def total(values: FloatArray) -> FloatArray:
+        return np.bincount(segment, weights=values, minlength=segments).astype(np.float64)
+
+    first = np.column_stack([total(local[:, 0]), total(local[:, 1])])
+    return composite(q, centres, total(np.ones(len(local))), first, total(np.sum(local**2, axis=1))).torque

@@ -18,6 +18,7 @@ from mocap_id.dynamics.lowpass import known, runs
 
 _COARSE = 5e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
 _FINE = 1e-6  # s
+_AT_ONCE = 8  # offsets of the coarse search, to bound the memory
 _EDGE = 1e-5  # s: this close to the end of the search, the least residual is beyond it
 
 
@@ -46,8 +47,8 @@ class SampledWrench:
         return cls(splines, values.shape[1])
 
     def __call__(self, time: FloatArray) -> FloatArray:
-        """Values (R, c) at times (R,), s; NaN outside the stretches."""
-        out = np.full((len(time), self.components), np.nan)
+        """Values (..., c) at times (...), s; NaN outside the stretches."""
+        out = np.full((*time.shape, self.components), np.nan)
         for start, end, spline in self.stretches:
             inside = (time >= start) & (time <= end)
             out[inside] = spline(time[inside])
@@ -79,7 +80,7 @@ def profile_offset(
     regressor : (R, c, b) array
         Filtered and gated; nuisance columns included.
     wrench : callable
-        From plate times (R,) to the wrench (R, c), filtered alike; defined within ``limit`` of every sample.
+        From plate times (o, R) to the wrench (o, R, c), filtered alike; defined within ``limit`` of every sample.
     time : (R,) array
         Marker times of the samples, s.
     weights : (c,) array
@@ -96,15 +97,17 @@ def profile_offset(
     """
     basis, _ = np.linalg.qr((regressor * weights[:, None]).reshape(-1, regressor.shape[-1]))
 
-    def cost(offset: float) -> float:
-        target = (wrench(time - offset) * weights).reshape(-1)
-        rest = target - basis @ (basis.T @ target)
-        return float(rest @ rest)
+    def costs(offsets: FloatArray) -> FloatArray:
+        targets = (wrench(time - offsets[:, None]) * weights).reshape(len(offsets), -1)
+        rest = targets - (targets @ basis) @ basis.T
+        return np.asarray(np.einsum("or,or->o", rest, rest))
 
     grid = np.linspace(-limit, limit, 2 * int(np.ceil(limit / _COARSE)) + 1)
-    best = int(np.argmin([cost(float(offset)) for offset in grid]))
+    best = int(np.argmin(np.concatenate([costs(grid[k : k + _AT_ONCE]) for k in range(0, len(grid), _AT_ONCE)])))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": _FINE})
+    found = minimize_scalar(
+        lambda offset: float(costs(np.array([offset]))[0]), bounds=bounds, method="bounded", options={"xatol": _FINE}
+    )
     if abs(found.x) > limit - _EDGE:
         return float(np.copysign(limit, found.x)), True
     return float(found.x), False

@@ -161,7 +161,7 @@ def _design(prepared: Prepared, samples: IntArray) -> FloatArray:
 
 
 def _measured(prepared: Prepared, samples: IntArray, stamped: FloatArray) -> FloatArray:
-    return prepared.filtered_measured(samples, stamped)[:, list(prepared.settings.components)]
+    return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
 def _residual(design: FloatArray, target: FloatArray) -> FloatArray:

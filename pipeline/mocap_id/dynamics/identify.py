@@ -33,6 +33,10 @@ class Identification:
         zero.
     residual_covariance : (b, b) array
         From the residuals alone: how well the model predicts the wrench with this very geometry.
+    error : KinematicError
+        What is uncertain of the geometry.
+    response : (b, S) array
+        By how much each of its modes moves the base parameters.
     offset_sd : float
         Standard deviation of the clock offset, s.
     plate_bias, plate_bias_sd : float or None
@@ -56,6 +60,8 @@ class Identification:
     base_sd: FloatArray
     covariance: FloatArray
     residual_covariance: FloatArray
+    error: KinematicError
+    response: FloatArray
     offset_sd: float
     plate_bias: float | None
     plate_bias_sd: float | None
@@ -134,6 +140,8 @@ def _alone(
         base_sd=sd[own],
         covariance=covariance[own, own],
         residual_covariance=found.covariance[own, own],
+        error=error,
+        response=response[own],
         offset_sd=float(np.hypot(found.offset_sd, np.sqrt(kinematic[-1, -1]))),
         plate_bias=float(solution.parameters[-1]) if biased else None,
         plate_bias_sd=float(sd[found.base]) if biased else None,
@@ -167,6 +175,7 @@ def _pulled(
         base_sd=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         residual_covariance=prior.covariance(gain, regrouping, alone.residual_covariance),
+        response=gain @ alone.response,
         plate_bias=float(alone.fit.problem.completed(base)[-1]) if biased else None,
         solution=solution,
         masses=solution.masses,

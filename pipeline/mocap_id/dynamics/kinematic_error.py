@@ -20,11 +20,12 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.base import triangular_factor
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.prepare import Prepared
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
-_SAMPLES = 600  # of the fit: what repeats with the movement needs no more
+_SAMPLES = 300  # of the fit: what repeats with the movement needs no more
 _MOMENT = 1.0 / 30.0  # s, over which errors of the posture are differentiated in time
-_STEP = 1e-5  # rad, rad/s … of a numerical derivative
+_RATE = 10.0  # Hz; postures a second at which torques are looked at, a movement's own frequencies being below 3 Hz
+_STEP = 1e-6  # rad, rad/s …, m, of a numerical derivative
 
 
 @dataclass(frozen=True)
@@ -82,40 +83,81 @@ def kinematic_response(prepared: Prepared, found: Fit, base: FloatArray, error: 
     """
     chosen = slice(None, None, max(1, len(found.samples) // _SAMPLES))
     samples, design = found.samples[chosen], found.design[chosen]
-    columns = design.shape[-1]
-    slopes = _slopes(prepared, samples, base) * found.weights[:, None]
-    recorded = prepared.recorded
-    states = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
-    geometry = error.centre.reshape(recorded.centres.size, states.shape[-1])
-    effect = slopes[..., : states.shape[1]] @ states + slopes[..., states.shape[1] :] @ geometry  # (R, c, S)
-    rows = design.reshape(-1, columns)
+    components = list(prepared.settings.components)
+
+    def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
+        return _regressor(prepared, states, centres)[:, components] @ _full(prepared, base)
+
+    effect = _effect(wrench, prepared, samples, error) * found.weights[:, None]  # (R, c, S)
+    rows = design.reshape(-1, design.shape[-1])
     factor = triangular_factor(rows)
     half = solve_triangular(factor, rows.T @ effect.reshape(len(rows), -1), trans="T")
     return -np.asarray(solve_triangular(factor, half))
 
 
-def _slopes(prepared: Prepared, samples: IntArray, base: FloatArray) -> FloatArray:
-    """(R, c, 5 n) derivatives of the fitted components by angles, velocities, accelerations and joint centres."""
-    recorded, components = prepared.recorded, list(prepared.settings.components)
+def torque_variance(prepared: Prepared, base: FloatArray, error: KinematicError, response: FloatArray) -> FloatArray:
+    """Variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is unknown.
+
+    What a mode does to the states and what the parameters answered with belong together: most of it cancels.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    base : (b,) array
+    error : KinematicError
+    response : (b, S) array
+        Of the base parameters to every mode.
+    """
+    recorded, kept = prepared.recorded, prepared.base.kept
+    known = np.flatnonzero(np.isfinite(prepared.regressor).all(axis=(1, 2)))
+    variance = np.full(recorded.q.shape, np.nan)
+    if not len(known):
+        return variance
+
+    def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
+        regressor = _regressor(prepared, states, centres)
+        return planar_torque_regressor(centres, states[:, : len(centres)], regressor) @ _full(prepared, base)
+
+    steps = known[:: max(1, round(recorded.rate / _RATE))]
+    found = np.empty((len(steps), recorded.q.shape[1]))
+    for part in np.array_split(np.arange(len(steps)), -(-len(steps) // _SAMPLES)):  # to bound the memory
+        own = steps[part]
+        rows = planar_torque_regressor(recorded.centres, recorded.q[own], prepared.regressor[own])[:, :, kept]
+        found[part] = np.sum((_effect(torques, prepared, own, error) + rows @ response) ** 2, axis=2)
+    for joint, column in enumerate(found.T):
+        variance[known, joint] = np.interp(recorded.time[known], recorded.time[steps], column)
+    return variance
+
+
+def _effect(
+    function: Callable[[FloatArray, FloatArray], FloatArray],
+    prepared: Prepared,
+    samples: IntArray,
+    error: KinematicError,
+) -> FloatArray:
+    """(R, k, S) changes of a function of states (R, 3 n) and joint centres with every mode."""
+    recorded = prepared.recorded
+    errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
     states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
-    joints, centres = recorded.q.shape[1], recorded.centres
+    centres = recorded.centres
+    undisturbed = function(states, centres)
 
-    def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
-        q, dq, ddq = np.split(states, 3, axis=1)
-        rows = planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
-        return np.asarray((rows[:, components] @ _spread(prepared, base))[..., None])
+    def slope(states: FloatArray, centres: FloatArray) -> FloatArray:
+        return (function(states, centres) - undisturbed) / _STEP
 
-    slopes = []
-    for k in range(3 * joints):
-        step = _STEP * (np.arange(3 * joints) == k)
-        slopes.append((wrench(states + step, centres) - wrench(states - step, centres)) / (2 * _STEP))
-    for k in range(2 * joints):
-        moved = _STEP * (np.arange(2 * joints) == k).reshape(joints, 2)
-        slopes.append((wrench(states, centres + moved) - wrench(states, centres - moved)) / (2 * _STEP))
-    return np.concatenate(slopes, axis=-1)
+    of_states = [slope(states + _STEP * unit, centres) for unit in np.eye(states.shape[1])]
+    of_centres = [slope(states, centres + _STEP * unit) for unit in np.eye(centres.size).reshape(-1, *centres.shape)]
+    geometry = error.centre.reshape(centres.size, errors.shape[-1])
+    return np.asarray(np.stack(of_states, axis=-1) @ errors + np.stack(of_centres, axis=-1) @ geometry)
 
 
-def _spread(prepared: Prepared, base: FloatArray) -> FloatArray:
+def _regressor(prepared: Prepared, states: FloatArray, centres: FloatArray) -> FloatArray:
+    """(R, 3, 4(n + 1)) of states (R, 3 n)."""
+    q, dq, ddq = np.split(states, 3, axis=1)
+    return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
+
+
+def _full(prepared: Prepared, base: FloatArray) -> FloatArray:
     """(4(n + 1),) full parameters that the base parameters stand for, zero where a column was regrouped."""
     full = np.zeros(4 * (len(prepared.recorded.centres) + 1))
     full[prepared.base.kept] = base

@@ -107,6 +107,30 @@ def cutoff_from_velocity(dq: FloatArray, rate: float) -> float:
     return float(np.clip(_MARGIN * highest, _LOWEST, min(_HIGHEST, rate / 5)))
 
 
+def restored(filtered: FloatArray, samples: float) -> FloatArray:
+    """A filtered signal whose samples were means over some time, as it was without the averaging.
+
+    The mean over a width W of a smooth signal w is w + W²/24 · w'' and a term in W⁴. The second derivative is that of
+    the filtered signal, which has next to no noise left that differences could raise: under a tenth of the rate the
+    correction is less than 2 % for W of one sample.
+
+    Parameters
+    ----------
+    filtered : (T, c) array
+        After the low-pass; NaN is missing.
+    samples : float
+        W in samples.
+
+    Returns
+    -------
+    (T, c) array
+        Unchanged at the ends of a stretch.
+    """
+    bend = np.zeros_like(filtered)
+    bend[1:-1] = np.diff(filtered, 2, axis=0)
+    return np.asarray(filtered - samples**2 / 24.0 * np.where(np.isfinite(bend), bend, 0.0))
+
+
 def known(values: FloatArray) -> BoolArray:
     """Samples (T,) of which every value (T, ...) is finite."""
     return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1), dtype=np.bool_)

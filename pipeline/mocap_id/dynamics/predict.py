@@ -8,14 +8,18 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base import spanned
+from mocap_id.dynamics.composite import composite
 from mocap_id.dynamics.external import relief, stacked
 from mocap_id.dynamics.identify import Identification
+from mocap_id.dynamics.kinematic_error import torque_variance
 from mocap_id.dynamics.model_error import ModelError, model_error
 from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, planar_torque_regressor
 from mocap_id.dynamics.uncertainty import variance
 from mocap_id.geometry import planar
+
+_MOMENT = WRENCH_COMPONENTS.index("tauz")  # fitted wherever the torques are told: moments of inertia enter it alone
 
 
 @dataclass(frozen=True)
@@ -70,8 +74,9 @@ def predict(prepared: Prepared, found: Identification, correlation: FloatArray, 
     Standard deviations hold the parameters' covariance and the noise of the accelerations; those of angles and
     velocities are small beside it. The noise has its shape, over time and between the joints, from the states, and
     its size from the plate (:mod:`mocap_id.dynamics.model_error`), which also shows the part of the wrench's error that
-    does not follow it. The wrench was fitted with this geometry, whose
-    errors the parameters make up for: there the covariance from the residuals counts. The torques were not.
+    does not follow it. The torques are moments like tauz, and their noise takes its size from that of tauz. The wrench
+    was fitted with this geometry, whose errors the parameters make up for: there the covariance from the residuals
+    counts. The torques were not.
 
     Parameters
     ----------
@@ -94,11 +99,12 @@ def predict(prepared: Prepared, found: Identification, correlation: FloatArray, 
     errors = _model_errors(prepared, found, needed, _variance_of(wrench_gain, noise))
     steady = np.diag([error.steady for error in errors])
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
-    torque_gain *= np.sqrt(max(error.overall for error in errors))
+    torque_gain *= np.sqrt(errors[_MOMENT].overall)
     cop_gain = centre_of_pressure_rows(wrench_gain, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     own = found.residual_covariance
+    geometry = torque_variance(prepared, base, found.error, found.response)
     return Prediction(
         wrench=wrench,
         wrench_sd=np.sqrt(variance(rows, own) + _variance_of(wrench_gain, noise) + np.diag(steady)),
@@ -107,7 +113,7 @@ def predict(prepared: Prepared, found: Identification, correlation: FloatArray, 
             variance(cop_rows, own) + _variance_of(cop_gain[:, None], noise)[:, 0] + variance(cop_own, steady)
         ),
         torque=torque,
-        torque_sd=np.sqrt(variance(torque_rows, found.covariance) + _variance_of(torque_gain, noise)),
+        torque_sd=np.sqrt(variance(torque_rows, own) + geometry + _variance_of(torque_gain, noise)),
         untold=_untold(told, torque_told),
     )
 
@@ -164,15 +170,10 @@ def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
 def _acceleration_gains(recorded: Recorded, base: FloatArray, prepared: Prepared) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the wrench (T, 3, n) and the torques (T, n, n) by the joints' accelerations.
 
-    Both are linear in the accelerations: the regressor of unit acceleration, at rest and without gravity, is it.
+    The base parameters stand for a body: the one whose other parameters, which were regrouped into them, are zero.
     """
-    still = np.zeros_like(recorded.q)
-    wrench, torque = [], []
-    for joint in range(recorded.q.shape[1]):
-        unit = np.zeros_like(recorded.q)
-        unit[:, joint] = 1.0
-        regressor = planar_regressor(recorded.centres, recorded.q, still, unit, gravity=0.0)
-        wrench.append(regressor[:, :, prepared.base.kept] @ base)
-        torque_rows = planar_torque_regressor(recorded.centres, recorded.q, regressor)
-        torque.append(torque_rows[:, :, prepared.base.kept] @ base)
-    return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
+    full = np.zeros(prepared.regressor.shape[-1])
+    full[prepared.base.kept] = base
+    mass, mx, my, inertia = full.reshape(-1, len(PLANAR_PARAMETERS)).T
+    gains = composite(recorded.q, recorded.centres, mass, np.column_stack([mx, my]), inertia)
+    return gains.wrench, gains.torque

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import BaseSet, base_set
 from mocap_id.dynamics.clock import SampledWrench
 from mocap_id.dynamics.external import SEAT, External
-from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known
+from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known, restored
 from mocap_id.dynamics.regressor import planar_regressor
 
 
@@ -36,6 +37,8 @@ class Recorded:
         Joint centres in the segment before, m.
     external : tuple of External
         Measured wrenches of other surroundings than the ground on the body.
+    averaged : float
+        Every sample of the plates is a mean over so long, s; 0 where it is a moment's.
     """
 
     time: FloatArray
@@ -47,6 +50,7 @@ class Recorded:
     wrench: FloatArray
     centres: FloatArray
     external: tuple[External, ...] = ()
+    averaged: float = 0.0
 
     @property
     def rate(self) -> float:
@@ -133,7 +137,7 @@ class Prepared:
     filtered : (T, 3, b) array
         Base columns after the low-pass.
     wrench, filtered_wrench : SampledWrench
-        What the plates read together, on their clock.
+        What the plates read together, on their clock; the filtered one without what averaging took off its peaks.
     sensors, filtered_sensors : (T, 3) arrays
         What other sensors read, on the cameras' clock.
     usable : (T,) bool array
@@ -157,7 +161,7 @@ class Prepared:
         """Every how many-th sample holds all that the filtered signals say."""
         return self.lowpass.step
 
-    @property
+    @cached_property
     def rows(self) -> FloatArray:
         """Minimal regressor Y_b (T, 3, b), unfiltered (eq. 4.7)."""
         return self.regressor[:, :, self.base.kept]
@@ -168,26 +172,29 @@ class Prepared:
 
     def ground(self, offset: float) -> FloatArray:
         """Wrench (T, 3) of the ground alone at the markers' times, for a clock offset of the plates, s."""
-        time = self.recorded.time
-        return SampledWrench.of(time, _whole(self.recorded.wrench))(time - offset)
+        return self._ground(self.recorded.time - offset)
+
+    @cached_property
+    def _ground(self) -> SampledWrench:
+        return SampledWrench.of(self.recorded.time, _whole(self.recorded.wrench))
 
     def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
         """Every external wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
         time = self.recorded.time
-        wrenches = [_whole(each.wrench) for each in self.recorded.external]
-        if filtered:
-            wrenches = [self.lowpass(wrench) for wrench in wrenches]
-        return [
-            SampledWrench.of(time, wrench)(time - offset) if each.by_plates else wrench
-            for each, wrench in zip(self.recorded.external, wrenches, strict=True)
-        ]
+        wrenches = []
+        for each in self.recorded.external:
+            wrench = _whole(each.wrench)
+            if filtered:
+                wrench = _filtered(self.recorded, self.lowpass, wrench) if each.by_plates else self.lowpass(wrench)
+            wrenches.append(SampledWrench.of(time, wrench)(time - offset) if each.by_plates else wrench)
+        return wrenches
 
     def elsewhere(self, offset: float) -> FloatArray:
         """Wrench (T, 3) of all surroundings but the ground, as :meth:`external`."""
         return sum(self.external(offset), np.zeros_like(self.recorded.wrench))
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
-        """Filtered wrench (R, 3) of all surroundings at some samples (R,), stamped by the plates' clock so (R,), s."""
+        """Filtered wrench (..., R, 3) of all surroundings at samples (R,), by the plates' clock at (..., R), s."""
         return self.filtered_wrench(stamped) + self.filtered_sensors[samples]
 
 
@@ -200,7 +207,7 @@ def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
     selected = regressor[moving][:: lowpass.step, list(settings.components), :]
     base = base_set(selected.reshape(-1, regressor.shape[-1]))
     wrench, sensors = _whole(recorded.plates), _whole(recorded.sensors)
-    filtered_wrench = lowpass(wrench)
+    filtered_wrench = _filtered(recorded, lowpass, wrench)
     limit = int(np.ceil(settings.offset_limit * recorded.rate)) + 1
     usable = erode(moving & recorded.observed & known(sensors), lowpass.reach_samples)
     usable &= erode(known(filtered_wrench), lowpass.reach_samples + limit)
@@ -217,6 +224,11 @@ def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
         filtered_sensors=lowpass(sensors),
         usable=usable,
     )
+
+
+def _filtered(recorded: Recorded, lowpass: LowPass, wrench: FloatArray) -> FloatArray:
+    """What plates measure (T, 3), filtered as the regressor is, whose samples are no means."""
+    return restored(lowpass(wrench), recorded.averaged * recorded.rate)
 
 
 def _whole(wrench: FloatArray) -> FloatArray:

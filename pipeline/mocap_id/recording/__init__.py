@@ -2,7 +2,7 @@
 
 from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.choice import GRAVITY, PlateChoice, choose_plates, doubtful, standing_mass
-from mocap_id.recording.decimation import PlateSamples, decimate
+from mocap_id.recording.decimation import PlateSamples, averaging_width, decimate
 from mocap_id.recording.description import describe
 from mocap_id.recording.force_log import ForceLog, read_force_log
 from mocap_id.recording.model import Plate, Recording
@@ -23,6 +23,7 @@ __all__ = [
     "Recording",
     "Seat",
     "ZeroRule",
+    "averaging_width",
     "choose_plates",
     "decimate",
     "describe",

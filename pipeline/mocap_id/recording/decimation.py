@@ -12,6 +12,9 @@ from mocap_id.recording.model import Plate
 _ROUNDING = 1e-6
 """Relative slack of times that a file holds in single precision."""
 
+_FASTER = 1.001
+"""Ratio of the rates from which on there is something to average."""
+
 
 @dataclass(frozen=True)
 class PlateSamples:
@@ -55,11 +58,34 @@ def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
         return PlateSamples(empty, empty.copy(), np.zeros(len(times), bool))
     centre = np.clip(at, 0, last)
     ratio = plate.rate / rate
-    half = np.minimum(ratio / 2 if ratio > 1.001 else 0.0, np.minimum(centre, last - centre))
+    half = np.minimum(ratio / 2 if ratio > _FASTER else 0.0, np.minimum(centre, last - centre))
     mean = np.where((half > 1e-9)[:, None], _interval_mean(samples, centre, half), _interpolated(samples, centre))
     ok = inside & ~_any_bad(~plate.ok, centre - half, centre + half)
     mean[~ok] = np.nan
     return PlateSamples(mean[:, :3], mean[:, 3:], ok)
+
+
+def averaging_width(analog_rate: float | None, rate: float) -> float:
+    """Over how long :func:`decimate` averages, s: of the mean over a box that flattens a curved signal as much.
+
+    The interval T between frames, and a little for the straight lines between samples Δ apart, which cut every curve
+    short too: a mean over the width W adds W²/24 of the second derivative, and both together T²/24 + Δ²/12.
+
+    Parameters
+    ----------
+    analog_rate : float or None
+        Samples of the plate a second; None without plates.
+    rate : float
+        Marker frames per second.
+
+    Returns
+    -------
+    float
+        0 where nothing is averaged.
+    """
+    if analog_rate is None or analog_rate / rate <= _FASTER:
+        return 0.0
+    return float(np.sqrt(rate**-2 + 2.0 * analog_rate**-2))
 
 
 def _interpolated(samples: FloatArray, at: FloatArray) -> FloatArray:

@@ -98,9 +98,8 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
     """dynamics.h5."""
     found, centres = result.found, result.prepared.recorded.centres
     return {
-        "base": _base(result.prepared.base, centres, found.base, found.base_sd)
+        "base": _base(result.prepared.base, centres, found.base, found.covariance)
         | {
-            "covariance": found.covariance,
             "verdict": np.array(result.told.verdict, dtype=object),
             "excitation": result.told.own,
             "own_share": result.told.share,
@@ -123,10 +122,9 @@ def empty_data(
     base = structural_base(centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if mass is None else mass
-    unknown = np.full(len(value), np.nan)
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
-        "base": _base(base, centres, value, unknown) | _untold_base(value),
+        "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _untold_base(value),
         "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
         "held_out": {"base": np.zeros((0, len(value))), "clock_offset": np.zeros(0)},
@@ -151,7 +149,6 @@ def _untold_base(value: FloatArray) -> dict[str, Any]:
     """What stands beside base parameters (b,) that were not fitted: only the mass can be known, from the plates."""
     absent = np.full(len(value), np.nan)
     return {
-        "covariance": np.full((len(value), len(value)), np.nan),
         "verdict": np.array(["known" if np.isfinite(each) else "not identifiable" for each in value], dtype=object),
         "excitation": absent,
         "own_share": absent,
@@ -265,11 +262,12 @@ def _contact(contact: Contact) -> dict[str, Any]:
     }
 
 
-def _base(base: BaseSet, centres: FloatArray, value: FloatArray, sd: FloatArray) -> dict[str, Any]:
+def _base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: FloatArray) -> dict[str, Any]:
     return {
         "name": np.array(base_names(base, centres), dtype=object),
         "value": value,
-        "sd": sd,
+        "sd": np.sqrt(np.diag(covariance)),
+        "covariance": covariance,
         "unit": np.array(base_units(base), dtype=object),
         "regrouping": base.regrouping,
     }

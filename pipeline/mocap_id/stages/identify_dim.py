@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.consistent import Consistency
@@ -237,7 +238,7 @@ def _recorded(context: Context, chain: _Chain) -> Recorded:
 
     measured = wrench[list(WRENCH_COMPONENTS)].to_numpy(dtype=np.float64)
     sound = wrench["plate_ok"].to_numpy(dtype=np.bool_)
-    return Recorded(
+    recorded = Recorded(
         time=time,
         q=columns("theta"),
         dq=columns("dtheta"),
@@ -248,6 +249,8 @@ def _recorded(context: Context, chain: _Chain) -> Recorded:
         centres=chain.centres,
         external=surroundings.external(context, context.settings.seat_plate, context.settings.seat_segment),
     )
+    analog_rate = context.table("wrench.parquet").facts["analog_rate_hz"]
+    return replace(recorded, averaged=recording.averaging_width(analog_rate, recorded.rate))
 
 
 def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
@@ -265,7 +268,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=7,
+    version=9,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),
