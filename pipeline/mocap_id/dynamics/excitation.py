@@ -83,7 +83,8 @@ class Excitation:
     share : (b,) array
         Of the whole column's norm, 0 … 1.
     advice : tuple of (Advice or None)
-        The best movement for each; None where none of those that were tried takes a fifth off.
+        The best movement for each; None where none of those that were tried takes a fifth off. Empty where every
+        parameter is known: then none is looked for, which takes as long as the identification.
     """
 
     names: tuple[str, ...]
@@ -113,14 +114,15 @@ def excitation(prepared: Prepared, found: Identification, error: KinematicError)
     size = sizes(prepared, found)
     relative = found.base_sd / np.maximum(size, 1e-300)
     own, share = _own_parts(found.fit.design, found.fit.base)
+    verdict = tuple(_verdict(r, s) for r, s in zip(relative, share, strict=True))
     return Excitation(
         names=base_names(prepared.base, prepared.recorded.centres),
-        verdict=tuple(_verdict(r, s) for r, s in zip(relative, share, strict=True)),
+        verdict=verdict,
         size=size,
         relative_sd=relative,
         own=own,
         share=share,
-        advice=_advice(prepared, found, error),
+        advice=() if set(verdict) == {"known"} else advise(prepared, found, error),
     )
 
 
@@ -162,8 +164,19 @@ def _unit_variances(rows: FloatArray) -> FloatArray:
     return np.asarray(np.sum((inverse[:, None] * turned) ** 2, axis=0) / length**2)
 
 
-def _advice(prepared: Prepared, found: Identification, error: KinematicError) -> tuple[Advice | None, ...]:
-    """For each parameter the change of the movement that takes most off its standard deviation."""
+def advise(prepared: Prepared, found: Identification, error: KinematicError) -> tuple[Advice | None, ...]:
+    """For each parameter the change of the movement that takes most off its standard deviation.
+
+    Parameters
+    ----------
+    prepared, found, error
+        As for :func:`excitation`.
+
+    Returns
+    -------
+    tuple of (Advice or None)
+        b long.
+    """
     trial = _Trial.of(prepared, found, error)
     noise, geometry = trial.now
     residual = np.diag(found.residual_covariance)

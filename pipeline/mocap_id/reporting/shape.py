@@ -128,6 +128,7 @@ class BaseEntry(Entry):
     of the part of its column that no other column can imitate, in standard deviations of the residual for one SI unit,
     ``own_share`` that part's share of the column. ``helps`` is the movement that would tell most more of it, and
     ``sd_ratio`` the standard deviation with that movement by the present one; 1 where none of those tried does.
+    Both are null where every parameter is known: then none is looked for.
     """
 
     name: str

@@ -132,7 +132,10 @@ def empty_data(
 
 
 def advice_facts(told: Excitation, joints: Sequence[str]) -> list[dict[str, Any]]:
-    """JSON rows: for each base parameter the movement that would tell most more of it, nulls where none would."""
+    """JSON rows: for each base parameter the movement that would tell most more of it, nulls where none would.
+
+    No rows where every parameter is known.
+    """
     return [
         {
             "name": name,
@@ -141,7 +144,7 @@ def advice_facts(told: Excitation, joints: Sequence[str]) -> list[dict[str, Any]
             "sd_ratio": None if one is None else one.ratio,
             "text": None if one is None else one.said(joints).removesuffix(","),
         }
-        for name, one in zip(told.names, told.advice, strict=True)
+        for name, one in zip(told.names, told.advice, strict=bool(told.advice))
     ]
 
 
