@@ -36,6 +36,7 @@ class Made:
     reference: tuple[float, ...] = (70.0, 2.0, 0.0, 5.0, 10.0)
     bodies: tuple[Body, ...] = ()
     failed: str | None = None
+    five_times: dict[str, Any] | None = None
 
     def case(self) -> Case:
         well = self.failed is None
@@ -69,6 +70,7 @@ class Made:
             "markers": {"reprojection_rms_mm": self.reprojection_mm, "missing_fraction": 0.01},
             "dynamics": {"condition_number": self.condition, "mass_kg": 70.0, "samples": 2, "clock_offset_s": None},
             "repetitions": [{"complete": True}, {"complete": False}],
+            **({} if self.five_times is None else {"five_times": self.five_times}),
         }
 
     def _parameters(self) -> Parameters | None:

@@ -207,6 +207,14 @@ def test_trials_tell_failures_and_how_the_models_did() -> None:
     assert (bad["verdict"], bad["exit_code"], bad["message"]) == ("failed", 3, "it is broken")
 
 
+def test_times_are_taken_where_the_movement_is_timed() -> None:
+    times = {"to_fifth_stand_s": 9.5, "to_fifth_seat_contact_s": 10.75, "mean_cycle_s": 2.0, "failed_attempts": 1}
+    timed, other = trials_table.rows([Made("a", five_times=times).case(), Made("b").case()])
+    assert (timed["five_times"], timed["five_times_seated"]) == (9.5, 10.75)
+    assert (timed["cycle"], timed["failed_attempts"]) == (2.0, 1)
+    assert other["five_times"] is None
+
+
 def test_every_parameter_stands_with_its_deviation() -> None:
     rows = list(parameters_table.rows([Made("a").case(), Made("b", value=None).case()]))
     assert [row["parameter"] for row in rows] == ["m1", "mx1", "mx2", "my2", "I2"]

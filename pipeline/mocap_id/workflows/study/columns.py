@@ -66,6 +66,8 @@ TRIALS = TableSchema(
         Column("complete", "Int64", "1", "that have all their events"),
         Column("five_times", "float64", "s", "start of the first rise to the fifth stand"),
         Column("five_times_seated", "float64", "s", "start of the first rise to the fifth seat contact"),
+        Column("cycle", "float64", "s", "from stand to stand, mean"),
+        Column("failed_attempts", "Int64", "1", "rises that were broken off within the time"),
         *(
             column
             for name, unit in _SERIES

@@ -10,7 +10,13 @@ from mocap_id.reporting.cohort.material import Fate
 from mocap_id.workflows.study.cases import SEGMENTS, Case
 
 _SERIES = ("Fx", "Fy", "tauz", "cop_x")
-_FIVE_TIMES = {"five_times": "to_fifth_stand_s", "five_times_seated": "to_fifth_seat_s"}
+_FIVE_TIMES = {
+    "five_times": "to_fifth_stand_s",
+    "five_times_seated": "to_fifth_seat_contact_s",
+    "cycle": "mean_cycle_s",
+    "failed_attempts": "failed_attempts",
+}
+"""Columns that a summary holds for movements that are timed so, and no other does."""
 
 
 def rows(cases: Sequence[Case]) -> Iterator[dict[str, Any]]:
