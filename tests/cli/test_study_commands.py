@@ -86,7 +86,10 @@ def test_init_warns_where_file_names_tell_who_it_is(cli, tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals and groups of POSIX")
-def test_an_interrupted_study_leaves_no_process_behind(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "code", "at"), [(signal.SIGTERM, 143, "work"), (signal.SIGINT, 130, "start")])
+def test_an_interrupted_study_leaves_no_process_behind(
+    tmp_path: Path, number: signal.Signals, code: int, at: str
+) -> None:
     recording = ROOT / "sample_trials" / "sit-to-stand" / "trial.c3d"
     trials = "".join(f"  - {{trial: t{k}, subject: s, strategy: x, recording: {recording}}}\n" for k in (1, 2))
     file = tmp_path / "study.yaml"
@@ -94,16 +97,24 @@ def test_an_interrupted_study_leaves_no_process_behind(tmp_path: Path) -> None:
     program = [sys.executable, "-m", "mocap_id_cli", "study", str(file), "--jobs", "2"]
     with subprocess.Popen(program, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         first = tmp_path / "runs" / "t1" / "planar.parquet"
-        _until(first.exists, 60)
-        process.send_signal(signal.SIGTERM)
+        if at == "work":
+            _until(first.exists, 60)
+        else:
+            _until((tmp_path / "runs" / "study").exists, 60)
+            time.sleep(0.5)  # the processes are being started, and import
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as a terminal does
+        else:
+            process.send_signal(number)
         assert process.stderr is not None
         err = process.stderr.read()
-    assert process.returncode == 143
+    assert process.returncode == code
     assert "Traceback" not in err
     assert "interrupted" in err
     _until(lambda: not _alive(process.pid), 20)
     assert [path for path in tmp_path.rglob("*") if ".tmp" in path.name] == []
-    Folder(first.parent).read(first.name)
+    if at == "work":
+        Folder(first.parent).read(first.name)
     assert not (tmp_path / "runs" / "study" / "study.json").exists()
 
 

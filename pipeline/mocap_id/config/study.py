@@ -14,13 +14,12 @@ from mocap_id.config.explain import explain, nearest
 from mocap_id.config.source import Location, Source, read
 from mocap_id.config.trial import Trial, absolute, compose, trial_model
 from mocap_id.errors import ConfigError
+from mocap_id.reporting.cohort.material import COHORT
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings, Subject, TrialKeys
 
 TABLES_FOLDER = "study"
 """Where the tables and the page go, beside the trials' folders; so no trial may have this name."""
-COHORT = "cohort"
-"""In the column `subject` of a study's tables, all of them together; so nobody may have this id."""
 _ID = r"^\w[\w.+-]*$"
 _OWN_KEYS = ("trial", "recording", "subject", "strategy", "out")  # of every trial, so none of them a default
 _MAX_LINES = 30

@@ -11,7 +11,7 @@ import pandas as pd
 from mocap_id.reporting.shape import ReasonEntry
 
 COHORT = "cohort"
-"""The subject of the rows that are about all people."""
+"""The subject of the rows that are about all people; so nobody may have this id."""
 
 Fate: TypeAlias = Literal["ok", "caution", "refused", "failed"]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mocap_id.config.study import COHORT
+from mocap_id.reporting.cohort.material import COHORT
 from mocap_id.workflows.study.cases import LANDMARKS, SEGMENTS, Case
 from mocap_id.workflows.study.statistics import groups, mean_sd
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.config.study import COHORT
 from mocap_id.dynamics.predict import Agreement
 from mocap_id.errors import ConfigError
+from mocap_id.reporting.cohort.material import COHORT
 from mocap_id.workflows.study.cases import Case
 from mocap_id.workflows.study.statistics import groups, mean_sd, pooled
 from mocap_id.workflows.study.trials_table import condition
@@ -66,7 +66,7 @@ def _row(action: Case, name: str, source: str, body: Body | None, why: str = "")
         "action_trial": action.trial.name,
         "model_trial": source,
         "subjects": 1,
-        "pairs": int(body is not None),
+        "pairs": int(body is not None and any(error is not None for error in body.errors.values())),
         "samples": int(action.done.dynamics["in_fit"].sum()),
         "condition_number_mean": condition(action),
         "why": why or (f"nothing was identified on {action.trial.name}: {nothing}" if nothing else ""),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mocap_id.config.study import COHORT
+from mocap_id.reporting.cohort.material import COHORT
 from mocap_id.workflows.study.cases import Case
 from mocap_id.workflows.study.statistics import groups, mean_sd
 from mocap_id.workflows.study.trials_table import condition, length_error, reprojection

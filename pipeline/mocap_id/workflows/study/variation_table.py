@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config.study import COHORT
+from mocap_id.reporting.cohort.material import COHORT
 from mocap_id.workflows.study.cases import Case, Parameters
 from mocap_id.workflows.study.statistics import groups, mean_sd
 
