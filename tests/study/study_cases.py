@@ -80,6 +80,7 @@ class Made:
             SYMBOLS,
             ("m1+m2", "mx1+p2x*m2", "mx2", "my2", "I2"),
             UNITS,
+            ("known",) * 4 + ("weak",),
             np.array(self.value),
             np.full(5, 0.1),
             np.array(self.reference),

@@ -219,6 +219,7 @@ def test_every_parameter_stands_with_its_deviation() -> None:
     rows = list(parameters_table.rows([Made("a").case(), Made("b", value=None).case()]))
     assert [row["parameter"] for row in rows] == ["m1", "mx1", "mx2", "my2", "I2"]
     assert (rows[2]["value"], rows[2]["sd"], rows[2]["reference"]) == (3.0, 0.1, 0.0)
+    assert [row["verdict"] for row in rows] == ["known"] * 4 + ["weak"]
 
 
 def test_a_study_without_any_success_has_whole_if_empty_tables() -> None:

@@ -52,7 +52,7 @@ class Parameters:
     ----------
     symbols : tuple of str
         The parameter that the others are regrouped into: m1, mx1, mx2 …
-    expressions, units : tuple of str
+    expressions, units, verdicts : tuple of str
     value, sd, reference : (b,) arrays
         Identified, its standard deviation, and of the allometric body on the same chain; NaN where unknown.
     segments : int
@@ -62,6 +62,7 @@ class Parameters:
     symbols: tuple[str, ...]
     expressions: tuple[str, ...]
     units: tuple[str, ...]
+    verdicts: tuple[str, ...]
     value: FloatArray
     sd: FloatArray
     reference: FloatArray
@@ -161,6 +162,7 @@ def parameters(out: Path) -> Parameters | None:
         symbols=tuple(name.split("+")[0] for name in expressions),
         expressions=expressions,
         units=tuple(map(str, base["unit"])),
+        verdicts=tuple(map(str, base["verdict"])),
         value=value,
         sd=np.asarray(base["sd"], dtype=np.float64),
         reference=regrouping @ reference,

@@ -189,6 +189,7 @@ PARAMETERS = TableSchema(
         Column("unit", "str", "", "kg, kg*m or kg*m^2"),
         Column("value", "float64", "", "identified, in `unit`"),
         Column("sd", "float64", "", "standard deviation, in `unit`"),
+        Column("verdict", "str", "", "known, weak or not identifiable"),
         Column("reference", "float64", "", "of the allometric body on the same chain, in `unit`"),
     ),
 )

@@ -14,8 +14,9 @@ def rows(cases: Sequence[Case]) -> Iterator[dict[str, Any]]:
         found = case.parameters
         if found is None:
             continue
-        columns = (found.symbols, found.expressions, found.units, found.value, found.sd, found.reference)
-        for symbol, expression, unit, value, sd, reference in zip(*columns, strict=True):
+        names, numbers = (found.symbols, found.expressions, found.units), (found.value, found.sd, found.reference)
+        rows_of = zip(*names, found.verdicts, *numbers, strict=True)
+        for symbol, expression, unit, verdict, value, sd, reference in rows_of:
             yield {
                 "trial": case.trial.name,
                 "subject": case.subject,
@@ -25,5 +26,6 @@ def rows(cases: Sequence[Case]) -> Iterator[dict[str, Any]]:
                 "unit": unit,
                 "value": float(value),
                 "sd": float(sd),
+                "verdict": verdict,
                 "reference": float(reference),
             }
