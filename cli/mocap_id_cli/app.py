@@ -11,7 +11,7 @@ from mocap_id.stages import STAGES
 from mocap_id_cli.inspecting import inspect
 from mocap_id_cli.reference import schema, stages
 from mocap_id_cli.running import run, stage_command
-from mocap_id_cli.simulating import simulate
+from mocap_id_cli.simulating import simulating
 from mocap_id_cli.transferring import transfer
 
 
@@ -30,7 +30,7 @@ def build() -> typer.Typer:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
     app.command("inspect")(inspect)
-    app.command("simulate")(simulate)
+    app.add_typer(simulating(), name="simulate")
     app.command("schema")(schema)
     app.command("stages")(stages)
     return app
