@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from cohort_page import TEXT, events, figures, lengths, people, strategies, table_6_3, true_torques, variants
+from cohort_page import TEXT, events, figures, lengths, others, people, strategies, table_6_3, true_torques, variants
 from cohort_truth import configure, done, models, repetitions, run, skeletons
 
 from mocap_id.workflows.simulate import Cohort, Options, simulate_cohort
@@ -33,7 +33,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "`apply_clock_offset: false`": {"apply_clock_offset": False},
     "`contact: weight` (72 %)": {"contact": "weight"},
     "`contact: knee` (−0.8 rad)": {"contact": "knee"},
-    "`contact: weight`, `seat_off_share: 0.3`": {"contact": "weight", "seat_off_share": 0.3},
+    "`contact: weight`, `seat_off_share: 0.5`": {"contact": "weight", "seat_off_share": 0.5},
 }
 
 
@@ -71,14 +71,14 @@ def vary(study: Path, place: Path, pool: ProcessPoolExecutor) -> dict[str, pd.Da
 def main() -> None:
     """Measure, print and perhaps write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--subjects", type=int, default=6, help="persons of each cohort")
+    parser.add_argument("--subjects", type=int, default=12, help="persons of each cohort")
     parser.add_argument("--repetitions", type=int, default=5, help="sit-to-stands a trial")
     parser.add_argument("--first", type=int, default=FRESH, help="seed of the cohort; the harder one has the next")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--write", type=Path, help="page to replace")
     arguments = parser.parse_args()
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # for the processes: as many threads as cores each would get in the way
-    found, others = {}, {}
+    found, varied = {}, {}
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.jobs) as pool:
         for k, (name, options) in enumerate((("ordinary", ORDINARY), ("hard", HARD))):
             own = replace(options, seed=arguments.first + k, repetitions=arguments.repetitions)
@@ -86,7 +86,7 @@ def main() -> None:
             found[name] = measure(study, study.parent / "trials", {}, pool)
             sys.stderr.write(f"{name}: {len(found[name].lost)} trials without a model {found[name].lost}\n")
             if name == "ordinary":
-                others = vary(study, study.parent / "trials", pool)
+                varied = vary(study, study.parent / "trials", pool)
     first = found["ordinary"]
     text = TEXT.format(
         subjects=arguments.subjects,
@@ -100,7 +100,8 @@ def main() -> None:
         lengths=lengths(first.skeletons),
         strategies=strategies(first.skeletons),
         events=events(first.repetitions),
-        variants=variants(others),
+        others=others(first.repetitions),
+        variants=variants(varied),
     )
     sys.stdout.write(text)
     if arguments.write:
