@@ -14,6 +14,11 @@ from mocap_id.workflows import transfer as workflow
 from mocap_id.workflows import transfer_table
 from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress
 
+_VERDICTS = {
+    True: "verdict: supported; the carried body was told from the table's beforehand and is closer to the forces",
+    False: "verdict: not supported by these recordings, for the reasons above; a table's body serves as well",
+    None: "verdict: nothing speaks against it, but there are no forces or no table's body here to show it by",
+}
 _SHOWN = {"Fx": ("N", 1.0), "Fy": ("N", 1.0), "tauz": ("N·m", 1.0), "cop_x": ("mm", 1e3)}
 
 
@@ -57,6 +62,7 @@ def _lines(found: workflow.Transfer) -> Iterator[str]:
         yield f"\n{trial.trial}: {trial.samples} samples, condition number {condition}"
         yield from _aligned([["", *(body.name for body in trial.bodies)], *_rows(found, trial)])
         yield from (f"  {reason.code}: {reason.message}" for reason in trial.reasons)
+        yield _VERDICTS[trial.supported]
 
 
 def _rows(found: workflow.Transfer, trial: workflow.Applied) -> Iterator[list[str]]:

@@ -11,16 +11,18 @@ import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body
 
 from mocap_id.dynamics.base import base_names
+from mocap_id.dynamics.excitation import excitation
 from mocap_id.dynamics.fit import determined, fit, select
 from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import identify
-from mocap_id.dynamics.judge import judge, weak_parameters
+from mocap_id.dynamics.identify import Identification, identify
+from mocap_id.dynamics.judge import judge
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.optimality import Optimality
 from mocap_id.dynamics.predict import agreement, predict
-from mocap_id.dynamics.prepare import FitSettings, Recorded, arcs, prepare
+from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, arcs, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
+from mocap_id.verdict import Reason
 
 GRID = segment_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
@@ -32,6 +34,10 @@ NOISE = (0.5, 0.5, 0.15)
 
 def with_(recorded: Recorded, **changes: np.ndarray) -> Recorded:
     return Recorded(**{**recorded.__dict__, **changes})
+
+
+def judged(prepared: Prepared, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
+    return judge(prepared, found, excitation(prepared, found, NO_ERROR), **masses)
 
 
 def truth() -> np.ndarray:
@@ -154,23 +160,23 @@ def test_judgement() -> None:
     mass = float(BODY[:, 0].sum())
 
     def codes(given: float | None, standing: float | None) -> list[str]:
-        return [reason.code for reason in judge(prepared, found, given=given, standing=standing)]
+        return [reason.code for reason in judged(prepared, found, given=given, standing=standing)]
 
     assert codes(mass, mass) == codes(mass, None) == codes(None, mass) == codes(None, None) == []
     assert codes(0.9 * mass, None) == codes(0.9 * mass, mass) == ["mass-contradiction"]
-    assert weak_parameters(prepared, found) == ()
+    assert excitation(prepared, found, NO_ERROR).doubtful == ()
 
 
 def test_a_load_that_something_else_shares_is_said() -> None:
     """The identified mass against the standing one; the given one goes with the standing one."""
     prepared, found = identified(moving_body(noise=NOISE))
     mass = float(BODY[:, 0].sum())
-    (reason,) = judge(prepared, found, given=1.2 * mass, standing=1.2 * mass)
+    (reason,) = judged(prepared, found, given=1.2 * mass, standing=1.2 * mass)
     assert reason.code == "load-shared"
     assert "protocol: sit-to-stand" in reason.message
     assert f"{mass:.1f} kg" in reason.message
     assert f"{1.2 * mass:.1f} kg" in reason.message
-    (contradiction,) = judge(prepared, found, given=1.2 * mass, standing=None)
+    (contradiction,) = judged(prepared, found, given=1.2 * mass, standing=None)
     assert contradiction.code == "mass-contradiction"
     assert "sit-to-stand" in contradiction.message
 
@@ -182,7 +188,7 @@ def test_whose_answer_it_is_and_which_check_failed_is_said() -> None:
 
     def codes(**changes: object) -> dict[str, str]:
         told = replace(found, solution=replace(solution, **changes))
-        return {reason.code: reason.level for reason in judge(prepared, told, given=None, standing=None)}
+        return {reason.code: reason.level for reason in judged(prepared, told, given=None, standing=None)}
 
     assert codes() == {}
     assert codes(answer=replace(fine, solver="nnls")) == {"solver-fallback": "ok"}
@@ -201,7 +207,7 @@ def test_without_Fy_no_mass_is_judged() -> None:
     mass = float(BODY[:, 0].sum())
 
     def cautions(given: float | None, standing: float | None) -> list[str]:
-        reasons = judge(prepared, found, given=given, standing=standing)
+        reasons = judged(prepared, found, given=given, standing=standing)
         return [reason.code for reason in reasons if reason.level == "caution"]
 
     assert cautions(None, mass) == []
@@ -250,8 +256,12 @@ def test_weak_excitation_is_said() -> None:
     prepared = prepare(with_(recorded, **states, wrench=exact + noise), FitSettings())
     assert len(prepared.base.kept) == 11
     found = identify(prepared, np.ones(1200, dtype=bool), GRID, NO_REFERENCE, NO_ERROR)
-    assert "I4" in weak_parameters(prepared, found)
-    assert "parameters-weak" in [reason.code for reason in judge(prepared, found, given=None, standing=None)]
+    told = excitation(prepared, found, NO_ERROR)
+    assert "I4" in [told.names[i] for i in told.doubtful]
+    (reason,) = [reason for reason in judged(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"]
+    best = told.advice[told.names.index("I4")]
+    assert best is not None
+    assert f"{best.said(('joint 1', 'joint 2', 'joint 3'))[1:]} would take" in reason.message
 
 
 def simulated(folder: Path, noise: float) -> tuple[Recorded, dict, dict]:

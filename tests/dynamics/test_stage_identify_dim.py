@@ -109,6 +109,49 @@ def test_a_good_trial() -> None:
     assert table.frame["cop_x"].notna().sum() == len(loaded)
 
 
+def test_each_parameter_has_its_verdict_and_what_it_rests_on() -> None:
+    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)))
+    base: Any = tree.data["base"]
+    np.testing.assert_allclose(np.sqrt(np.diag(base["covariance"])), base["sd"])
+    np.testing.assert_allclose(base["covariance"], base["covariance"].T)
+    assert set(base["verdict"]) == {"known"}
+    assert np.all((base["own_share"] > 0) & (base["own_share"] <= 1 + 1e-9))
+    assert tree.facts["advice"] == []
+
+
+def test_a_joint_that_hardly_moves_is_told_with_what_to_do() -> None:
+    """The reason names a movement, and says what it would make of each deviation."""
+    recorded = moving_body()
+    noise = moving_body(noise=(5.0, 5.0, 2.0)).wrench - recorded.wrench
+    states = {name: getattr(recorded, name) * [1.0, 1.0, 0.004] for name in ("q", "dq", "ddq")}
+    wrench = planar_regressor(CENTRES, **states) @ BODY.ravel() + noise
+    _, _, tree = run(with_(recorded, **states, wrench=wrench))
+    (reason,) = [reason for reason in tree.reasons if reason.code == "parameters-weak"]
+    base: Any = tree.data["base"]
+    doubtful = [i for i, verdict in enumerate(base["verdict"]) if verdict != "known"]
+    assert reason.value == len(doubtful) > 0
+    assert [one["name"] for one in tree.facts["advice"]] == list(base["name"])
+    for i in doubtful:
+        advice = tree.facts["advice"][i]
+        assert f"{base['name'][i]} ({100 * base['relative_sd'][i]:.0f} %)" in reason.message
+        if advice["text"]:
+            assert advice["text"][1:] in reason.message
+            expected = 100 * advice["sd_ratio"] * base["relative_sd"][i]
+            assert f"{base['name'][i]} to {expected:.0f} %" in reason.message
+        else:
+            assert "No other movement of these joints would tell more of" in reason.message
+
+
+def test_what_was_not_fitted_is_not_identifiable_but_the_mass() -> None:
+    recorded = moving_body()
+    still = {name: 0 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
+    wrench = planar_regressor(CENTRES, **still) @ BODY.ravel()
+    _, _, tree = run(with_(recorded, **still, wrench=wrench), standing=MASS)
+    assert codes(tree)[-1] == "standing-still"
+    assert "only the mass is known" in tree.reasons[-1].message
+    assert list(tree.data["base"]["verdict"]) == ["known"] + 10 * ["not identifiable"]  # type: ignore[call-overload, index]
+
+
 def test_the_measured_wrench_is_at_the_corrected_clock() -> None:
     recorded = moving_body(seconds=15.0)
     late = with_(recorded, wrench=np.roll(recorded.wrench, -3, axis=0))  # stamped 30 ms too early

@@ -118,6 +118,7 @@ def test_a_carried_body_is_as_good_as_the_own_one_and_better_than_the_table(norm
         assert ours is not None and theirs is not None
         assert rms(ours) < 0.5 * rms(theirs)
     assert found.reasons == ()
+    assert found.supported is True
 
 
 def test_on_its_own_trial_a_body_is_the_own_model(dynamic) -> None:
@@ -212,7 +213,11 @@ def test_a_trial_without_an_identified_body_is_no_model(subject, tmp_path) -> No
     assert [reason.code for reason in found.reasons] == ["transfer-nothing"]
     assert found.samples == 0
     assert all(error is None for each in found.bodies for error in each.errors.values())
-    json.dumps(as_json(Transfer("m", ("foot", "shank", "thigh", "torso"), (found,))), allow_nan=False)
+    applied = Transfer("m", ("foot", "shank", "thigh", "torso"), (found,))
+    json.dumps(as_json(applied), allow_nan=False)
+    assert found.supported is None
+    write(applied, tmp_path / "t.parquet")
+    assert pd.read_parquet(tmp_path / "t.parquet")["supported"].isna().all()
 
 
 def test_a_run_folder_is_taken_as_it_is(subject, normal, tmp_path) -> None:
@@ -272,6 +277,7 @@ def test_the_command_prints_a_table(cli, subject, normal, dynamic) -> None:
     assert f"s21-dynamic: {dynamic.dynamics['in_fit'].sum()} samples, condition number" in out
     for row in ("Fx (N)", "Fy (N)", "tauz (N·m)", "cop_x (mm)", "tau_3 less own (N·m)"):
         assert any(line.startswith(row) for line in lines)
+    assert lines[-1].startswith("verdict: supported")
     heads = next(line for line in lines if "transferred" in line)
     assert heads.split("  ")[-1].strip() == "winter"
 
@@ -292,6 +298,9 @@ def test_json_and_files_hold_the_same_numbers(cli, subject, normal, dynamic, tmp
                 for what in ("mean", "sd", "rms"):
                     assert row[f"{series}_{what}"] == pytest.approx(each["errors"][series][what])
             assert np.isnan(row["tau_1_mean"]) == (each["torques"] is None)
+        assert trial["supported"] is True
+        assert set(trial["support"]) == {"Fy", "tauz", "cop_x"}
+        assert frame[frame["trial"] == trial["trial"]]["supported"].all()
         assert [part["segment"] for part in trial["registration"]] == ["foot", "shank", "thigh", "torso"]
     assert cli(*arguments, "--out", tmp_path / "t.parquet")[0] == 0
     schema = pq.read_schema(tmp_path / "t.parquet")

@@ -35,6 +35,10 @@ LOST = "costs 40.2 more: leaves out 4 markers of the chosen segments (+44.2); bu
 SEATED, STANDING = np.array([-0.25, 1.5, -1.7, 0.3]), np.array([0.02, 0.05, -0.1, 0.0])
 
 
+NO_ADVICE = (None, None, None, None)
+ADVICE = ("larger", "knee", 0.6, "the knee's movement 1.5 times larger")
+
+
 class Trial:
     """Artefacts of a made-up trial with ``joints`` joints and ``frames`` frames at 100 Hz."""
 
@@ -225,6 +229,11 @@ class Trial:
                 "sd": np.array([0.3, 0.02, 0.4, 0.2])[:base],
                 "unit": np.array(["kg", "kg*m", "kg*m", "kg*m^2"][:base], dtype="U"),
                 "regrouping": np.eye(base, full),
+                "covariance": np.diag(np.array([0.3, 0.02, 0.4, 0.2])[:base] ** 2),
+                "verdict": np.array(["known", "weak", "known", "known"][:base], dtype="U"),
+                "relative_sd": np.array([0.004, 0.4, 0.014, 0.017])[:base],
+                "excitation": np.array([310.0, 4.0, 90.0, 30.0])[:base],
+                "own_share": np.array([0.9, 0.05, 0.4, 0.3])[:base],
             },
             "full": {
                 "name": np.array([f"{p}{k}" for k in range(self.n + 1) for p in ("m", "mx", "my", "Izz")]),
@@ -247,6 +256,12 @@ class Trial:
             "wrench": {name: {"bias": 0.5, "sd": 3.2, "r2": 0.991} for name in ("Fx", "Fy", "tauz")},
             "cop_rms_m": 0.006,
             "samples": 900,
+            "advice": [
+                {"name": name, "change": change, "joint": joint, "sd_ratio": ratio, "text": text}
+                for name, (change, joint, ratio, text) in zip(
+                    names, (NO_ADVICE, ADVICE, ADVICE, NO_ADVICE), strict=False
+                )
+            ],
             "reference_table": "winter",
             "consistency": "grid",
             "rivals": {

@@ -79,7 +79,8 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     assert summary["markers"]["reprojection_rms_mm"] == pytest.approx(2.8)
     assert summary["noise"] == {"marker_sd_m": 0.0021, "sigma_v": 3200.0, "sigma_v_per_joint": [3200.0], "why": None}
     assert summary["dynamics"]["base"][0] == {
-        "name": "m1+m2+m3+m4", "value": 71.2, "sd": 0.3, "unit": "kg", "why": None,
+        "name": "m1+m2+m3+m4", "value": 71.2, "sd": 0.3, "unit": "kg", "verdict": "known", "relative_sd": 0.004,
+        "excitation": 310.0, "own_share": 0.9, "helps": "none of those tried", "sd_ratio": 1.0, "why": None,
     }  # fmt: skip
     assert summary["dynamics"]["wrench"]["Fy"]["r2"] == 0.991
     assert summary["dynamics"]["samples"] == 900

@@ -127,6 +127,12 @@ def carry(full: FloatArray, registration: Registration) -> FloatArray:
     return np.concatenate(out)
 
 
+def carry_covariance(covariance: FloatArray, registration: Registration) -> FloatArray:
+    """Covariance (4(n + 1), 4(n + 1)) of the parameters that :func:`carry` gives; the registration counts as known."""
+    move = np.column_stack([carry(unit, registration) for unit in np.eye(len(covariance))])
+    return np.asarray(move @ covariance @ move.T)
+
+
 def _common(there: Skeleton, here: Skeleton, segment: int) -> tuple[FloatArray, FloatArray]:
     """Local coordinates (k, 2) of the markers that both trials have on this segment."""
     before, after = (

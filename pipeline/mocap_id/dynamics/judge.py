@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from mocap_id.dynamics.base import base_names
+from mocap_id.dynamics.excitation import LOST, WEAK, Advice, Excitation
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.optimality import PROVEN
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.verdict import Reason
 
 _BOUNDED = 0.05  # of the least cost: what physical consistency may cost
-_WEAK = 0.2  # of a parameter's size: its standard deviation
 _MASS_APART = 0.05  # of the other one
 
 
 def judge(
-    prepared: Prepared, found: Identification, *, given: float | None, standing: float | None
+    prepared: Prepared,
+    found: Identification,
+    told: Excitation,
+    *,
+    given: float | None,
+    standing: float | None,
+    joints: Sequence[str] = (),
 ) -> tuple[Reason, ...]:
     """Reasons for the verdict.
 
@@ -24,17 +29,22 @@ def judge(
     ----------
     prepared : Prepared
     found : Identification
+    told : Excitation
+        What is known of each base parameter.
     given : float or None
         The subject's mass as the user gave it, kg.
     standing : float or None
         What the plates show while the person stands, kg.
+    joints : sequence of str
+        Their names; numbers where none are given.
     """
+    names = tuple(joints) or tuple(f"joint {j}" for j in range(1, prepared.recorded.q.shape[1] + 1))
     reasons = (
         _clock(prepared, found),
         _cone(found),
         _solver(found),
         _bounded(found),
-        _weakly_known(prepared, found),
+        _weakly_known(told, names),
         _load_shared(prepared, found, standing),
         _mass(prepared, found, given, standing),
     )
@@ -44,26 +54,6 @@ def judge(
 def identified_mass(prepared: Prepared, found: Identification) -> float | None:
     """The body's mass, kg; None where Fy was not fitted, without which the wrench says nothing of it."""
     return float(found.full[::4].sum()) if 1 in prepared.settings.components else None
-
-
-def weak_parameters(prepared: Prepared, found: Identification) -> tuple[str, ...]:
-    """Base parameters whose standard deviation is large beside their size.
-
-    First moments are held against (mx, my) together: mx alone may be zero. The base segment has no my; its mx is the
-    weight times the centre of pressure of a straight stand, and 5 cm of that count as its least size.
-    """
-    kept = prepared.base.kept
-    segment, kind = kept // 4, kept % 4
-    mass = identified_mass(prepared, found) or 0.0
-    weak = []
-    for i, name in enumerate(base_names(prepared.base, prepared.recorded.centres)):
-        size = abs(float(found.base[i]))
-        if kind[i] in (1, 2):
-            pair = found.base[(segment == segment[i]) & ((kind == 1) | (kind == 2))]
-            size = float(np.linalg.norm(pair)) if segment[i] else max(size, 0.05 * mass)
-        if found.base_sd[i] > _WEAK * size:
-            weak.append(name)
-    return tuple(weak)
 
 
 def _clock(prepared: Prepared, found: Identification) -> Reason | None:
@@ -125,23 +115,58 @@ def _bounded(found: Identification) -> Reason | None:
         return None
     return Reason(
         "parameters-bounded",
-        f"bodies that can exist fit {100 * price:.0f} % worse than free parameters: joints, markers or plate are off, "
+        f"bodies that can exist fit {_times(price)} than free parameters: joints, markers or plate are off, "
         "or mass lies far outside the markers",
         value=price,
         limit=_BOUNDED,
     )
 
 
-def _weakly_known(prepared: Prepared, found: Identification) -> Reason | None:
-    weak = weak_parameters(prepared, found)
-    if not weak:
+def _times(price: float) -> str:
+    """How much worse a fit is."""
+    return f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
+
+
+def _weakly_known(told: Excitation, joints: Sequence[str]) -> Reason | None:
+    """The parameters that are not known, with the movement that would tell most of each."""
+    doubtful = told.doubtful
+    if not doubtful:
         return None
+    lost = [told.names[i] for i in doubtful if told.verdict[i] == "not identifiable"]
+    listed = ", ".join(f"{told.names[i]} ({100 * told.relative_sd[i]:.0f} %)" for i in doubtful)
+    none = f"; not identifiable, above {100 * LOST:.0f} %: {', '.join(lost)}" if lost else ""
     return Reason(
         "parameters-weak",
-        f"weakly known, with a standard deviation above {100 * _WEAK:.0f} % of their size: {', '.join(weak)}; a faster "
-        "and larger movement of those segments would tell more",
-        value=float(len(weak)),
+        f"weakly known, with a standard deviation above {100 * WEAK:.0f} % of their size: {listed}{none}. "
+        + " ".join(_recommended(told, doubtful, joints)),
+        value=float(len(doubtful)),
     )
+
+
+def _recommended(told: Excitation, doubtful: Sequence[int], joints: Sequence[str]) -> list[str]:
+    """A sentence for each movement that is the best one for some of the parameters."""
+    best: dict[tuple[str, int | None], list[tuple[int, Advice]]] = {}
+    for i in doubtful:
+        advice = told.advice[i]
+        if advice is not None:
+            best.setdefault((advice.change, advice.joint), []).append((i, advice))
+    found = [
+        f"{_capital(group[0][1].said(joints))} would take "
+        + ", ".join(f"{told.names[i]} to {100 * advice.ratio * told.relative_sd[i]:.0f} %" for i, advice in group)
+        + "."
+        for group in best.values()
+    ]
+    beyond = [told.names[i] for i in doubtful if told.advice[i] is None]
+    if beyond:
+        found.append(
+            f"No other movement of these joints would tell more of {', '.join(beyond)}: what limits them is the "
+            "plate's zero, or joints and skin."
+        )
+    return found
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _load_shared(prepared: Prepared, found: Identification, standing: float | None) -> Reason | None:

@@ -81,6 +81,16 @@ class Prior:
         rest = np.eye(len(gain)) - gain
         return np.asarray(gain @ of_data @ gain.T + rest @ self._spread(regrouping) @ rest.T)
 
+    def completed(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
+        """Covariance (f, f) of full parameters with base parameters of this covariance (b, b), else the closest ones.
+
+        What the base parameters leave open has the prior's own spread: another trial, with its joints in other places,
+        may feel it.
+        """
+        spread = np.diag(self.sd**2)
+        follow = np.linalg.solve(self._spread(regrouping), regrouping @ spread).T
+        return np.asarray(follow @ covariance @ follow.T + spread - follow @ regrouping @ spread)
+
     def _spread(self, regrouping: FloatArray) -> FloatArray:
         """Covariance (b, b) of the prior's base parameters."""
         return np.asarray(regrouping @ np.diag(self.sd**2) @ regrouping.T)

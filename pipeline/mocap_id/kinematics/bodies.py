@@ -135,10 +135,9 @@ class Clusters:
         while len(bodies) > 1:
             candidates = []
             for (i, first), (j, second) in combinations(enumerate(bodies), 2):
-                markers = np.sort(np.concatenate([first.markers, second.markers]))
-                if not self.constraints.allow(markers):
+                both = self.joined(first, second)
+                if both is None:
                     continue
-                both = self._fit(markers)
                 growth = both.residual / _pooled(first, second)
                 if growth <= _AS_WELL or (growth <= tolerance and _hardly_turn(first, second, min_arc)):
                     candidates.append((growth, i, j, both))
@@ -147,6 +146,11 @@ class Clusters:
             _, i, j, both = min(candidates, key=lambda candidate: candidate[0])
             bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [both]
         return bodies
+
+    def joined(self, first: Body, second: Body) -> Body | None:
+        """Two bodies as one; None where the user wants some of their markers apart."""
+        markers = np.sort(np.concatenate([first.markers, second.markers]))
+        return self._fit(markers) if self.constraints.allow(markers) else None
 
     def _rigid(self, groups: list[IntArray]) -> list[Body]:
         return [self._fit(group) for group in groups if len(group) > 1]

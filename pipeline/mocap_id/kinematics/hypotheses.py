@@ -17,6 +17,7 @@ from mocap_id.kinematics.bodies import Base, Clusters
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid import Body
+from mocap_id.kinematics.tips import whole_tips
 
 FLOOR = 3e-4
 """No camera system resolves less (m), so fitting better than this is worth nothing."""
@@ -64,6 +65,10 @@ class SegmentationRules:
     split_gain: float = 4.0
     count: int | None = None
     longest: int = 6
+
+    def is_joint(self, joint: PairJoint) -> bool:
+        """Whether two bodies turn about each other: enough, and about a point that stays where it is."""
+        return joint.residual <= self.max_residual and joint.arc >= self.min_arc
 
 
 @dataclass(frozen=True)
@@ -239,7 +244,8 @@ def _of_level(scene: Scene, level: int, bodies: list[Body]) -> Iterator[Hypothes
 
 def _hypothesis(scene: Scene, level: int, bodies: list[Body], path: _Path, cut: float | None = None) -> Hypothesis:
     """A path with what it leaves out; the best of its level where nothing is said of a cut."""
-    left_out = tuple(body for body in bodies if not any(body is link for link in path.chain))
+    carried = np.concatenate([link.markers for link in path.chain])
+    left_out = tuple(body for body in bodies if not np.isin(body.markers, carried).all())
     predicted = _predicted(scene, path.chain, path.joints)
     cost = _cost(scene, predicted, len(path.chain)) + (cut or 0.0)
     return Hypothesis(level, path.chain, path.joints, left_out, predicted, cost, cut is None, cut or 0.0)
@@ -248,23 +254,33 @@ def _hypothesis(scene: Scene, level: int, bodies: list[Body], path: _Path, cut: 
 def _best_chains(scene: Scene, bodies: list[Body]) -> list[_Path]:
     """The cheapest path from the base over real joints for each number of segments, by exhaustive search."""
     rules = scene.rules
-    links = [scene.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
+    links: list[Body] = [scene.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
     joints = {(i, j): fit_joint(links[i], links[j]) for i in range(len(links)) for j in range(1, len(links)) if i != j}
-    real = {
-        pair for pair, joint in joints.items() if joint.residual <= rules.max_residual and joint.arc >= rules.min_arc
-    }
+    real = {pair for pair, joint in joints.items() if rules.is_joint(joint)}
     real -= _paired(real, joints, np.array([np.nanmean(scene.lateral[body.markers]) for body in links]))
     real = {(i, j) for i, j in real if i == 0 or not _straddles(scene.lateral, links[j], links[i])}
+    if rules.count is not None:
+        for tip, below in list(whole_tips(links, real, scene.clusters.joined, rules.max_residual)):
+            joints |= {(k, len(links)): fit_joint(link, tip) for k, link in enumerate(links)}
+            of_tip = {k for k in below if not _straddles(scene.lateral, tip, links[k])}
+            real |= {(k, len(links)) for k in of_tip if rules.is_joint(joints[k, len(links)])}
+            links.append(tip)
     best: dict[int, _Path] = {}
     for path in _paths((0,), real, len(links), rules):
-        if _skips_as_well(path, joints):
-            continue
         chain = tuple(links[i] for i in path[1:])
+        if not _disjoint(chain) or _skips_as_well(path, joints):
+            continue
         found = tuple(joints[pair] for pair in pairwise(path))
         cost = _cost(scene, _predicted(scene, chain, found), len(chain))
         if len(path) not in best or cost < best[len(path)].cost:
             best[len(path)] = _Path(chain, found, cost)
     return list(best.values())
+
+
+def _disjoint(chain: tuple[Body, ...]) -> bool:
+    """Whether no marker is on two segments: a last segment may be two bodies of which the chain holds one already."""
+    markers = np.concatenate([body.markers for body in chain])
+    return len(np.unique(markers)) == len(markers)
 
 
 def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:

@@ -1,7 +1,7 @@
 """Recordings of any lab, C3D or TRC with MOT, read into one form; and written."""
 
 from mocap_id.recording.axes import to_z_up
-from mocap_id.recording.choice import PlateChoice, choose_plates, doubtful, standing_mass
+from mocap_id.recording.choice import GRAVITY, PlateChoice, choose_plates, doubtful, standing_mass
 from mocap_id.recording.decimation import PlateSamples, averaging_width, decimate
 from mocap_id.recording.description import describe
 from mocap_id.recording.force_log import ForceLog, read_force_log
@@ -13,6 +13,7 @@ from mocap_id.recording.tables import MotionTable, read_table
 from mocap_id.recording.writing import write_c3d, write_trc
 
 __all__ = [
+    "GRAVITY",
     "ForceLog",
     "MotionTable",
     "Plate",

@@ -36,6 +36,9 @@ class StoredPlate:
     problem : str
         Why it cannot be used, or empty.
     oddities : tuple of str
+    assumptions : tuple of str
+    saturated : (K,) bool array or None
+        A channel is at its limit; None where none is.
     """
 
     index: int
@@ -45,6 +48,7 @@ class StoredPlate:
     problem: str
     oddities: tuple[str, ...]
     assumptions: tuple[str, ...] = ()
+    saturated: BoolArray | None = None
 
 
 def stored_plates(
@@ -88,7 +92,7 @@ class _PlateReader:
             columns = self._columns()
             corners = self._parameter("CORNERS", (3, 4)).T * self.metres
             origin = self._origin()
-            ok = self._good(columns)
+            ok, full = self._good(columns)
             channels = self._in_si(self._without_baseline(self.analog[:, columns]), columns)
         except UnusablePlateError as why:
             nothing = np.zeros(len(self.analog), bool)
@@ -96,7 +100,9 @@ class _PlateReader:
         if not ok.all():
             self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
         signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
-        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), tuple(self.assumptions))
+        assumed = tuple(self.assumptions)
+        full_ = full if full.any() else None
+        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, full_)
 
     def _note(self, oddity: str) -> None:
         self.oddities.append(f"plate {self.index}: {oddity}")
@@ -152,8 +158,8 @@ class _PlateReader:
                 raise UnusablePlateError("ORIGIN gives no sensor distances, which a type 3 plate needs")
         return np.asarray(origin)
 
-    def _good(self, columns: list[int]) -> BoolArray:
-        """(K,) samples of which every channel is a number, away from the converter's limits."""
+    def _good(self, columns: list[int]) -> tuple[BoolArray, BoolArray]:
+        """(K,) samples of which every channel is a number away from the converter's limits; those at a limit."""
         use = calibration(self.file, self.layout)
         offset, scale = use.offset[columns], use.scale[columns]
         if not np.isfinite(scale).all():
@@ -164,10 +170,11 @@ class _PlateReader:
         with np.errstate(divide="ignore", invalid="ignore"):
             counts = self.analog[:, columns] / scale + offset
         bits = self.file.words("ANALOG:BITS")
-        ok = np.asarray(finite & ~saturated(counts, offset, bits[0] if bits else None))
+        full = saturated(counts, offset, bits[0] if bits else None)
+        ok = np.asarray(finite & ~full)
         if not ok.any():
             raise UnusablePlateError("all of its samples are saturated or not finite")
-        return ok
+        return ok, full
 
     def _without_baseline(self, channels: FloatArray) -> FloatArray:
         """Subtract the mean over the frames that ZERO names, if the plate was unloaded then."""

@@ -112,6 +112,13 @@ def choose_plates(
     for plate, each in zip(plates, samples, strict=True):
         if not plate.usable or not each.ok.any():
             chosen.append(("ignored", plate.problem or "no good sample in these frames"))
+        elif _peak(each) >= threshold and _dead(each):
+            chosen.append(
+                (
+                    "ignored",
+                    f"it reads the same {each.force[each.ok, 2][0]:.0f} N throughout: not connected, or saturated",
+                )
+            )
         elif plate.index in feet and _peak(each) < LOADED_N:
             chosen.append(("unloaded", f"named as the feet's, but its load stays under {LOADED_N:.0f} N"))
         elif feet or seat:
@@ -187,6 +194,12 @@ def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> t
         )
     mass = float(np.median(vertical[still])) / GRAVITY
     return (mass, None) if mass > _LEAST_KG else (None, "the plates carry no weight while the person stands")
+
+
+def _dead(samples: PlateSamples) -> bool:
+    """Whether the load never changes, not even by noise, as that of no plate does that somebody stands on."""
+    vertical = samples.force[samples.ok, 2]
+    return bool(np.ptp(vertical) <= 1e-6 * np.max(np.abs(vertical)))
 
 
 def _check_names(plates: Sequence[Plate], feet: Collection[int], seat: Collection[int]) -> None:

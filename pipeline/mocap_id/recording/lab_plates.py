@@ -50,7 +50,8 @@ def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> t
             if reversed_:
                 oddities.append(f"plate {stored.index} holds the force of the body on the plate: reversed")
             plate = Plate(stored.index, f"type {stored.kind}", corners, force, moment, stored.ok, rate, start)
-            plate = replace(plate, assumptions=tuple(f"plate {stored.index}: {text}" for text in stored.assumptions))
+            assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
+            plate = replace(plate, assumptions=assumptions, saturated=stored.saturated)
             return plate, oddities + _off_plate(plate)
     nothing = np.full((len(stored.ok), 3), np.nan)
     none = np.zeros(len(stored.ok), bool)

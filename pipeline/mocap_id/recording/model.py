@@ -37,6 +37,8 @@ class Plate:
     assumptions : tuple of str
         What the file does not say about the plate and was assumed, on which its forces rest; also among the oddities
         of the recording.
+    saturated : (K,) bool array or None
+        A channel sat at the end of its range; None where none did.
     """
 
     index: int
@@ -49,6 +51,7 @@ class Plate:
     start: float = 0.0
     problem: str = ""
     assumptions: tuple[str, ...] = ()
+    saturated: BoolArray | None = None
 
     @property
     def centre(self) -> FloatArray | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.clock import Clock, even_clock
 from mocap_id.recording.lab_plates import is_load
 from mocap_id.recording.model import Plate
+from mocap_id.recording.saturation import clipped
 from mocap_id.recording.tables import MotionTable
 
 _COLUMN = re.compile(r"^(?P<name>.*?)_?(?P<what>[vpm]?)(?P<axis>[xyz])$")
@@ -123,5 +124,9 @@ def _plate(
     if problem:
         oddities.append(f"plate {index} is not used: {problem}")
         force = np.full_like(force, np.nan)
-    ok = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
-    return Plate(index, "mot", None, force, moment, ok, clock.rate, clock.start, problem), oddities
+    finite = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
+    full = clipped(force[:, 2]) if finite.any() else ~finite
+    if full.any():
+        oddities.append(f"plate {index}: {int(full.sum())} samples are saturated: held at an extreme of the load")
+    plate = Plate(index, "mot", None, force, moment, finite & ~full, clock.rate, clock.start, problem)
+    return replace(plate, saturated=full if full.any() else None), oddities

@@ -12,6 +12,9 @@ _RUN = 8
 _QUANTISED = 0.2
 """Channels that repeat more than this share of their samples are coarse or at rest, and repetition means nothing."""
 
+_REST = 0.1
+"""Of the range from zero to the other extreme: an extreme this near to zero is a channel at rest."""
+
 
 def saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
     """Find saturated samples.
@@ -41,7 +44,7 @@ def saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolA
             low, high = _limits(float(zero), bits)
             flags |= (column <= low + 0.5) | (column >= high - 0.5)
         else:
-            flags |= _clipped(column)
+            flags |= clipped(column - zero)
     return flags
 
 
@@ -52,14 +55,28 @@ def _limits(offset: float, bits: int | None) -> tuple[float, float]:
     return (0.0, span - 1) if abs(offset) > span / 4 else (-span / 2, span / 2 - 1)
 
 
-def _clipped(column: FloatArray) -> BoolArray:
+def clipped(column: FloatArray) -> BoolArray:
+    """Samples of one channel that are held at an extreme, far from zero, while it never stands still elsewhere.
+
+    Parameters
+    ----------
+    column : (K,) array
+        Less its zero; NaN where unknown.
+
+    Returns
+    -------
+    (K,) bool array
+    """
     flags = np.zeros(len(column), bool)
-    if np.mean(np.diff(column) == 0) > _QUANTISED:
+    low, high = float(np.nanmin(column)), float(np.nanmax(column))
+    between = column[(column > low) & (column < high)]
+    if not between.size or np.mean(np.diff(between) == 0) > _QUANTISED:
         return flags
-    for extreme in (np.nanmin(column), np.nanmax(column)):
+    for extreme in (low, high):
+        if abs(extreme) < _REST * max(abs(low), abs(high)):
+            continue
         held = column == extreme
         edges = np.flatnonzero(np.diff(np.concatenate(([0], held.astype(np.int8), [0]))))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            if stop - start >= _RUN:
-                flags[start:stop] = True
+        if np.max(edges[1::2] - edges[::2]) >= _RUN:
+            flags |= held
     return flags

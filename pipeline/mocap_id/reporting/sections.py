@@ -61,7 +61,7 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "Inertial parameters",
             "dynamics.h5",
             ("parameters", "point_masses"),
-            (tables.base_parameters(material, summary), _identification(material)),
+            (tables.base_parameters(material, summary), tables.excitation(summary), _identification(material)),
         ),
         Section(
             "markers",
@@ -149,7 +149,7 @@ def _clock(summary: Summary) -> tables.Grid:
 
 def _identification(material: Material) -> tables.Grid:
     """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out"}
+    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice"}
     return tables.facts("Identification", _but(material.facts("dynamics.h5"), shown))
 
 

@@ -122,12 +122,25 @@ class NoiseEntry(Entry):
 
 
 class BaseEntry(Entry):
-    """A base parameter."""
+    """A base parameter, and how well it is known.
+
+    ``verdict`` holds the standard deviation against the parameter's size (``relative_sd``); ``excitation`` is the norm
+    of the part of its column that no other column can imitate, in standard deviations of the residual for one SI unit,
+    ``own_share`` that part's share of the column. ``helps`` is the movement that would tell most more of it, and
+    ``sd_ratio`` the standard deviation with that movement by the present one; 1 where none of those tried does.
+    Both are null where every parameter is known: then none is looked for.
+    """
 
     name: str
     value: float | None
     sd: float | None
     unit: str
+    verdict: Literal["known", "weak", "not identifiable"] | None
+    relative_sd: float | None
+    excitation: float | None
+    own_share: float | None
+    helps: str | None
+    sd_ratio: float | None
     why: str | None
 
 

@@ -30,7 +30,11 @@ from mocap_id.reporting.shape import (
     Summary,
     VerdictEntry,
 )
+from mocap_id.reporting.views import Dynamics
 from mocap_id.verdict import Reason
+
+NOTHING_HELPS = "none of those tried"
+"""Where no other movement would tell more of a parameter."""
 
 EVENTS = ("start", "seat_off", "stand", "seat_on", "end")
 """The events of a repetition, in the order in which they happen."""
@@ -244,12 +248,34 @@ def _base(material: Material) -> list[BaseEntry] | None:
     dynamics = material.dynamics
     if dynamics is None or not dynamics.names:
         return None
-    entries, facts = [], material.facts("dynamics.h5")
-    for name, estimate, spread, unit in zip(dynamics.names, dynamics.value, dynamics.sd, dynamics.units, strict=True):
-        value, sd = known(estimate), known(spread)
-        why = _because(str(facts.get("why") or "the identification gave no finite value"), value, sd)
-        entries.append(BaseEntry(name=name, value=value, sd=sd, unit=unit, why=why))
+    facts = material.facts("dynamics.h5")
+    why = str(facts.get("why") or "the identification gave no finite value")
+    advice = facts.get("advice") or []
+    entries = [_base_entry(dynamics, i, why, advice[i] if i < len(advice) else {}) for i in range(len(dynamics.names))]
     return None if all(entry.value is None for entry in entries) else entries
+
+
+def _base_entry(dynamics: Dynamics, i: int, why: str, advice: Mapping[str, Any]) -> BaseEntry:
+    """The i-th base parameter; ``why`` is said where its value or deviation is not known."""
+    value, sd = known(dynamics.value[i]), known(dynamics.sd[i])
+    verdict: Any = dynamics.verdicts[i] if i < len(dynamics.verdicts) else None
+    return BaseEntry(
+        name=dynamics.names[i],
+        value=value,
+        sd=sd,
+        unit=dynamics.units[i],
+        verdict=verdict,
+        relative_sd=_at(dynamics.relative_sd, i),
+        excitation=_at(dynamics.excitation, i),
+        own_share=_at(dynamics.own_share, i),
+        helps=(advice["text"] or NOTHING_HELPS) if advice else None,
+        sd_ratio=(1.0 if advice["sd_ratio"] is None else known(advice["sd_ratio"])) if advice else None,
+        why=_because(why, value, sd),
+    )
+
+
+def _at(values: FloatArray, i: int) -> float | None:
+    return known(values[i]) if i < len(values) else None
 
 
 def _channels(channels: Mapping[str, Mapping[str, object] | None] | None) -> dict[str, ChannelEntry]:

@@ -147,10 +147,34 @@ def base_parameters(material: Material, summary: Summary) -> Grid:
                     show_interval(entry.value, entry.sd),
                     show_beside(reference, entry.sd),
                     style.unit(entry.unit),
+                    entry.verdict or UNKNOWN,
                 )
             )
-    head = ("parameter", "value ± sd", "95 % interval", "reference", "unit")
-    return grid("Base parameters", head, rows, (0, 4))
+    head = ("parameter", "value ± sd", "95 % interval", "reference", "unit", "verdict")
+    return grid("Base parameters", head, rows, (0, 4, 5))
+
+
+def excitation(summary: Summary) -> Grid:
+    """How much the movement tells of each base parameter, and which one would tell more."""
+    rows = [
+        (
+            entry.name,
+            entry.verdict or UNKNOWN,
+            _percent(entry.relative_sd),
+            show(entry.excitation, 3),
+            _percent(entry.own_share),
+            entry.helps or UNKNOWN,
+            UNKNOWN if entry.sd_ratio is None else f"× {show(entry.sd_ratio, 2)}",
+        )
+        for entry in summary.dynamics.base or ()
+        if entry.excitation is not None
+    ]
+    caption = (
+        "How much the movement tells of each base parameter: standard deviation by size; norm of the part of its "
+        "column that no other column can imitate, in residual standard deviations for one SI unit, and its share"
+    )
+    head = ("parameter", "verdict", "sd (%)", "excitation", "own share (%)", "what would tell more", "its sd then")
+    return grid(caption, head, rows, (0, 1, 5))
 
 
 def plates(material: Material) -> Grid:

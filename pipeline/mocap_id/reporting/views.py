@@ -119,6 +119,10 @@ class Dynamics:
     value: FloatArray  # (b,)
     sd: FloatArray  # (b,)
     units: tuple[str, ...]
+    verdicts: tuple[str, ...]  # b, or none where they were not judged
+    relative_sd: FloatArray  # (b,) or (0,)
+    excitation: FloatArray  # (b,) or (0,)
+    own_share: FloatArray  # (b,) or (0,)
     regrouping: FloatArray  # (b, 4(n + 1)); (b, 0) where nothing was identified
     reference: FloatArray  # (4(n + 1),)
     grid_segment: IntArray  # (p,)
@@ -134,6 +138,10 @@ class Dynamics:
             value=_numbers(tree, "base/value", (-1,)),
             sd=_numbers(tree, "base/sd", (-1,)),
             units=_names(tree, "base/unit"),
+            verdicts=_names(tree, "base/verdict"),
+            relative_sd=_numbers(tree, "base/relative_sd", (-1,)),
+            excitation=_numbers(tree, "base/excitation", (-1,)),
+            own_share=_numbers(tree, "base/own_share", (-1,)),
             regrouping=regrouping.reshape(len(names), -1) if regrouping.size else np.zeros((len(names), 0)),
             reference=_numbers(tree, "full/reference", (-1,)),
             grid_segment=_whole(tree, "grid/segment"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base import BaseSet, base_names, base_units, full_names, structural_base
 from mocap_id.dynamics.comparison import compare
 from mocap_id.dynamics.consistent import Solution
+from mocap_id.dynamics.excitation import Excitation
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.optimality import Answer
@@ -34,6 +36,7 @@ class Identified:
 
     prepared: Prepared
     found: Identification
+    told: Excitation
     model: Prediction
     grid: PointGrid
     rivals: Rivals
@@ -95,7 +98,13 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
     """dynamics.h5."""
     found, centres = result.found, result.prepared.recorded.centres
     return {
-        "base": _base(result.prepared.base, centres, found.base, found.base_sd),
+        "base": _base(result.prepared.base, centres, found.base, found.covariance)
+        | {
+            "verdict": np.array(result.told.verdict, dtype=object),
+            "excitation": result.told.own,
+            "own_share": result.told.share,
+            "relative_sd": result.told.relative_sd,
+        },
         "full": {
             "name": np.array(full_names(len(centres) + 1), dtype=object),
             "value": found.full,
@@ -115,15 +124,43 @@ def empty_data(
     value[0] = np.nan if mass is None else mass
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
-        "base": _base(base, centres, value, np.full(len(value), np.nan)),
+        "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _untold_base(value),
         "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
         "held_out": {"base": np.zeros((0, len(value))), "clock_offset": np.zeros(0)},
     }
 
 
-def dynamics_facts(result: Identified, frame: pd.DataFrame) -> dict[str, Any]:
-    """What summary.json says of the fit, over its samples."""
+def advice_facts(told: Excitation, joints: Sequence[str]) -> list[dict[str, Any]]:
+    """JSON rows: for each base parameter the movement that would tell most more of it, nulls where none would.
+
+    No rows where every parameter is known.
+    """
+    return [
+        {
+            "name": name,
+            "change": None if one is None else one.change,
+            "joint": None if one is None or one.joint is None else joints[one.joint],
+            "sd_ratio": None if one is None else one.ratio,
+            "text": None if one is None else one.said(joints).removesuffix(","),
+        }
+        for name, one in zip(told.names, told.advice, strict=bool(told.advice))
+    ]
+
+
+def _untold_base(value: FloatArray) -> dict[str, Any]:
+    """What stands beside base parameters (b,) that were not fitted: only the mass can be known, from the plates."""
+    absent = np.full(len(value), np.nan)
+    return {
+        "verdict": np.array(["known" if np.isfinite(each) else "not identifiable" for each in value], dtype=object),
+        "excitation": absent,
+        "own_share": absent,
+        "relative_sd": absent,
+    }
+
+
+def dynamics_facts(result: Identified, frame: pd.DataFrame, joints: Sequence[str]) -> dict[str, Any]:
+    """What summary.json says of the fit, over its samples; ``joints`` are their names."""
     found, fit, prepared = result.found, result.found.fit, result.prepared
     samples: BoolArray = frame["in_fit"].to_numpy()
     measured, threshold = _measured(result), result.cop_threshold
@@ -156,6 +193,7 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame) -> dict[str, Any]:
         "why": _why_untold(result.model.untold),
         "arc_deg": np.degrees(arcs(prepared.recorded.q, samples)).tolist(),
         "contact": None if result.contact is None else _contact(result.contact),
+        "advice": advice_facts(result.told, joints),
     }
 
 
@@ -179,7 +217,7 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
-        "plate_bias_N", "untold", "arc_deg", "contact", "external",
+        "plate_bias_N", "untold", "arc_deg", "contact", "external", "advice",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 
@@ -227,11 +265,12 @@ def _contact(contact: Contact) -> dict[str, Any]:
     }
 
 
-def _base(base: BaseSet, centres: FloatArray, value: FloatArray, sd: FloatArray) -> dict[str, Any]:
+def _base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: FloatArray) -> dict[str, Any]:
     return {
         "name": np.array(base_names(base, centres), dtype=object),
         "value": value,
-        "sd": sd,
+        "sd": np.sqrt(np.diag(covariance)),
+        "covariance": covariance,
         "unit": np.array(base_units(base), dtype=object),
         "regrouping": base.regrouping,
     }

@@ -12,6 +12,7 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.consistent import Consistency
+from mocap_id.dynamics.excitation import excitation
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.judge import judge
@@ -119,12 +120,13 @@ def _identified(
 ) -> tuple[Table, Tree]:
     bodies, settings = rivals(context, prepared.recorded, movement), context.settings
     q, threshold = prepared.recorded.q, _cop_threshold(context)
+    error = _geometry_error(context)
     found = identify(
         prepared,
         movement.free,
         grid,
         bodies.chosen.parameters,
-        _geometry_error(context),
+        error,
         consistency=settings.consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls,
@@ -133,6 +135,7 @@ def _identified(
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
+        told=excitation(prepared, found, error),
         model=model,
         grid=grid,
         rivals=bodies,
@@ -141,10 +144,18 @@ def _identified(
         cop_threshold=threshold,
     )
     frame = artefacts.dynamics_frame(result)
-    facts = artefacts.dynamics_facts(result, frame) | {"external": surroundings.facts(prepared, found.fit)}
+    facts = artefacts.dynamics_facts(result, frame, _joint_names(context)) | {
+        "external": surroundings.facts(prepared, found.fit)
+    }
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+
+
+def _joint_names(context: Context) -> list[str]:
+    joints: Any = context.tree("chain.h5").data["joints"]
+    numbers = [f"joint {j}" for j in range(1, len(joints["centre"]) + 1)]
+    return [str(name) for name in joints.get("name", numbers)]
 
 
 def _geometry_error(context: Context) -> KinematicError:
@@ -158,7 +169,9 @@ def _judgement(context: Context, result: artefacts.Identified) -> tuple[Reason, 
     """What to know before believing the numbers, what the fitted components leave open included."""
     facts = context.table("wrench.parquet").facts
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
-    reasons = judge(result.prepared, result.found, given=given, standing=standing)
+    reasons = judge(
+        result.prepared, result.found, result.told, given=given, standing=standing, joints=_joint_names(context)
+    )
     reasons += surroundings.doubts(result.prepared, result.found.fit)
     if result.model.untold:
         open_ = Reason(
@@ -255,7 +268,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=7,
+    version=9,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),

@@ -17,7 +17,7 @@ from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import fit_plane, propose_window
 from mocap_id.recording import PlateChoice, PlateSamples, Recording, ZeroRule
 from mocap_id.recording.posture import Facing, facing
-from mocap_id.stages import swapped
+from mocap_id.stages import plate_losses, plate_registration, swapped
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.external_wrenches import Measured, Seen, measure_seat, measure_sensors
 from mocap_id.stages.marker_names import columns
@@ -107,9 +107,14 @@ def planarise(context: Context) -> Outputs:
     seen = Seen(part.labels, part.positions, part.time, frame)
     external = measure_seat(seen, samples, choice, source.rate, settings.seat_zero)
     external += measure_sensors(seen, context.trial.external, source)
-    wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
     facts, reasons = _wrench_facts(part, samples, choice, external, settings.cop_threshold_N)
-    return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *external.reasons))
+    samples, lost = _without_dropouts(part, samples, choice, facts["mass_kg"])
+    wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
+    placed = _placed(part, samples, choice, person=context.trial.protocol != "robot-joint")
+    facts["registration"] = placed.facts
+    return planar, Table(
+        WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *lost, *placed.reasons, *external.reasons)
+    )
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
@@ -255,6 +260,26 @@ def _wrench_facts(
     return facts, reasons
 
 
+def _without_dropouts(
+    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, mass: float | None
+) -> tuple[list[PlateSamples], tuple[Reason, ...]]:
+    """The feet's plates less the stretches in which they say nothing of who stands on them; what is lost."""
+    feet = choice.indexes("feet")
+    vertical = sum((samples[index].force[:, 2] for index in feet), np.zeros(len(part.time)))
+    lost = plate_losses.without_signal(vertical, part.positions, part.source.rate, mass, recording.GRAVITY)
+    kept = [replace(each, ok=each.ok & ~lost) if index in feet else each for index, each in enumerate(samples)]
+    return kept, plate_losses.losses([part.source.plates[index] for index in feet], part.time, lost)
+
+
+def _placed(
+    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, *, person: bool
+) -> plate_registration.Checked:
+    """Whether the feet's plates are where the file has them."""
+    feet = choice.indexes("feet")
+    plates, loads = [part.source.plates[index] for index in feet], [samples[index] for index in feet]
+    return plate_registration.check(plates, loads, part.positions, part.source.rate, person=person)
+
+
 def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:
     """Units that were assumed for the feet's plates: forces, mass and inertial parameters rest on them."""
     return tuple(
@@ -296,7 +321,7 @@ def _notes(
 
 STAGE = Stage(
     name="planarise",
-    version=4,
+    version=5,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates", "external"),

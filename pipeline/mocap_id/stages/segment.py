@@ -311,7 +311,7 @@ def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -
 
 STAGE = Stage(
     name="segment",
-    version=4,
+    version=5,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),

@@ -14,6 +14,7 @@ from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.dynamics.carry import Skeleton
+from mocap_id.dynamics.reference_term import Prior, deviations
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder, Table, Tree
@@ -39,6 +40,9 @@ class Finished:
         Rows of `dynamics.parquet`.
     parameters : (4(n + 1),) array
         Full parameters; NaN where nothing was identified.
+    covariance : (4(n + 1), 4(n + 1)) array
+        Of the full parameters: the base parameters' own, and the reference's deviations in what these leave open. NaN
+        where nothing was identified or no reference applies.
     reference : (4(n + 1),) array
         Those of the allometric body; NaN where none applies.
     facts : mapping
@@ -59,6 +63,7 @@ class Finished:
     ddq: FloatArray
     dynamics: pd.DataFrame
     parameters: FloatArray
+    covariance: FloatArray
     reference: FloatArray
     facts: Mapping[str, Any]
     mass: float | None
@@ -110,6 +115,8 @@ def _read(source: Path, path: Path) -> Finished:
     states, wrench = _table(folder, "states.parquet").frame, _table(folder, "wrench.parquet")
     asked = folder.provenance("dynamics.h5").origin.parameters
     skeleton = _skeleton(chain)
+    reference = _array(dynamics, "full", "reference").astype(np.float64)
+    prior = Prior(reference, deviations(reference, float(asked[_LAST]["reference_sd"])))
 
     def columns(name: str) -> FloatArray:
         return np.column_stack([states[f"{name}_{j}"].to_numpy() for j in range(1, len(skeleton.segments))])
@@ -123,12 +130,20 @@ def _read(source: Path, path: Path) -> Finished:
         ddq=columns("ddtheta"),
         dynamics=_table(folder, "dynamics.parquet").frame,
         parameters=_array(dynamics, "full", "value").astype(np.float64),
-        reference=_array(dynamics, "full", "reference").astype(np.float64),
+        covariance=_covariance(dynamics, prior),
+        reference=reference,
         facts=dynamics.facts,
         mass=wrench.facts.get("mass_kg"),
         cop_threshold=float(wrench.facts["cop_threshold_N"]),
         gravity=float(asked[_LAST]["gravity"]),
     )
+
+
+def _covariance(dynamics: Tree, prior: Prior) -> FloatArray:
+    known, regrouping = _array(dynamics, "base", "covariance"), _array(dynamics, "base", "regrouping")
+    if not (np.isfinite(known).all() and np.isfinite(prior.mean).all()):
+        return np.full((len(prior.mean), len(prior.mean)), np.nan)
+    return prior.completed(known.astype(np.float64), regrouping.astype(np.float64))
 
 
 def _skeleton(chain: Tree) -> Skeleton:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.verdict import Reason
 from mocap_id.workflows.finished import Finished, finished
+from mocap_id.workflows.transfer_support import Support, doubts, support
 
 SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 """What is compared, with units."""
@@ -23,6 +25,7 @@ OWN, HELD_OUT, CARRIED = "own", "own, held out", "transferred"
 """Names of bodies; that of a table of people is its own."""
 _TURNED_OVER = 0.5  # of the residual: markers that fit so much better when turned over belong to a turned person
 _APART = 0.025  # m rms: skin and posture leave 1 cm, markers that were placed anew several
+_UNSHOWN = "transfer-nothing"
 _MASS_APART = 0.05  # of the standing mass, as for the verdict of a trial
 
 
@@ -60,6 +63,8 @@ class Applied:
     bodies : tuple of Body
     registration : Registration
         Of the model's segments in the trial's.
+    support : Support or None
+        What speaks for the transfer without the trial's forces; None where there is no table's body.
     reasons : tuple of Reason
         What to know before believing it.
     """
@@ -69,7 +74,19 @@ class Applied:
     condition: float | None
     bodies: tuple[Body, ...]
     registration: Registration
+    support: Support | None
     reasons: tuple[Reason, ...]
+
+    @property
+    def supported(self) -> bool | None:
+        """Whether the recordings support an individual model of this trial.
+
+        They do where nothing speaks against it beforehand, and it is closer to the forces than the table's body. None
+        where nothing speaks against it but there are no forces, or no table, to show it.
+        """
+        if any(reason.code != _UNSHOWN for reason in self.reasons):
+            return False
+        return True if not self.reasons and self.support is not None else None
 
 
 @dataclass(frozen=True)
@@ -131,14 +148,21 @@ def apply(source: Finished, target: Finished) -> Applied:
     registration = _registered(source, target)
     samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
     bodies = tuple(_bodies(target, carry(source.parameters, registration), samples))
+    known = support(source, target, registration)
+    before = doubts(known, registration, _joints(target.skeleton.segments))
     return Applied(
         trial=target.name,
         samples=int(samples.sum()),
         condition=target.facts.get("condition_number"),
         bodies=bodies,
         registration=registration,
-        reasons=tuple(_reasons(source, target, registration, bodies)),
+        support=known,
+        reasons=(*before, *_reasons(source, target, registration, bodies)),
     )
+
+
+def _joints(segments: Sequence[str]) -> list[str]:
+    return [f"between {below} and {above}" for below, above in pairwise(segments)]
 
 
 def _registered(source: Finished, target: Finished) -> Registration:
@@ -148,7 +172,7 @@ def _registered(source: Finished, target: Finished) -> Registration:
         raise ConfigError(
             f"{target.source}: trial {target.name} has the segments {', '.join(here.segments)}, the model of trial "
             f"{source.name} {', '.join(there.segments)}: a body is carried over segment by segment. Give both the same "
-            "with `segment: {count: …}`, or with markers that are `together` or `apart`"
+            "with `segment: {count: …}` of the smaller number, or with markers that are `together` or `apart`"
         )
     found = register(there, here)
     for k, name in enumerate(here.segments[1:], start=1):

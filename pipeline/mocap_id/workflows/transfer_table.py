@@ -17,6 +17,7 @@ from mocap_id.dynamics.predict import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.transfer import SERIES, Applied, Body, Transfer, rms
+from mocap_id.workflows.transfer_support import AT_HOME, Support
 
 FORMATS = (".csv", ".parquet")
 """Endings of the files that :func:`write` makes."""
@@ -54,10 +55,12 @@ def as_frame(found: Transfer) -> pd.DataFrame:
 
     Columns are trial, model (where the body comes from), body, samples, condition_number; mean, sd and rms of the
     error of each of Fx, Fy (N), tauz (N·m) and cop_x (m), model less measurement; mean and sd of what the joint torques
-    tau_1 … differ from the trial's own model's (N·m); the largest residual of the registration (m).
+    tau_1 … differ from the trial's own model's (N·m); the largest residual of the registration (m); whether the
+    recordings support the transfer, empty where it could not be shown.
     """
     joints = range(1, len(found.segments))
-    return pd.DataFrame([_row(found, trial, body, joints) for trial in found.trials for body in trial.bodies])
+    frame = pd.DataFrame([_row(found, trial, body, joints) for trial in found.trials for body in trial.bodies])
+    return frame.astype({"supported": "boolean"})
 
 
 def as_json(found: Transfer) -> dict[str, Any]:
@@ -96,8 +99,27 @@ def _trial(found: Transfer, trial: Applied) -> dict[str, Any]:
             for k, name in enumerate(found.segments)
         ],
         "joint_apart_m": lie.joint.tolist(),
+        "supported": trial.supported,
+        "support": None if trial.support is None else _support(trial.support),
         "reasons": [reason.as_dict() for reason in trial.reasons],
     }
+
+
+def _support(known: Support) -> dict[str, Any]:
+    """Carried less table over the trial's states, its standard deviation, and the error at home over the table's."""
+    return {
+        name: {
+            "apart_rms": _finite(known.apart[name]),
+            "sd_rms": _finite(known.sd[name]),
+            "at_home": _finite(known.at_home[name]),
+            "unit": SERIES[name],
+        }
+        for name in AT_HOME
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _numbers(error: Agreement | None) -> dict[str, float] | None:
@@ -120,7 +142,7 @@ def _row(found: Transfer, trial: Applied, body: Body, joints: range) -> dict[str
         apart = body.torques[j - 1] if body.torques else None
         row |= {f"tau_{j}_mean": apart.bias if apart else math.nan, f"tau_{j}_sd": apart.sd if apart else math.nan}
     known = [value for value in trial.registration.residual[1:].tolist() if math.isfinite(value)]
-    return row | {"registration_residual": max(known, default=math.nan)}
+    return row | {"registration_residual": max(known, default=math.nan), "supported": trial.supported}
 
 
 def _arrow(found: Transfer) -> pa.Table:

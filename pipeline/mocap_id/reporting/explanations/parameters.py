@@ -60,9 +60,11 @@ PARAMETERS: Mapping[str, Explanation] = {
     "parameters-weak": Explanation(
         ("caution",),
         "Some base parameters are weakly known",
-        "Their standard deviation is large against their size: the movement hardly shows them. The others, and the "
-        "wrench that all of them predict for this movement, hold.",
-        "Use them with their intervals, or record a faster and larger movement of the segments concerned.",
+        "Their standard deviation is above a fifth of their size: the movement hardly shows them. Above their whole "
+        "size they count as not identifiable. The others, and the wrench that all of them predict for this movement, "
+        "hold.",
+        "Use them with their intervals, or record the movement that the reason names: it is computed from this trial's "
+        "own regressor (docs/reading-the-dynamics.md).",
     ),
     "mass-contradiction": Explanation(
         ("caution",),

@@ -59,6 +59,62 @@ RECORDING: Mapping[str, Explanation] = {
         "Compare the mass in the report with the person's. Then give `planarise: {force_unit: …, moment_unit: …}`, "
         "which also settles the matter where the assumption is right.",
     ),
+    "plate-misplaced": Explanation(
+        ("caution",),
+        "A force plate is not where the file has it",
+        "The ground can only push, so its force acts under the feet. Held against the markers on the feet that stand "
+        "still, it acts beside them: the plate's place in the cameras' axes is wrong. The centre of pressure, tauz and "
+        "every parameter are off with it; forces and mass are not.",
+        "Measure the plate's corners anew, with markers on them, and correct them in the file; look at ORIGIN and at "
+        "the units of the moments too.",
+    ),
+    "plate-height": Explanation(
+        ("caution",),
+        "A force plate's surface is not where the feet stand",
+        "The markers on the feet are below the plate's surface, or far above it. The moment about the surface is off "
+        "by the error of the height times the horizontal force.",
+        "Measure the heights of the plate's corners anew. Where only markers high above the feet stay still, ignore "
+        "this.",
+    ),
+    "plate-tilted": Explanation(
+        ("caution", "ok"),
+        "A force plate is tilted",
+        "Who stands still is carried by a vertical force. Here the measured one leans, or the corners incline the "
+        "plate without a stance that would show whether it is: a part of the weight then counts as horizontal force, "
+        "12 N in a person of 70 kg for each degree. A plate that is inclined and says so is no error, and a note.",
+        "Level the plate, zero it without load, and measure its corners anew. The lean tells of all the feet's plates "
+        "together: of two, one may be tilted twice as much.",
+    ),
+    "plate-turned": Explanation(
+        ("caution",),
+        "A force plate is turned about the vertical",
+        "The horizontal force is the body's mass times its acceleration, which the cameras see. The two point in "
+        "different directions: the plate is turned, by half a turn most often, or its horizontal channels have the "
+        "wrong sign. Fx and tauz are then of another sign or another axis, and no parameter holds.",
+        "Look at the order of the corners (+x+y, −x+y, −x−y, +x−y in the plate's axes) and at the channels' signs.",
+    ),
+    "plate-saturated": Explanation(
+        ("caution",),
+        "A force plate is at the end of its range",
+        "A channel sits at the converter's limit, or is held at an extreme that it never passes. The force was larger. "
+        "Such samples are left out, and they are those in which the movement is strongest: parameters are known less "
+        "well, and the mass only if the person's weight is within the range.",
+        "Choose a larger range of the plate's amplifier and record again.",
+    ),
+    "plate-short": Explanation(
+        ("caution", "ok"),
+        "Forces and markers are not equally long",
+        "The forces begin later than the markers or end before them. Without a force there is nothing to identify "
+        "from; the kinematics use all frames.",
+        "Export both whole. If they are of two recordings, the clock offset and every parameter are meaningless.",
+    ),
+    "plate-dropout": Explanation(
+        ("caution",),
+        "A force plate lost its signal",
+        "The plates read nothing, or next to it, while the person stands upright and is not in the air. These frames "
+        "are left out as if they had not been measured.",
+        "Look at the plate's signal and its cable, or at a step beside the plate; leave that part out with `window:`.",
+    ),
     "encoder-unused": Explanation(
         ("ok",),
         "The encoder is not read",

@@ -18,6 +18,33 @@ TRANSFER: Mapping[str, Explanation] = {
         "no others. Then compare how the arms are held, the segments, and how far apart the joints are placed "
         "(`joint_apart_m` of `--json`).",
     ),
+    "transfer-not-at-home": Explanation(
+        ("caution",),
+        "The model is no better than a table on its own trial",
+        "`mocap-id transfer` carries a body over whose own trial, repetitions left out, is predicted by a body from a "
+        "table as well or better in the quantities that are named. What it holds of the individual there is no more "
+        "than what the chain cannot follow.",
+        "See `held-out-worse` on the model's trial, and carry over the model of a better one.",
+    ),
+    "transfer-not-told-apart": Explanation(
+        ("caution",),
+        "A carried model cannot be told from a table",
+        "On the states of the other trial the carried body's moment or centre of pressure differs from those of the "
+        "table's body by less than two of its own standard deviations (rms over the trial). These hold the covariance "
+        "of the base parameters, and of each full parameter 15 % (`identify-dim: {reference_sd: …}`) in what the "
+        "wrench left open. The other trial's forces take no part in this.",
+        "Record the model's trial with the movement that is to be predicted in it, more repetitions, or a larger "
+        "range; or use the table's body.",
+    ),
+    "transfer-joints": Explanation(
+        ("caution",),
+        "The two trials place a joint differently",
+        "Among the same markers a joint of the same person lies in the same place, within skin's centimetres. Here the "
+        "two trials put it farther apart, and a mass that the wrench leaves open between the segments on either side "
+        "comes to another place.",
+        "See `joint-uncertain` and `small-arc` on both trials; hold both to fewer segments (`segment: {count: …}`) "
+        "where a joint hardly bends in one of them.",
+    ),
     "transfer-markers": Explanation(
         ("caution",),
         "The markers lie otherwise in the two trials",

@@ -1,0 +1,141 @@
+"""How much a movement tells of each parameter, and whether the movement that is recommended keeps its promise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dynamics_cases import BODY, CENTRES, waves
+
+from mocap_id.dynamics.excitation import FACTOR, LOST, WEAK, Advice, Excitation, advise, excitation
+from mocap_id.dynamics.grid import segment_grid
+from mocap_id.dynamics.identify import Identification, identify
+from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.regressor import planar_regressor
+
+SEGMENT = np.repeat([0, 1, 2, 3], 3)
+LOCAL = np.array([[-0.25, 0.02], [0.06, 0.1], [-0.1, 0.05], *3 * [[-0.1, 0.1], [0.1, 0.4], [0.02, 0.85]]])
+EXACT = KinematicError.none(3)
+
+
+def slides(q: np.ndarray) -> np.ndarray:
+    """Four waves of its own angle for the error of every joint, (T, 3, 12) rad."""
+    waves_ = [0.002 * np.sin((1 + k / 2) * q[:, :, None] + k) * np.eye(3) for k in range(4)]
+    return np.concatenate(waves_, axis=-1)
+
+
+SLIDING = KinematicError(slides, np.zeros((3, 2, 12)))
+NOISE = (1.0, 1.0, 0.3)
+
+
+def recorded(
+    size: np.ndarray, speed: np.ndarray | float = 1.0, seed: int = 0, noise: tuple[float, ...] = NOISE
+) -> Recorded:
+    """A body whose joints move as widely as ``size`` says, (n,), at these speeds, (n,)."""
+    time, speed = np.arange(0, 40, 0.01), np.broadcast_to(speed, 3)
+    clock = np.multiply.outer(time, speed)
+    sign, clock = np.where(clock < 40, 1.0, -1.0), np.where(clock < 40, clock, 80 - clock)  # to and fro
+    each = [[part[:, j] for part in waves(clock[:, j], 3, seed)] for j in range(3)]
+    q, dq, ddq = (np.stack(part, axis=1) for part in zip(*each, strict=True))
+    q, dq, ddq = size * q, size * speed * sign * dq, size * speed**2 * ddq
+    wrench = planar_regressor(CENTRES, q, dq, ddq) @ BODY.ravel()
+    wrench = wrench + np.random.default_rng(seed + 1).normal(size=wrench.shape) * noise
+    return Recorded(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)
+
+
+def identified(made: Recorded, error: KinematicError = EXACT) -> tuple[Prepared, Identification, Excitation]:
+    prepared = prepare(made, FitSettings(cutoff=8.0))
+    grid = segment_grid(CENTRES, SEGMENT, LOCAL, (5, 9))
+    found = identify(prepared, np.ones(len(made.time), bool), grid, np.full(16, np.nan), error)
+    return prepared, found, replace(excitation(prepared, found, error), advice=advise(prepared, found, error))
+
+
+SMALL = np.array([1.0, 0.4, 0.05])
+
+
+def test_the_own_part_is_what_a_regression_on_the_others_leaves() -> None:
+    _, found, told = identified(recorded(np.array([1.0, 1.0, 0.3])))
+    rows = found.fit.design.reshape(-1, found.fit.design.shape[-1])
+    for i in range(found.fit.base):
+        others = np.delete(rows, i, axis=1)
+        left = rows[:, i] - others @ np.linalg.lstsq(others, rows[:, i], rcond=None)[0]
+        assert told.own[i] == pytest.approx(np.linalg.norm(left), rel=1e-6)
+        assert told.share[i] == pytest.approx(np.linalg.norm(left) / np.linalg.norm(rows[:, i]), rel=1e-6)
+
+
+def test_the_standard_deviation_falls_as_the_own_part_grows() -> None:
+    """Their product is the same for all parameters: how much the filtered noise is correlated, and chance."""
+    _, found, told = identified(recorded(SMALL))
+    product = np.sqrt(np.diag(found.residual_covariance)) * told.own
+    assert np.ptp(np.log(told.own)) > np.log(10)
+    assert np.ptp(np.log(product)) < np.log(2)
+
+
+def test_standing_follows_the_stated_rules() -> None:
+    _, found, told = identified(recorded(0.3 * SMALL, noise=(150.0, 150.0, 50.0)))
+    assert set(told.verdict) == {"known", "weak", "not identifiable"}
+    for verdict, relative in zip(told.verdict, told.relative_sd, strict=True):
+        expected = "not identifiable" if relative > LOST else "weak" if relative > WEAK else "known"
+        assert verdict == expected
+    np.testing.assert_allclose(told.relative_sd * told.size, found.base_sd)
+
+
+def test_a_body_that_moves_all_over_is_known() -> None:
+    _, _, told = identified(recorded(np.ones(3)))
+    assert set(told.verdict) == {"known"}
+    assert told.doubtful == ()
+
+
+def test_without_excitation_a_parameter_is_not_identifiable() -> None:
+    """The last joint shivers by a ten-thousandth of the others' arc: its inertia has hardly a column of its own."""
+    _, _, told = identified(recorded(np.array([1.0, 1.0, 1e-4]), noise=(10.0, 10.0, 3.0)))
+    assert told.verdict[told.names.index("I4")] == "not identifiable"
+    assert told.share[told.names.index("I4")] < 1e-3
+
+
+@pytest.mark.parametrize("error", [EXACT, SLIDING], ids=["noise", "noise and sliding skin"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_recommended_movement_keeps_its_promise(error: KinematicError, seed: int) -> None:
+    """Record it: every standard deviation falls, and about as far as was promised."""
+    noise = (5.0, 5.0, 2.0)
+    _, before, told = identified(recorded(SMALL, seed=seed, noise=noise), error)
+    after: dict[tuple[str, int | None], np.ndarray] = {}
+    checked = []
+    for i, advice in enumerate(told.advice):
+        if advice is None or advice.change == "alone":
+            continue
+        more = np.where(np.arange(3) == advice.joint if advice.joint is not None else np.ones(3, bool), FACTOR, 1.0)
+        size, speed = (SMALL, more) if advice.change == "faster" else (SMALL * more, 1.0)
+        key = (advice.change, advice.joint)
+        if key not in after:
+            after[key] = identified(recorded(size, speed, seed, noise), error)[1].base_sd
+        checked.append((after[key][i] / before.base_sd[i], advice.ratio))
+    found, promised = np.array(checked).T
+    off = np.abs(np.log(found / promised))
+    assert len(found) >= 3
+    assert np.all(found < 1.0)
+    assert np.median(off) < np.log(1.3 if error is EXACT else 1.6)
+    assert np.max(off) < np.log(2 if error is EXACT else 2.5)
+
+
+def test_the_joint_that_hardly_moves_is_the_one_to_move() -> None:
+    _, _, told = identified(recorded(SMALL))
+    advice = told.advice[told.names.index("I4")]
+    assert advice is not None
+    assert advice.joint in (None, 2)
+
+
+def test_where_no_movement_helps_none_is_recommended() -> None:
+    """The zero of the plate is no business of the movement's."""
+    prepared, found, _ = identified(recorded(np.ones(3), noise=(1e-3, 1e-3, 1e-3)))
+    assert advise(prepared, replace(found, covariance=found.covariance + np.eye(11)), EXACT) == (None,) * 11
+
+
+def test_in_words() -> None:
+    joints = ("ankle", "knee", "hip")
+    assert Advice("faster", None, 0.5).said(joints) == "the whole movement 1.5 times faster"
+    assert Advice("larger", 2, 0.5).said(joints) == "the hip's movement 1.5 times larger"
+    assert Advice("faster", 2, 0.5).said(joints) == "the hip's movement 1.5 times faster, out of step with the others,"
+    assert Advice("alone", 0, 0.5).said(joints).startswith("the ankle's movement by itself")

@@ -1,0 +1,148 @@
+"""Whether a transfer is supported: known without the other trial's forces, and borne out by them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mocap_id.dynamics.carry import carry, carry_covariance, register
+from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.reference_term import Prior
+from mocap_id.reporting.explanations import EXPLANATIONS
+from mocap_id.workflows.finished import Finished, finished
+from mocap_id.workflows.simulate import Options, simulate
+from mocap_id.workflows.transfer import CARRIED, Applied, apply, rms
+from mocap_id.workflows.transfer_support import support
+
+STS = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}}
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Finished, Finished]:
+    """Two strategies of one simulated person."""
+    folder = tmp_path_factory.mktemp("person")
+    options = Options(repetitions=2, analog_rate=100, seed=41)
+    made = [
+        finished(simulate("sit-to-stand", folder / strategy, replace(options, strategy=strategy)))
+        for strategy in ("normal", "dynamic")
+    ]
+    return made[0], made[1]
+
+
+def codes(found: Applied) -> set[str]:
+    assert {reason.code for reason in found.reasons} <= set(EXPLANATIONS)
+    return {reason.code for reason in found.reasons}
+
+
+def test_the_covariance_of_full_parameters_keeps_that_of_the_base_parameters() -> None:
+    """And in what these leave open it is the prior's, as draws conditioned on the base parameters show."""
+    rng = np.random.default_rng(0)
+    regrouping, root = rng.normal(size=(5, 8)), rng.normal(size=(5, 5))
+    prior, known = Prior(rng.normal(size=8), rng.uniform(0.5, 2.0, 8)), root @ root.T
+    full = prior.completed(known, regrouping)
+    np.testing.assert_allclose(regrouping @ full @ regrouping.T, known, atol=1e-10)
+    half = np.diag(prior.sd)
+    draws = half @ rng.normal(size=(8, 200_000))
+    nearest = half @ np.linalg.pinv(regrouping @ half)
+    other = nearest @ (root @ rng.normal(size=(5, 200_000)) - regrouping @ draws) + draws
+    np.testing.assert_allclose(np.cov(other), full, atol=0.02 * np.max(np.diag(full)))
+
+
+def test_the_carried_covariance_is_that_of_carried_draws(pair) -> None:
+    source, target = pair
+    registration = register(source.skeleton, target.skeleton)
+    registration = replace(
+        registration, angle=registration.angle + 0.3, shift=registration.shift + np.array([0.1, -0.05])
+    )
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(16, 16))
+    draws = root @ rng.normal(size=(16, 1000))
+    moved = np.column_stack([carry(one, registration) for one in draws.T])
+    expected = carry_covariance(np.cov(draws), registration)
+    np.testing.assert_allclose(np.cov(moved), expected, atol=1e-9 * np.max(np.abs(expected)))
+
+
+def test_no_force_of_the_other_trial_takes_part(pair) -> None:
+    source, target = pair
+    blind = target.dynamics.assign(**dict.fromkeys(("Fx", "Fy", "tauz", "cop_x"), np.nan), in_fit=False)
+    unseen = replace(target, dynamics=blind, parameters=np.full(16, np.nan))
+    registration = register(source.skeleton, target.skeleton)
+    assert support(source, unseen, registration) == support(source, target, registration)
+    found = apply(source, unseen)
+    assert codes(found) == {"transfer-nothing"}
+    assert found.supported is None
+
+
+def test_without_a_table_nothing_is_shown(pair) -> None:
+    source, target = pair
+    bare = replace(target, reference=np.full(16, np.nan), facts={**target.facts, "reference_table": None})
+    found = apply(source, bare)
+    assert (found.support, found.reasons, found.supported) == (None, (), None)
+
+
+def test_what_is_apart_is_the_difference_of_two_predictions(pair) -> None:
+    source, target = pair
+    registration = register(source.skeleton, target.skeleton)
+    found = support(source, target, registration)
+    assert found is not None
+    regressor = target.regressor()
+    ours, table = (regressor @ full for full in (carry(source.parameters, registration), target.reference))
+    pressures = [centre_of_pressure(wrench, target.cop_threshold) for wrench in (ours, table)]
+    assert found.apart["cop_x"] == pytest.approx(np.sqrt(np.nanmean((pressures[0] - pressures[1]) ** 2)))
+    assert found.apart["tauz"] == pytest.approx(np.sqrt(np.mean((ours - table)[:, 2] ** 2)))
+
+
+def test_a_body_that_is_hardly_known_is_not_told_from_the_table(pair) -> None:
+    source, target = pair
+    vague = replace(source, covariance=source.covariance * 400)
+    found = apply(vague, target)
+    assert codes(found) == {"transfer-not-told-apart"}
+    assert found.supported is False
+
+
+def test_a_body_no_better_than_the_table_at_home_is_not_carried(pair) -> None:
+    source, target = pair
+    held_out = source.facts["held_out"]
+    swapped = {**held_out, "model": held_out["reference"], "reference": held_out["model"]}
+    found = apply(replace(source, facts={**source.facts, "held_out": swapped}), target)
+    assert codes(found) == {"transfer-not-at-home"}
+    (reason,) = found.reasons
+    assert reason.value == pytest.approx(
+        max(
+            np.hypot(held_out["reference"][name]["bias"], held_out["reference"][name]["sd"])
+            / np.hypot(held_out["model"][name]["bias"], held_out["model"][name]["sd"])
+            for name in ("Fy", "tauz", "cop_x")
+        )
+    )
+
+
+def test_a_joint_in_two_places_is_told(pair) -> None:
+    source, target = pair
+    centres = source.skeleton.centres + np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.04]])
+    found = apply(replace(source, skeleton=replace(source.skeleton, centres=centres)), target)
+    (reason,) = [reason for reason in found.reasons if reason.code == "transfer-joints"]
+    assert "between thigh and torso" in reason.message
+    assert reason.value == pytest.approx(0.04, abs=0.005)
+
+
+def errors(found: Applied, name: str, series: str) -> float:
+    return next(rms(body.errors[series]) for body in found.bodies if body.name == name)
+
+
+@pytest.mark.recordings
+def test_real_sit_to_stand_and_squats_do_not_support_each_other(trial) -> None:
+    """Known before the forces are looked at; against these the carried body is no clear gain over the table."""
+    sts = finished(Path(trial("sit-to-stand/STS1.trc", **STS, segment={"count": 4}).folder))
+    squats = finished(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
+    there, back = apply(sts, squats), apply(squats, sts)
+    for found in (there, back):
+        assert found.supported is False
+        assert {"transfer-not-told-apart", "transfer-worse"} <= codes(found)
+        json.dumps([reason.as_dict() for reason in found.reasons], allow_nan=False)
+    assert "transfer-not-at-home" in codes(there)
+    assert errors(there, CARRIED, "cop_x") < 0.02, "a prototype was 7 cm off"
+    assert errors(back, CARRIED, "cop_x") > errors(back, "winter", "cop_x")
