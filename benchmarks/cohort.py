@@ -34,6 +34,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "`contact: weight` (72 %)": {"contact": "weight"},
     "`contact: knee` (−0.8 rad)": {"contact": "knee"},
     "`contact: weight`, `seat_off_share: 0.5`": {"contact": "weight", "seat_off_share": 0.5},
+    "`contact: weight`, `seat_off_share: 0.3`": {"contact": "weight", "seat_off_share": 0.3},
 }
 
 

@@ -48,6 +48,10 @@ by a constant (3 N and 0.3 N·m, one standard deviation). Every trial went throu
 the settings that the cohort's `study.yaml` has, which are the defaults; height and mass are known. All tables but the
 first are of the ordinary cohort.
 
+`mocap-id simulate cohort FOLDER --subjects {subjects} --seed {first} --clock-offset 0.005` makes the ordinary cohort:
+the recordings as `<person>/<strategy>-1.c3d`, the exact truth as `truth/<trial>/truth.json` and `truth.npz`, and
+`study.yaml`, which names them all. For the hard one add `--soft-tissue 2 --occlusions 2 --plate-bias 1`.
+
 ## What is asked of a simulated cohort
 
 Errors against the truth: CoP and torques rms over all samples between true seat-off and true seat-on; seat-off and
@@ -104,16 +108,18 @@ The same trials with `identify-dim` done otherwise, one thing at a time; own mod
 1. **The models' errors** are tens of times smaller here, and a model carried over from another strategy is as good as
    the own one. That is a property of the bodies first: a simulated person is a chain of four rigid segments, which is
    what the model says, under skin that slides by some millimetres; a person of the thesis has a trunk that bends,
-   arms, and two legs that need not do the same. With people this program's errors are of the thesis's size: on the
-   real squats of the test recordings, held to four segments, the own model errs by 14 N, 12 N·m and 2.0 cm, Winter's
-   by 15 N, 13 N·m and 2.1 cm (rms; `mocap-id transfer`). This page shows what the method loses by itself, to noise,
-   skin and the chair; it cannot show how much an individual model gains over a table in people.
+   arms, and two legs that need not do the same. With people this program's errors are of the thesis's size: on a real
+   sit-to-stand the own model errs by 60 N, 20 N·m and 3.5 cm, Winter's by 55 N, 26 N·m and 4.9 cm ([real
+   trials](real-trials.md): rms, four segments). This page shows what the method loses by itself, to noise, skin and
+   the chair; it cannot show how much an individual model gains over a table in people.
 2. **Winter's errors** are a third to a half of the thesis's in tauz and CoP, since the cohort's bodies are drawn
    within 10 % of Winter's. The thesis's bodies lie farther off: by 17 to 26 N·m on average.
-3. **Fy** errs in the thesis by as much with every model, the person's own included, so that the model is not at
-   fault. Nor is it in the tables above: a body of the right mass, any body, misses Fy by a few newtons. What the
-   thesis suspects, samples in which the chair still carries a part, costs that kind of error here too
-   (`seat_off_share: 0.5`); a clock that is 5 ms late adds a little, to Fy alone.
+3. **Fy** errs in the thesis by as much with every model, the person's own included, so that the parameters are not at
+   fault. Nor are they in the tables above: a body of the right mass, any body, misses Fy by a few newtons. On real
+   trials the chain is ([real trials](real-trials.md)): no body on it explains Fy. What the thesis suspects, samples
+   in which the chair still carries a part, does it here too, to every model alike, once enough of them are let in
+   (`seat_off_share`, the feet's share of the weight: little at 0.5, far more than the thesis's at 0.3). A clock that
+   is 5 ms late adds a little, to Fy alone.
 4. **The gate** at −0.8 rad of the knee cannot have been the angle between shank and thigh as it is here, 0 with the
    leg straight. That one passes −0.8 rad long after the chair is let go: what is left is nearly upright, the
    condition number is several times as high, the fit looks as good and the model is worse (`contact: knee`). The

@@ -136,7 +136,7 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
         }
         replace_together(folder, contents)
     rows = [(trial.name, trial.subject.name, trial.strategy, trial.file) for trial in trials]
-    text = study(cohort.options, bodies, rows, seat_plate=cohort.options.seat_plate)
+    text = study(cohort.options, bodies, rows)
     replace_together(folder, {FILE: text.encode()})
     return folder / FILE
 

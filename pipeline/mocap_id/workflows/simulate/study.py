@@ -25,9 +25,7 @@ _SUBJECT = f"  {{name}}: {{{{{_SIZE}, {_LANDMARKS}}}}}\n"
 _TRIAL = "  - {{trial: {}, subject: {}, strategy: {}, recording: {}}}\n"
 
 
-def study(
-    options: Options, bodies: Mapping[Subject, Body], trials: Sequence[tuple[str, str, str, str]], *, seat_plate: bool
-) -> str:
+def study(options: Options, bodies: Mapping[Subject, Body], trials: Sequence[tuple[str, str, str, str]]) -> str:
     """YAML text, ready to run.
 
     Parameters
@@ -37,10 +35,10 @@ def study(
     bodies : mapping
         Every person's.
     trials : sequence of (trial, subject, strategy, recording)
-    seat_plate : bool
-        The chair stands on a plate of its own.
     """
-    chair = "what the chair's own plate reads counts as measured" if seat_plate else "the chair stands on no plate"
+    chair = (
+        "what the chair's own plate reads counts as measured" if options.seat_plate else "the chair stands on no plate"
+    )
     counts = {"subjects": len(bodies), "trials": len(trials), "repetitions": options.repetitions}
     text = _TOP.format(**counts, seed=options.seed, chair=chair)
     for subject, body in bodies.items():
