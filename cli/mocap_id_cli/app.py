@@ -12,7 +12,7 @@ from mocap_id_cli.initialising import init
 from mocap_id_cli.inspecting import inspect
 from mocap_id_cli.reference import schema, stages
 from mocap_id_cli.running import run, stage_command
-from mocap_id_cli.simulating import simulate
+from mocap_id_cli.simulating import simulating
 from mocap_id_cli.studying import study
 from mocap_id_cli.transferring import transfer
 
@@ -34,7 +34,7 @@ def build() -> typer.Typer:
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)
-    app.command("simulate")(simulate)
+    app.add_typer(simulating(), name="simulate")
     app.command("schema")(schema)
     app.command("stages")(stages)
     return app

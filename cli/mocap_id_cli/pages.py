@@ -8,18 +8,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 from typer.testing import CliRunner
 
 from mocap_id.stages import STAGES
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
+from mocap_id.workflows.simulate import Kind
 from mocap_id.workflows.study.columns import TABLES
 from mocap_id_cli.app import build
 from mocap_id_cli.settings import settings_page, settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
+_SIMULATE = ("simulate", *(f"simulate {what}" for what in (*get_args(Kind), "cohort")))
 _COMMANDS = (
     "",
     "run",
@@ -28,7 +31,7 @@ _COMMANDS = (
     "study",
     "transfer",
     "inspect",
-    "simulate",
+    *_SIMULATE,
     "schema",
     "stages",
 )

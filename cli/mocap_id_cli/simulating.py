@@ -1,59 +1,127 @@
-"""``mocap-id simulate``: a trial whose truth is known."""
+"""``mocap-id simulate``: trials and whole cohorts whose truth is known."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast, get_args
 
 import typer
 
 from mocap_id.workflows import simulate as simulation
-from mocap_id.workflows.simulate import Kind, Options, Strategy
+from mocap_id.workflows.simulate import Cohort, Kind, Options, Strategy
 from mocap_id.workflows.simulate.plate import Sense
 
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
+Seed = Annotated[int, typer.Option(help="Of the body, its motion and every error.")]
+Repetitions = Annotated[int, typer.Option(help="Sit-to-stands, or swings of the robot.")]
+Rate = Annotated[float, typer.Option(help="Frames a second, Hz.")]
+AnalogRate = Annotated[float, typer.Option(help="Analog samples a second, Hz.")]
+MarkerNoise = Annotated[float, typer.Option(help="Standard deviation a coordinate, m.")]
+SoftTissue = Annotated[float, typer.Option(help="Multiplies the skin's motion; 0 for none.")]
+Occlusions = Annotated[float, typer.Option(help="Multiplies how often markers vanish.")]
+Jumps = Annotated[int, typer.Option(help="How often a marker is mistaken for something near.")]
+PlateSense = Annotated[Sense, typer.Option(help="Whose force the plate tells.")]
+PlateMoved = Annotated[bool, typer.Option(help="Shift and turn the plate.")]
+PlateOriginFlipped = Annotated[bool, typer.Option(help="Write ORIGIN with the wrong sign.")]
+PlateNoise = Annotated[float, typer.Option(help="Multiplies the usual noise.")]
+PlateBias = Annotated[float, typer.Option(help="Multiplies the usual channel bias.")]
+ClockOffset = Annotated[float, typer.Option(help="Of the plate against the cameras, s.")]
+SeatPlate = Annotated[bool, typer.Option(help="Put the chair on a plate of its own.")]
+ChairMass = Annotated[float, typer.Option(help="Of the chair on its plate, kg.")]
 
-def simulate(
-    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="sit-to-stand or robot.", show_default=False)],
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)],
+
+def simulating() -> typer.Typer:
+    """The commands of ``mocap-id simulate``."""
+    app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Make recordings whose exact truth is known.")
+    for kind in get_args(Kind):
+        app.command(kind)(trial_command(kind))
+    app.command("cohort")(cohort)
+    return app
+
+
+def trial_command(kind: Kind) -> Callable[..., None]:
+    """The command of one kind of trial."""
+
+    def command(
+        folder: Folder,
+        *,
+        seed: Seed = Options.seed,
+        repetitions: Repetitions = Options.repetitions,
+        strategy: Annotated[Strategy, typer.Option(help="How the person rises.")] = Options.strategy,
+        rate: Rate = Options.rate,
+        analog_rate: AnalogRate = Options.analog_rate,
+        marker_noise: MarkerNoise = Options.marker_noise,
+        soft_tissue: SoftTissue = Options.soft_tissue,
+        occlusions: Occlusions = Options.occlusions,
+        jumps: Jumps = Options.jumps,
+        plate_sense: PlateSense = Options.plate_sense,
+        plate_moved: PlateMoved = Options.plate_moved,
+        plate_origin_flipped: PlateOriginFlipped = Options.plate_origin_flipped,
+        plate_noise: PlateNoise = Options.plate_noise,
+        plate_bias: PlateBias = Options.plate_bias,
+        clock_offset: ClockOffset = Options.clock_offset,
+        seat_plate: SeatPlate = Options.seat_plate,
+        chair_mass: ChairMass = Options.chair_mass,
+    ) -> None:
+        """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
+        options = Options(
+            seed=seed,
+            repetitions=repetitions,
+            strategy=strategy,
+            rate=rate,
+            analog_rate=analog_rate,
+            marker_noise=marker_noise,
+            soft_tissue=soft_tissue,
+            occlusions=occlusions,
+            jumps=jumps,
+            plate_sense=plate_sense,
+            plate_moved=plate_moved,
+            plate_origin_flipped=plate_origin_flipped,
+            plate_noise=plate_noise,
+            plate_bias=plate_bias,
+            clock_offset=clock_offset,
+            seat_plate=seat_plate,
+            chair_mass=chair_mass,
+        )
+        typer.echo(simulation.simulate(kind, folder, options))
+
+    return command
+
+
+def cohort(
+    folder: Folder,
     *,
-    seed: Annotated[int, typer.Option(help="Of the body, its motion and every error.")] = Options.seed,
-    repetitions: Annotated[int, typer.Option(help="Sit-to-stands, or swings of the robot.")] = Options.repetitions,
-    strategy: Annotated[Strategy, typer.Option(help="How the person rises.")] = Options.strategy,
-    rate: Annotated[float, typer.Option(help="Frames a second, Hz.")] = Options.rate,
-    analog_rate: Annotated[float, typer.Option(help="Analog samples a second, Hz.")] = Options.analog_rate,
-    marker_noise: Annotated[float, typer.Option(help="Standard deviation a coordinate, m.")] = Options.marker_noise,
-    soft_tissue: Annotated[float, typer.Option(help="Multiplies the skin's motion; 0 for none.")] = Options.soft_tissue,
-    occlusions: Annotated[float, typer.Option(help="Multiplies how often markers vanish.")] = Options.occlusions,
-    jumps: Annotated[int, typer.Option(help="How often a marker is mistaken for something near.")] = Options.jumps,
-    plate_sense: Annotated[Sense, typer.Option(help="Whose force the plate tells.")] = Options.plate_sense,
-    plate_moved: Annotated[bool, typer.Option(help="Shift and turn the plate.")] = Options.plate_moved,
-    plate_origin_flipped: Annotated[
-        bool, typer.Option(help="Write ORIGIN with the wrong sign.")
-    ] = Options.plate_origin_flipped,
-    plate_noise: Annotated[float, typer.Option(help="Multiplies the usual noise.")] = Options.plate_noise,
-    plate_bias: Annotated[float, typer.Option(help="Multiplies the usual channel bias.")] = Options.plate_bias,
-    clock_offset: Annotated[float, typer.Option(help="Of the plate against the cameras, s.")] = Options.clock_offset,
-    seat_plate: Annotated[bool, typer.Option(help="Put the chair on a plate of its own.")] = Options.seat_plate,
-    chair_mass: Annotated[float, typer.Option(help="Of the chair on its plate, kg.")] = Options.chair_mass,
+    subjects: Annotated[int, typer.Option(help="Persons, women and men in turn.")] = Cohort.subjects,
+    strategies: Annotated[str, typer.Option(help="How they rise, with commas.")] = ",".join(Cohort.strategies),
+    trials: Annotated[int, typer.Option(help="Of each person and strategy.")] = Cohort.trials,
+    repetitions: Annotated[int, typer.Option(help="Sit-to-stands a trial.")] = Options.repetitions,
+    seed: Annotated[int, typer.Option(help="Of all bodies, motions and errors.")] = 1,
+    rate: Rate = Options.rate,
+    analog_rate: AnalogRate = Options.analog_rate,
+    marker_noise: MarkerNoise = Options.marker_noise,
+    soft_tissue: SoftTissue = Options.soft_tissue,
+    occlusions: Occlusions = Options.occlusions,
+    jumps: Jumps = Options.jumps,
+    plate_noise: PlateNoise = Options.plate_noise,
+    plate_bias: PlateBias = Options.plate_bias,
+    clock_offset: ClockOffset = Options.clock_offset,
+    seat_plate: SeatPlate = Options.seat_plate,
 ) -> None:
-    """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
+    """Make the recordings of several persons with their exact truth and a study.yaml that is ready to run."""
     options = Options(
         seed=seed,
         repetitions=repetitions,
-        strategy=strategy,
         rate=rate,
         analog_rate=analog_rate,
         marker_noise=marker_noise,
         soft_tissue=soft_tissue,
         occlusions=occlusions,
         jumps=jumps,
-        plate_sense=plate_sense,
-        plate_moved=plate_moved,
-        plate_origin_flipped=plate_origin_flipped,
         plate_noise=plate_noise,
         plate_bias=plate_bias,
         clock_offset=clock_offset,
         seat_plate=seat_plate,
-        chair_mass=chair_mass,
     )
-    typer.echo(simulation.simulate(kind, folder, options))
+    names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
+    typer.echo(simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options)))

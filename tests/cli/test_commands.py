@@ -103,3 +103,17 @@ def test_rules_are_printed_for_make(cli, trial, monkeypatch: pytest.MonkeyPatch)
     rules = cli("stages", "--make", "trial.yaml").out
     for stage in STAGES:
         assert f"\t$(MOCAP_ID) {stage.name} trial.yaml\n" in rules
+
+
+def test_a_cohort_is_simulated(cli, tmp_path: Path) -> None:
+    few = ("--subjects", "1", "--strategies", "stable, dynamic", "--repetitions", "1", "--analog-rate", "100")
+    said = cli("simulate", "cohort", tmp_path / "study", *few)
+    assert (said.code, said.out) == (0, f"{tmp_path / 'study' / 'study.yaml'}\n")
+    assert {path.name for path in (tmp_path / "study" / "s01").iterdir()} == {"stable-1.c3d", "dynamic-1.c3d"}
+
+
+def test_a_cohort_of_no_known_strategy_is_not(cli, tmp_path: Path) -> None:
+    said = cli("simulate", "cohort", tmp_path / "study", "--strategies", "normal,slow")
+    assert (said.code, said.out) == (2, "")
+    assert "expected some of normal, dynamic, stable" in said.err
+    assert not (tmp_path / "study").exists()

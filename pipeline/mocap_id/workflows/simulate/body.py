@@ -10,6 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import spatial_inertia
+from mocap_id.workflows.simulate.subject import Subject
 
 GRAVITY = 9.81  # m/s²
 
@@ -35,6 +36,7 @@ WINTER: Mapping[str, float] = {
 from the joint on the ground's side and radii of gyration about them of the segment's length."""
 
 BEHIND_ANKLE = 0.24  # share of the foot's length behind the ankle
+ANKLE = (-0.03, 0.03)  # m from the middle of the plate
 
 
 @dataclass(frozen=True)
@@ -134,14 +136,18 @@ class Body:
         return names, values
 
 
-def person(rng: np.random.Generator) -> Body:
+def person(rng: np.random.Generator, subject: Subject | None = None, feet: np.random.Generator | None = None) -> Body:
     """A person on both feet, seen from the side and facing -x: foot, shank, thigh, and head, arms and trunk.
 
-    Every fraction of :data:`WINTER` is off by up to 10 %, and the masses still sum to one.
+    Every fraction of :data:`WINTER` is off by up to 10 %, and the masses still sum to one. A ``subject`` brings height
+    and mass along, and ``feet`` decides where they stand this time.
     """
     used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _mass_shares(rng)
     height, mass = rng.uniform(1.55, 1.9), rng.uniform(52.0, 92.0)
-    ankle = (rng.uniform(-0.03, 0.03), used["h_ankle"] * height)
+    ankle_x = rng.uniform(*ANKLE)
+    if subject is not None:
+        height, mass = subject.height, subject.mass
+    ankle = (ankle_x if feet is None else feet.uniform(*ANKLE), used["h_ankle"] * height)
     length = {name: used[f"l_{name}"] * height for name in ("foot", "shank", "thigh", "hat")}
     foot = length["foot"]
     heel, toe = ankle[0] + BEHIND_ANKLE * foot, ankle[0] - (1 - BEHIND_ANKLE) * foot
@@ -154,7 +160,7 @@ def person(rng: np.random.Generator) -> Body:
         com = (rng.uniform(-0.012, 0.012), used[f"c_{name}"] * length[name])
         links.append(Link(called, joint, centre, length[name], shares[name], com, shares[name] * radii[name] ** 2))
         centre = (0.0, length[name])
-    subject = {
+    told = {
         "height_m": height,
         "mass_kg": mass,
         "fractions_used": used,
@@ -165,7 +171,7 @@ def person(rng: np.random.Generator) -> Body:
         "toe_x_m": toe,
     }
     scored = {"shank": length["shank"], "thigh": length["thigh"]}
-    return Body(tuple(links), (toe, heel), scored, {"subject": subject})
+    return Body(tuple(links), (toe, heel), scored, {"subject": told})
 
 
 def _mass_shares(rng: np.random.Generator) -> dict[str, float]:

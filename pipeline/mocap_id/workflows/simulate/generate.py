@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from mocap_id.workflows.simulate.cameras import (
 from mocap_id.workflows.simulate.forces import Exact
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import measure
-from mocap_id.workflows.simulate.scene import Scene, draw_scene, streams
-from mocap_id.workflows.simulate.skin import displacement
+from mocap_id.workflows.simulate.scene import Scene, Streams, draw_scene, streams
+from mocap_id.workflows.simulate.skin import of_a_person, of_a_trial
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ class Simulated:
 
 def generate(kind: Kind, options: Options) -> Simulated:
     """Draw a trial and measure it; the same options give the same numbers."""
-    rng = streams(options.seed)
+    rng = streams(options.seed, options.subject)
     scene = draw_scene(kind, options, rng)
     frames = round(scene.motion.duration * options.rate)
     state = scene.at(np.arange(frames) / options.rate)
-    skin = displacement(rng["skin"], scene.markers, state.q, state.time)
+    scene, skin = _with_skin(scene, options, rng, state)
     positions = true_positions(scene, state, skin)
     bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate, options.occlusions)
     jumps = draw_jumps(rng["jumps"], scene.markers, frames, options.jumps)
@@ -84,3 +84,11 @@ def generate(kind: Kind, options: Options) -> Simulated:
         if scene.seat_plate is None
         else measure(rng["seat channels"], scene.seat_plate, *scene.load_on_seat_plate(loaded), options.analog_rate),
     )
+
+
+def _with_skin(scene: Scene, options: Options, rng: Streams, state: Exact) -> tuple[Scene, FloatArray]:
+    """The skin's displacement (T, M, 3), m, and the scene with the places that markers have on average."""
+    if options.subject is None:
+        return scene, of_a_trial(rng["skin"], scene.markers, state.q, state.time)
+    skin, markers = of_a_person(rng["skin"], rng["wander"], scene.markers, state.q, state.time)
+    return replace(scene, markers=markers), skin

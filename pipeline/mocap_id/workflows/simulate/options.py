@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 from mocap_id.errors import ConfigError
 from mocap_id.workflows.simulate.plate import Sense
 from mocap_id.workflows.simulate.schedule import MANNERS, Strategy
+from mocap_id.workflows.simulate.subject import Subject
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
 
@@ -48,6 +49,8 @@ class Options:
         kg; that plate reads its weight too.
     clock_offset : float
         Analog sample k is taken at marker-clock time k / analog_rate + this, s.
+    subject : Subject or None
+        Whose sit-to-stands these are; the seed is then of the motion, of where the feet stand and of the errors alone.
 
     Raises
     ------
@@ -72,6 +75,7 @@ class Options:
     clock_offset: float = 0.0
     seat_plate: bool = False
     chair_mass: float = 6.0
+    subject: Subject | None = None
 
     def __post_init__(self) -> None:
         multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0

@@ -17,9 +17,12 @@ from mocap_id.workflows.simulate.motion import Motion, Swing
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import SimulatedPlate, draw_plate
 from mocap_id.workflows.simulate.sit_to_stand import Chair, perform
+from mocap_id.workflows.simulate.subject import Subject
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
-_STREAMS = (*_OLDEST, "jumps", "seat", "seat channels")  # what is new goes last: a seed keeps the trial that it made
+_LATER = ("jumps", "seat", "seat channels", "feet", "wander")
+_STREAMS = (*_OLDEST, *_LATER)  # what is new goes last: a seed keeps the trial that it made
+_OF_SUBJECT = ("body", "markers", "skin")
 
 
 @dataclass(frozen=True)
@@ -32,10 +35,15 @@ class Streams:
         return self.by_purpose[purpose]
 
 
-def streams(seed: int) -> Streams:
-    """Fresh generators, the same for the same seed."""
+def streams(seed: int, subject: Subject | None = None) -> Streams:
+    """Fresh generators, the same for the same seed; what belongs to a subject is drawn from the subject's."""
+    own = _generators(seed)
+    return Streams(own if subject is None else own | {name: _generators(subject.seed)[name] for name in _OF_SUBJECT})
+
+
+def _generators(seed: int) -> dict[str, np.random.Generator]:
     children = np.random.SeedSequence(seed).spawn(len(_STREAMS))
-    return Streams({name: np.random.default_rng(child) for name, child in zip(_STREAMS, children, strict=True)})
+    return {name: np.random.default_rng(child) for name, child in zip(_STREAMS, children, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -95,7 +103,7 @@ class Scene:
 
 def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
     """Draw the body, its motion and the laboratory."""
-    body = person(rng["body"]) if kind == "sit-to-stand" else robot(rng["body"])
+    body = _body(kind, options, rng)
     motion, chair, protocol = _performance(kind, options, body, rng["motion"])
     plate = draw_plate(
         rng["plate"],
@@ -117,6 +125,13 @@ def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
         protocol=protocol,
     )
     return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and chair is not None else scene
+
+
+def _body(kind: Kind, options: Options, rng: Streams) -> Body:
+    if kind == "robot":
+        return robot(rng["body"])
+    subject = options.subject
+    return person(rng["body"]) if subject is None else person(rng["body"], subject, rng["feet"])
 
 
 def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:

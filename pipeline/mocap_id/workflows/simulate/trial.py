@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import get_args
+from types import MappingProxyType
+from typing import Any, get_args
 
 import numpy as np
 
@@ -56,22 +58,28 @@ def simulate(kind: Kind, folder: Path, options: Options) -> Path:
 
 
 def _contents(kind: Kind, name: str, options: Options, made: Simulated) -> dict[str, bytes]:
-    truth = document(kind, options, made)
+    more: dict[str, Any] = {}
     contents = {
-        "trial.c3d": _recording(options, made),
-        "truth.npz": _packed(made),
+        "trial.c3d": recording(options, made),
+        "truth.npz": packed(made),
         "trial.yaml": configuration(kind, name, options, made.scene).encode(),
     }
     if kind == "robot":
         rng = streams(options.seed)["encoder"]
         encoder = draw_encoder(rng)
-        truth["encoder"] = encoder.as_dict()
+        more["encoder"] = encoder.as_dict()
         contents["encoder.csv"] = table(rng, made.scene, encoder).encode()
-    contents["truth.json"] = (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
-    return contents
+    return contents | {"truth.json": told(kind, options, made, more)}
 
 
-def _recording(options: Options, made: Simulated) -> bytes:
+def told(kind: Kind, options: Options, made: Simulated, more: Mapping[str, Any] = MappingProxyType({})) -> bytes:
+    """Content of ``truth.json``; ``more`` is added to it."""
+    truth = document(kind, options, made) | dict(more)
+    return (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def recording(options: Options, made: Simulated) -> bytes:
+    """Content of the C3D file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial.c3d"
         plates = (made.signals,) if made.seat_signals is None else (made.signals, made.seat_signals)
@@ -79,7 +87,8 @@ def _recording(options: Options, made: Simulated) -> bytes:
         return path.read_bytes()
 
 
-def _packed(made: Simulated) -> bytes:
+def packed(made: Simulated) -> bytes:
+    """Content of ``truth.npz``."""
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays(made))  # type: ignore[arg-type]
     return stream.getvalue()

@@ -57,7 +57,7 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         "g": GRAVITY,
         "kind": "sts" if kind == "sit-to-stand" else "robot",
         "seed": options.seed,
-        "subject_seed": options.seed,
+        "subject_seed": options.seed if options.subject is None else options.subject.seed,
         "point_rate_hz": options.rate,
         "analog_rate_hz": options.analog_rate,
         "n_frames": len(made.state.time),

@@ -1,0 +1,179 @@
+"""Trials of a simulated cohort, finished and held against their truth: every model on every action of its person."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from dynamic_truth import Finished as Truthful
+from dynamic_truth import read, rms
+from kinematic_sweep import COUNT, SCORED, group
+from ruamel.yaml import YAML
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.dynamics.carry import carry
+from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.runner import run_stage
+from mocap_id.store import Folder, Table
+from mocap_id.workflows.finished import Finished, finished
+from mocap_id.workflows.transfer import CARRIED, HELD_OUT, OWN, apply
+
+WINTER = "winter"
+TRUTHS = ("Fy", "tauz", "CoP", "tau_1", "tau_2", "tau_3")
+_UP_TO = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")
+_SUBJECT = ("height", "mass", "sex")
+_FOUND = 0.25  # s: an event as far from the true one as that belongs to something else
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One row of a study."""
+
+    name: str
+    subject: str
+    strategy: str
+
+
+@dataclass(frozen=True)
+class Done:
+    """A trial that has been through ``identify-dim``, and its truth."""
+
+    trial: Trial
+    model: Finished
+    truth: Truthful
+    out: Folder
+
+    @property
+    def torques(self) -> FloatArray:
+        """(F, 3) of the trial's own model, N·m."""
+        return self.model.dynamics[[f"tau_{j}" for j in range(1, COUNT)]].to_numpy(dtype=np.float64)
+
+
+def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tuple[Trial, Path]]:
+    """A configuration for every trial of a study, with settings of ``identify-dim``, in the folder ``place``."""
+    told, made = YAML(typ="safe").load(study), []
+    place.mkdir(exist_ok=True)
+    for row in told["trials"]:
+        subject = {key: told["subjects"][row["subject"]][key] for key in _SUBJECT}
+        keys = {"trial": row["trial"], "recording": str(study.parent / row["recording"]), "subject": subject}
+        file = place / f"{row['trial']}.yaml"
+        file.write_text(json.dumps(told["defaults"] | keys | {"identify-dim": dict(settings)}))
+        made.append((Trial(row["trial"], row["subject"], row["strategy"]), file))
+    return made
+
+
+def run(file: Path) -> str | None:
+    """Run a trial up to ``identify-dim``; why it was refused, if it was."""
+    trial = load(file)
+    for name in _UP_TO:
+        refused = run_stage(trial, name).refused
+        if refused is not None:
+            return refused.code
+    return None
+
+
+def done(study: Path, trial: Trial, file: Path) -> Done | None:
+    """A trial that was run; None where it has no four segments or no parameters."""
+    out = load(file).out
+    truth = read(study.parent / "truth" / trial.name / "truth.json", out)
+    return None if truth is None else Done(trial, finished(out), truth, Folder(out))
+
+
+def models(trials: Sequence[Done]) -> pd.DataFrame:
+    """Every model of a person on every action of that person: a row a pair, errors as ``mean``, ``sd`` and ``rms``.
+
+    Against the measurement over the samples of the fit, as ``mocap-id transfer`` does (``Fy``, ``tauz``, ``cop``),
+    torques against the trial's own (``t1`` …); against the truth over all samples off the seat with ``true_`` before.
+    """
+    pairs = [(source, target) for target in trials for source in trials if source.trial.subject == target.trial.subject]
+    rows = [row for source, target in pairs for row in _pair(source, target)]
+    return pd.DataFrame(rows).drop_duplicates(["subject", "action", "trial", "model"], ignore_index=True)
+
+
+def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
+    """Rows of one model on one trial, and of the allometric body."""
+    found = apply(source.model, target.model)
+    bodies = {body.name: body for body in found.bodies}
+    carried = carry(source.model.parameters, found.registration)
+    same = source.trial == target.trial
+    names = {WINTER: WINTER} | (
+        {OWN: target.trial.strategy, HELD_OUT: HELD_OUT} if same else {CARRIED: source.trial.strategy}
+    )
+    for body, model in names.items():
+        row = {"subject": target.trial.subject, "action": target.trial.strategy, "trial": target.trial.name}
+        row |= {"model": model, "own": body == OWN, "condition": found.condition}
+        for name, short in (("Fy", "Fy"), ("tauz", "tauz"), ("cop_x", "cop")):
+            row |= _numbers(short, bodies[body].errors[name])
+        for j, torque in enumerate(bodies[body].torques, start=1):
+            row |= _numbers(f"t{j}", torque)
+        if body != HELD_OUT:
+            full = {WINTER: target.model.reference, CARRIED: carried, OWN: None}[body]
+            row |= _true(target, full)
+        yield row
+
+
+def _numbers(name: str, error: Any) -> dict[str, float]:
+    bias, sd = (np.nan, np.nan) if error is None else (error.bias, error.sd)
+    return {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": float(np.hypot(bias, sd))}
+
+
+def _true(target: Done, full: FloatArray | None) -> dict[str, float]:
+    """Errors against the truth off the seat, of full parameters or of the trial's own model."""
+    model, truth = target.model, target.truth
+    if full is None:
+        columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, COUNT))]
+        series = model.dynamics[columns].to_numpy(dtype=np.float64)
+    else:
+        regressor = model.regressor()
+        wrench = regressor @ full
+        pressure = centre_of_pressure(wrench, model.cop_threshold)
+        series = np.column_stack([wrench[:, 1:], pressure, model.torque_regressor(regressor) @ full])
+    wrench = truth.true["wrench"]
+    true = np.column_stack([wrench[:, 1:], wrench[:, 2] / wrench[:, 1], truth.true["tau"]])
+    off = (series - true)[truth.off_seat]
+    parts = (("mean", np.nanmean(off, axis=0)), ("sd", np.nanstd(off, axis=0)), ("rms", rms(off)))
+    return {f"true_{name}_{part}": values[k] for part, values in parts for k, name in enumerate(TRUTHS)}
+
+
+def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
+    """A row a trial: errors of shank and thigh, %, of the same lengths from stature alone, and the markers' rms, mm."""
+    rows = []
+    for each in trials:
+        lengths = group(each.truth.chain, "segments")["length"]
+        height = each.truth.truth["subject"]["height_m"]
+        row: dict[str, Any] = {"subject": each.trial.subject, "strategy": each.trial.strategy}
+        for name, length, share in zip(SCORED, lengths, (0.246, 0.245), strict=True):
+            true = each.truth.truth["segment_lengths_m"][name]
+            row |= {name: 100 * (length / true - 1), f"{name} of stature": 100 * (share * height / true - 1)}
+        markers = each.out.read("markers.parquet")
+        assert isinstance(markers, Table)
+        rows.append(row | {"markers": 1e3 * float(rms(markers.frame["residual"].to_numpy()))})
+    return pd.DataFrame(rows)
+
+
+def repetitions(trials: Sequence[Done]) -> pd.DataFrame:
+    """A row a true repetition: whether it was found, and the errors of its events, ms."""
+    rows = []
+    for each in trials:
+        events = each.out.read("events.parquet")
+        assert isinstance(events, Table)
+        true = each.truth.truth["reps"]
+        for k, one in enumerate(true):
+            row: dict[str, Any] = {"strategy": each.trial.strategy, "trial": each.trial.name, "right": False}
+            if len(events.frame) == len(true):
+                row |= _events(events.frame.iloc[k], one)
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _events(found: Any, true: Mapping[str, float]) -> dict[str, Any]:
+    names = {"start": "rise_start", "seat_off": "seat_off", "stand": "rise_end", "seat_on": "seat_on", "end": "sit_end"}
+    errors = {name: 1e3 * (float(found[name]) - true[key]) for name, key in names.items()}
+    near = abs(errors["seat_off"]) < 1e3 * _FOUND and abs(errors["seat_on"]) < 1e3 * _FOUND
+    return {"right": bool(found["complete"]) and near, **errors}
