@@ -8,10 +8,12 @@ import typer
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
+from mocap_id_cli.initialising import init
 from mocap_id_cli.inspecting import inspect
 from mocap_id_cli.reference import schema, stages
 from mocap_id_cli.running import run, stage_command
 from mocap_id_cli.simulating import simulating
+from mocap_id_cli.studying import study
 from mocap_id_cli.transferring import transfer
 
 
@@ -29,6 +31,8 @@ def build() -> typer.Typer:
     for stage in STAGES:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
+    app.command("init")(init)
+    app.command("study")(study)
     app.command("inspect")(inspect)
     app.add_typer(simulating(), name="simulate")
     app.command("schema")(schema)

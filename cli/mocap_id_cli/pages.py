@@ -13,16 +13,28 @@ from typing import get_args
 from typer.testing import CliRunner
 
 from mocap_id.stages import STAGES
-from mocap_id.store import Column, TableSchema
+from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.workflows.simulate import Kind
+from mocap_id.workflows.study.columns import TABLES
 from mocap_id_cli.app import build
 from mocap_id_cli.settings import settings_page, settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
 _SIMULATE = ("simulate", *(f"simulate {what}" for what in (*get_args(Kind), "cohort")))
-_COMMANDS = ("", "run", *(stage.name for stage in STAGES), "transfer", "inspect", *_SIMULATE, "schema", "stages")
+_COMMANDS = (
+    "",
+    "run",
+    *(stage.name for stage in STAGES),
+    "init",
+    "study",
+    "transfer",
+    "inspect",
+    *_SIMULATE,
+    "schema",
+    "stages",
+)
 
 
 def pages(root: Path) -> dict[Path, str]:
@@ -48,13 +60,14 @@ def commands_page() -> str:
 
 
 def columns() -> str:
-    """The schemas of all artefacts."""
-    return "\n".join(line for file in SCHEMAS for line in _schema(file)) + "\n"
+    """The schemas of all artefacts, and of a study's tables."""
+    artefacts = (line for schema in SCHEMAS.values() for line in _schema(schema, schema.file))
+    tables = (line for name, schema in TABLES.items() for line in _schema(schema, name))
+    return "\n".join([*artefacts, "\n## Tables of a study", *tables]) + "\n"
 
 
-def _schema(file: str) -> Iterator[str]:
-    schema = SCHEMAS[file]
-    yield f"\n### `{file}`, version {schema.version}\n"
+def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
+    yield f"\n### `{title}`, version {schema.version}\n"
     yield "| name | type | unit | meaning |"
     yield "|---|---|---|---|"
     yield from map(_row, schema.columns if isinstance(schema, TableSchema) else schema.nodes)
@@ -65,8 +78,8 @@ def _schema(file: str) -> Iterator[str]:
     for group in schema.optional:
         every = ", for every sensor k" if "{k}" in group[0].name else ""
         groups.append((f"and, where there are such forces{every}:", group))
-    for title, group in groups:
-        yield f"\n{title}\n"
+    for about, group in groups:
+        yield f"\n{about}\n"
         yield "| name | type | unit | meaning |"
         yield "|---|---|---|---|"
         yield from map(_row, group)

@@ -8,16 +8,18 @@ from typing import Annotated
 
 import typer
 
-from mocap_id.config import load
+from mocap_id.config import load, study_schema
 from mocap_id.config import schema as trial_schema
 from mocap_id.runner import make_rules
 from mocap_id.stages import STAGES
 from mocap_id_cli.settings import settings_yaml
 
 
-def schema() -> None:
+def schema(
+    study: Annotated[bool, typer.Option("--study", help="Of a study's file instead.")] = False,
+) -> None:
     """Print the JSON Schema of a trial's YAML file, for editors."""
-    typer.echo(json.dumps(trial_schema(), indent=2, ensure_ascii=False))
+    typer.echo(json.dumps(study_schema() if study else trial_schema(), indent=2, ensure_ascii=False))
 
 
 def stages(

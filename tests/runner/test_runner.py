@@ -222,11 +222,39 @@ def test_a_refusal_is_reported_and_leaves_nothing_of_older_runs(
 
 
 def test_a_refused_trial_may_be_run_again_and_be_mended(bench: Bench) -> None:
-    refusing = instead("cut", raising(REFUSAL))
+    refusing = instead("cut", raising(REFUSAL), version=2)
     for _ in range(2):
-        assert bench.run(refusing).refused is REFUSAL
+        refused = bench.run(refusing).refused
+        assert refused is not None
+        assert refused.args == REFUSAL.args
+        assert (refused.code, refused.value, refused.limit) == (REFUSAL.code, REFUSAL.value, REFUSAL.limit)
     assert actions(bench.run()) == ["reused", "computed", "computed"]
     assert bench.run().summary()["verdict"]["level"] == "ok"
+
+
+def test_a_refusal_is_remembered_until_something_changes(bench: Bench) -> None:
+    asked = []
+
+    def refuse(context: Context) -> Outputs:
+        asked.append(context)
+        raise Refused("not-planar", "the motion leaves the plane", 0.4, 0.1)
+
+    refusing = instead("cut", refuse, version=2)
+    first = bench.run(refusing)
+    second = bench.run(refusing)
+    assert actions(first)[1:] == ["refused", "computed"]
+    assert actions(second) == ["reused", "refused", "reused"]
+    assert len(asked) == 1
+    assert second.summary()["verdict"] == first.summary()["verdict"]
+    assert second.refused is not None
+    assert (second.refused.value, second.refused.limit) == (0.4, 0.1)
+    bench.say(cut={"length": 1})
+    assert actions(bench.run(refusing))[1:] == ["refused", "reused"], "asked anew, with the same answer"
+    (bench.out / "report.html").write_text("edited")
+    assert actions(bench.run(refusing)) == ["reused", "refused", "computed"]
+    bench.recording.write_text("5\n6\n")
+    assert actions(bench.run(refusing)) == ["computed", "refused", "computed"]
+    assert len(asked) == 3, "the edited report alone is no reason to ask again"
 
 
 def test_a_numerical_failure_leaves_what_came_before(bench: Bench) -> None:

@@ -1,5 +1,6 @@
-"""Trial configurations: YAML in, frozen models out; every mistake with file, line, key and the nearest good name."""
+"""Trial and study configurations: YAML in, frozen models out; every mistake with file, line, key and nearest name."""
 
+from mocap_id.config.study import Person, Study, StudyTrial, load_study, study_schema
 from mocap_id.config.trial import Trial, load, schema, trial_model
 
-__all__ = ["Trial", "load", "schema", "trial_model"]
+__all__ = ["Person", "Study", "StudyTrial", "Trial", "load", "load_study", "schema", "study_schema", "trial_model"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterator, Sequence
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -100,16 +100,19 @@ def _shown(value: Any) -> str:
 
 
 def _field(model: type[BaseModel], location: Location) -> FieldInfo | None:
-    """The field at a location; of a list's item, the list's or the item's own."""
+    """The field at a location; of an item of a list, or of a mapping by free names, theirs or the item's own."""
     field: FieldInfo | None = None
     here: type[BaseModel] | None = model
+    free = False  # the next step is a name that the user chose
     for step in location:
-        if isinstance(step, int):
+        if isinstance(step, int) or free:
+            free = False
             continue
         if here is None:
             break
         field = next((field for name, field in here.model_fields.items() if step in (field.alias, name)), None)
         here = next(_models(field.annotation), None) if field else None
+        free = here is not None and field is not None and get_origin(field.annotation) is dict
     return field
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, ValidationError, WithJsonSchema, create_model
 
 from mocap_id.config.explain import explain
-from mocap_id.config.source import read
+from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Files, Settings, TrialKeys
@@ -78,21 +78,48 @@ def load(file: Path, stages: Sequence[Stage] = STAGES) -> Trial:
     ConfigError
         One line for every mistake: file, line, key, what was found, what was expected.
     """
-    file = file.absolute()
-    source = read(file)
+    source = read(file.absolute())
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.where(())}: expected keys such as `trial:` and `recording:`")
-    model = trial_model(stages)
+    return compose(source, stages)
+
+
+def compose(
+    source: Source,
+    stages: Sequence[Stage] = STAGES,
+    *,
+    out: Path | None = None,
+    model: type[BaseModel] | None = None,
+) -> Trial:
+    """A trial of its keys and values, wherever they were written.
+
+    Parameters
+    ----------
+    source : Source
+        Keys and values as in a trial's file, with the lines on which they stand.
+    stages : sequence of Stage
+    out : Path, optional
+        The run folder where the keys name none; by default ``runs/<trial>`` beside the file.
+    model : type of BaseModel, optional
+        What the keys are checked against: :func:`trial_model` or one made from it, which may ask for more.
+
+    Raises
+    ------
+    ConfigError
+        As for :func:`load`.
+    """
+    model = trial_model(stages) if model is None else model
     try:  # as JSON: strict about types, yet lists are tuples and text is a path
         parsed = model.model_validate_json(json.dumps(_written_out(source.data, stages)), strict=True)
     except ValidationError as error:
         raise ConfigError(explain(error, model, source)) from error
+    folder = source.file.parent
     keys = TrialKeys.model_construct(
-        **{name: _absolute(getattr(parsed, name), file.parent) for name in TrialKeys.model_fields}
+        **{name: absolute(getattr(parsed, name), folder) for name in TrialKeys.model_fields}
     )
-    out = _absolute(getattr(parsed, "out", None), file.parent) or file.parent / "runs" / keys.trial
+    out = absolute(getattr(parsed, "out", None), folder) or out or folder / "runs" / keys.trial
     settings = {stage.name: getattr(parsed, stage.name.replace("-", "_")) for stage in stages}
-    return Trial(file, keys, settings, out)
+    return Trial(source.file, keys, settings, out)
 
 
 def _written_out(data: dict[str, Any], stages: Sequence[Stage]) -> dict[str, Any]:
@@ -111,14 +138,14 @@ def schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
     }
 
 
-def _absolute(value: Any, folder: Path) -> Any:
+def absolute(value: Any, folder: Path) -> Any:
     """Paths, wherever they stand in a value, relative to the YAML file's folder."""
     if isinstance(value, Path):
         return folder / value.expanduser()
     if isinstance(value, tuple):
-        return tuple(_absolute(item, folder) for item in value)
+        return tuple(absolute(item, folder) for item in value)
     if isinstance(value, BaseModel):
         return value.model_copy(
-            update={name: _absolute(getattr(value, name), folder) for name in type(value).model_fields}
+            update={name: absolute(getattr(value, name), folder) for name in type(value).model_fields}
         )
     return value

@@ -45,7 +45,7 @@ def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> by
     """
     headline, lead = LEVELS[summary.verdict.level]
     html = (
-        _environment()
+        environment()
         .get_template("report.html.j2")
         .render(
             trial=style.printable(material.trial),
@@ -53,8 +53,8 @@ def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> by
             level=summary.verdict.level,
             headline=headline,
             lead=lead,
-            reasons=[_advice(reason) for reason in summary.verdict.reasons],
-            notes=[_advice(reason) for reason in summary.verdict.notes],
+            reasons=[advice(reason) for reason in summary.verdict.reasons],
+            notes=[advice(reason) for reason in summary.verdict.notes],
             glance=glance(material, summary),
             sections=sections(material, summary),
             figures={drawing.entry.name: drawing for drawing in figures},
@@ -64,7 +64,8 @@ def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> by
     return html.encode("utf-8")
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
+    """Templates whose values are escaped."""
     return Environment(
         loader=PackageLoader("mocap_id.reporting", "templates"),
         autoescape=True,  # labels, names and messages come from files that anybody may have made
@@ -74,19 +75,20 @@ def _environment() -> Environment:
     )
 
 
-def _advice(reason: ReasonEntry) -> Advice:
+def advice(reason: ReasonEntry) -> Advice:
+    """A reason with what its code means and what to do about it."""
     explained = EXPLANATIONS.get(reason.code)
     return Advice(
         level=reason.level,
         code=reason.code,
         title=explained.title if explained else reason.code.replace("-", " ").capitalize(),
-        message=_prose(_sentence(style.printable(reason.message))),
-        meaning=_prose(explained.meaning) if explained else (),
-        action=_prose(explained.action) if explained else (),
+        message=prose(sentence(style.printable(reason.message))),
+        meaning=prose(explained.meaning) if explained else (),
+        action=prose(explained.action) if explained else (),
     )
 
 
-def _prose(text: str) -> Prose:
+def prose(text: str) -> Prose:
     """Pieces of text and of code; an unpaired backtick is text."""
     pieces = text.split("`")
     if len(pieces) % 2 == 0:
@@ -94,6 +96,6 @@ def _prose(text: str) -> Prose:
     return tuple((piece, k % 2 == 1) for k, piece in enumerate(pieces) if piece)
 
 
-def _sentence(text: str) -> str:
-    """With a capital and a full stop, as messages on a terminal go without."""
+def sentence(text: str) -> str:
+    """A message with a capital and a full stop, as messages on a terminal go without."""
     return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith((".", "?", "!", "…")) else ".")

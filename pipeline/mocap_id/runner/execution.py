@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeAlias
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, user_files
+from mocap_id.runner.refusals import remember, remembered
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Document, Folder, Origin
@@ -153,10 +154,22 @@ class _Run:
         hashes = self.hashes(stage)
         origin = self.current(stage, hashes)
         action: Literal["computed", "reused"] = "computed" if origin is None else "reused"
-        origin = origin or self.compute(stage, hashes)
+        origin = origin or self.compute_or_refuse(stage, hashes)
         made_from = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
         self.folder.freshen(stage.outputs, [self.trial.file, *made_from])
         self.took(Step(stage.name, action, origin.seconds))
+
+    def compute_or_refuse(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
+        """Run a stage's function, unless it is known to refuse."""
+        key = self.key(stage, hashes)
+        known = remembered(self.trial.out, stage.name, key)
+        if known is not None:
+            raise known
+        try:
+            return self.compute(stage, hashes)
+        except Refused as refused:
+            remember(self.trial.out, stage.name, key, refused)
+            raise
 
     def took(self, step: Step) -> None:
         """Note a step and tell of it."""
@@ -187,19 +200,25 @@ class _Run:
         return origin
 
     def refuse(self, stage: Stage, refused: Refused) -> None:
-        """Remove what no longer holds, and make the report of what does."""
-        self.forget_from(stage)
-        self.took(Step(stage.name, "refused", 0.0))
+        """Remove what no longer holds, and make the report of what does, unless that is what stands there."""
         report = self.stages[-1]
+        self.forget_from(stage, but=report)
+        self.took(Step(stage.name, "refused", 0.0))
         hashes = {file: self.folder.provenance(file).content for file in report.inputs if self.folder.exists(file)}
         with _named(self.trial, report):
-            origin = self.compute(report, hashes, refused)
-        self.took(Step(report.name, "computed", origin.seconds))
+            standing = self.current(report, hashes, refused)
+            if standing is None:
+                self.forget_from(report)
+                standing = self.compute(report, hashes, refused)
+                self.took(Step(report.name, "computed", standing.seconds))
+            else:
+                self.took(Step(report.name, "reused", standing.seconds))
 
-    def forget_from(self, stage: Stage) -> None:
+    def forget_from(self, stage: Stage, but: Stage | None = None) -> None:
         """Remove the outputs of a stage that failed and of all later ones: they are of an older run."""
         for later in self.stages[self.stages.index(stage) :]:
-            self.folder.forget(later.name, later.outputs)
+            if later is not but:
+                self.folder.forget(later.name, later.outputs)
 
     def unforeseen(self, error: Exception) -> NumericalError:
         """A failure that is our fault: one line for the screen, the rest into a file."""
@@ -245,9 +264,13 @@ class _Run:
         """Content hash of every file of the user's and every artefact that a stage reads."""
         return self.files.of(stage) | {file: self.folder.provenance(file).content for file in stage.inputs}
 
-    def current(self, stage: Stage, hashes: Mapping[str, str]) -> Origin | None:
+    def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
+        """Cache key that the stage's outputs would have."""
+        return cache_key(stage, parameters(self.trial, stage), hashes, refused)
+
+    def current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
         """Where a stage's outputs come from, if they are there, sound, and what computing them again would give."""
-        key = cache_key(stage, parameters(self.trial, stage), hashes)
+        key = self.key(stage, hashes, refused)
         try:
             origin = self.folder.origin(stage.name, stage.outputs)
         except StoreError as error:

@@ -146,7 +146,7 @@ def apply(source: Finished, target: Finished) -> Applied:
         As for :func:`transfer`.
     """
     registration = _registered(source, target)
-    samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
+    samples = _samples(target)
     bodies = tuple(_bodies(target, carry(source.parameters, registration), samples))
     known = support(source, target, registration)
     before = doubts(known, registration, _joints(target.skeleton.segments))
@@ -191,27 +191,51 @@ def _registered(source: Finished, target: Finished) -> Registration:
     return found
 
 
+def at_home(target: Finished) -> tuple[Body, ...]:
+    """The bodies that a trial has without any other's: its own, the same on repetitions left out, the table's."""
+    samples = _samples(target)
+    return tuple(body for body in (*_own(target, samples), _table(target, samples)) if body is not None)
+
+
+def _samples(target: Finished) -> BoolArray:
+    return target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
+
+
 def _bodies(target: Finished, carried: FloatArray, samples: BoolArray) -> Iterator[Body]:
     """The trial's own model, the same on repetitions left out, the carried body and the table's."""
-    measured, own = _columns(target, ""), _columns(target, "_model")
-    yield Body(OWN, _errors(own, measured, samples), ())
+    yield from _own(target, samples)
+    yield _full(target, CARRIED, carried, samples)
+    table = _table(target, samples)
+    if table is not None:
+        yield table
+
+
+def _own(target: Finished, samples: BoolArray) -> Iterator[Body]:
+    yield Body(OWN, _errors(_columns(target, "_model"), _columns(target, ""), samples), ())
     held_out = (target.facts.get("held_out") or {}).get("model")
     if held_out is not None:
         known = {name: None if held_out[name] is None else Agreement(**held_out[name]) for name in SERIES}
         yield Body(HELD_OUT, known, ())
+
+
+def _table(target: Finished, samples: BoolArray) -> Body | None:
+    name = target.facts.get("reference_table")
+    return None if name is None else _full(target, str(name), target.reference, samples)
+
+
+def _full(target: Finished, name: str, full: FloatArray, samples: BoolArray) -> Body:
+    """A body by its full parameters, in the frames of the trial."""
     regressor = target.regressor()
     torque_regressor = target.torque_regressor(regressor)
     torque = target.dynamics[[f"tau_{j}" for j in range(1, regressor.shape[-1] // 4)]].to_numpy(dtype=np.float64)
-    for name, full in ((CARRIED, carried), (target.facts.get("reference_table"), target.reference)):
-        if name is not None:
-            wrench = regressor @ full
-            pressure = centre_of_pressure(wrench, target.cop_threshold)
-            pairs = zip((torque_regressor @ full).T, torque.T, strict=True)
-            yield Body(
-                str(name),
-                _errors(np.column_stack([wrench, pressure]), measured, samples),
-                tuple(agreement(ours, own_, samples) for ours, own_ in pairs),
-            )
+    wrench = regressor @ full
+    pressure = centre_of_pressure(wrench, target.cop_threshold)
+    pairs = zip((torque_regressor @ full).T, torque.T, strict=True)
+    return Body(
+        name,
+        _errors(np.column_stack([wrench, pressure]), _columns(target, ""), samples),
+        tuple(agreement(ours, own, samples) for ours, own in pairs),
+    )
 
 
 def _columns(target: Finished, suffix: str) -> FloatArray:

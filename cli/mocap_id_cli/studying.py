@@ -1,0 +1,75 @@
+"""``mocap-id study``: many trials, and the tables over them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mocap_id_cli.running import Quiet, Verbose, log_to_stderr
+
+if TYPE_CHECKING:
+    from mocap_id.workflows.study import Outcome
+    from mocap_id.workflows.study.performing import Performed
+
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.", show_default=False)]
+_LEVELS = {0: "", 4: "refused"}
+
+
+def study(
+    file: StudyFile,
+    *,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Trials at a time.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print study.json.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Run every trial of a study, then write the cohort's tables and page; what is up to date is not computed again.
+
+    A trial that fails or is refused stops no other; the exit code is then 1.
+    """
+    from mocap_id.workflows import study as workflow  # noqa: PLC0415  no other command has to wait for it
+
+    log_to_stderr(quiet, verbose)
+    found = workflow.run(file, jobs, _teller(quiet))
+    if as_json:
+        typer.echo(json.dumps(found.document, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo("\n".join(_lines(found)))
+    if found.failed:
+        raise typer.Exit(1)
+
+
+def _teller(quiet: bool) -> Any:
+    def tell(done: Performed) -> None:
+        what = _LEVELS.get(done.exit_code, "failed") or (f"{done.seconds:8.2f} s" if done.computed else "reused")
+        typer.echo(f"{done.trial:<28}{what:>10}", err=True)
+
+    return (lambda done: None) if quiet else tell
+
+
+def _lines(found: Outcome) -> Iterator[str]:
+    verdicts = found.document["trials"]
+    width = max(len(trial["trial"]) for trial in verdicts)
+    for trial, done in zip(verdicts, found.performed, strict=True):
+        yield f"{trial['trial']:<{width}}  {_verdict(trial)}"
+        if done.message is not None:  # files by their names: whoever runs it has to find them
+            yield from (f"{'':<{width}}    {line}" for line in done.message.splitlines())
+    yield f"{len(verdicts) - len(found.failed)} of {len(verdicts)} trials went through"
+    yield f"tables: {_short(found.study.folder)}"
+    yield f"page: {_short(found.page)}"
+
+
+def _verdict(trial: Mapping[str, Any]) -> str:
+    about = ", ".join(trial["codes"])
+    if trial["verdict"] == "failed":
+        about = f"exit code {trial['exit_code']}"
+    return f"{trial['verdict']}" + (f" ({about})" if about else "")
+
+
+def _short(path: Path) -> str:
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)

@@ -1,0 +1,227 @@
+"""The study model: many trials of many people in one YAML file, each of them a trial like any other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from mocap_id.config.explain import explain, nearest
+from mocap_id.config.source import Location, Source, read
+from mocap_id.config.trial import Trial, absolute, compose, trial_model
+from mocap_id.errors import ConfigError
+from mocap_id.reporting.cohort.material import COHORT
+from mocap_id.stages import STAGES, Stage
+from mocap_id.stages.base import Settings, Subject, TrialKeys
+
+TABLES_FOLDER = "study"
+"""Where the tables and the page go, beside the trials' folders; so no trial may have this name."""
+_ID = r"^\w[\w.+-]*$"
+_OWN_KEYS = ("trial", "recording", "subject", "strategy", "out")  # of every trial, so none of them a default
+_MAX_LINES = 30
+
+
+class Landmarks(Settings):
+    """Segment lengths measured on the body, by palpation, ultrasound or the like."""
+
+    shank: float | None = Field(None, gt=0.1, lt=1, description="knee to ankle, m")
+    thigh: float | None = Field(None, gt=0.1, lt=1, description="hip to knee, m")
+
+
+class Person(Subject):
+    """Who moves, and what was measured on them; everything optional."""
+
+    landmarks_m: Landmarks = Field(Landmarks(), description="segment lengths measured on the body, m")
+
+
+class _Entry(BaseModel):
+    """A trial of the study; its other keys are those of a trial's file and are checked there."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    trial: str = Field(pattern=_ID, max_length=100, description=TrialKeys.model_fields["trial"].description)
+    subject: str = Field(description="id of one of the `subjects`")
+    strategy: str = Field(pattern=_ID, max_length=40, description="how the person moves: normal, dynamic, stable …")
+
+
+class _File(Settings):
+    study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
+    out: Path = Field(Path("runs"), description="folder of the results")
+    defaults: dict[str, Any] = Field({}, description="keys of a trial's file that hold for every trial")
+    subjects: dict[str, Person] = Field(description="who moves: an id and what is known of the person")
+    trials: tuple[_Entry, ...] = Field(min_length=1, description="the recordings")
+
+
+@dataclass(frozen=True)
+class StudyTrial:
+    """A trial and its place in the study."""
+
+    trial: Trial
+    subject: str
+    strategy: str
+
+    @property
+    def name(self) -> str:
+        """The trial's name."""
+        return self.trial.name
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, ready to run.
+
+    Parameters
+    ----------
+    file : Path
+        The YAML file, absolute.
+    name : str
+    out : Path
+        Folder of the results, absolute: a run folder for each trial, and ``study``.
+    subjects : mapping of str to Person
+        By their ids, in the order of the file.
+    trials : tuple of StudyTrial
+    """
+
+    file: Path
+    name: str
+    out: Path
+    subjects: Mapping[str, Person]
+    trials: tuple[StudyTrial, ...]
+
+    @property
+    def folder(self) -> Path:
+        """Where tables and page go."""
+        return self.out / TABLES_FOLDER
+
+    @property
+    def strategies(self) -> tuple[str, ...]:
+        """Those of the trials, in the order in which they first stand there."""
+        return tuple(dict.fromkeys(trial.strategy for trial in self.trials))
+
+
+def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
+    """Read and check a study's YAML file; no recording is opened.
+
+    Raises
+    ------
+    ConfigError
+        One line for every mistake: file, line, key, what was found, what was expected.
+    """
+    source = read(file.absolute())
+    if not isinstance(source.data, dict):
+        raise ConfigError(f"{source.where(())}: expected keys such as `study:`, `subjects:` and `trials:`")
+    try:
+        parsed = _File.model_validate_json(json.dumps(_written_out(source.data)), strict=True)
+    except ValidationError as error:
+        raise ConfigError(explain(error, _File, source)) from error
+    _raise(_contradictions(parsed, source))
+    out = absolute(parsed.out, source.file.parent)
+    trials = _trials(parsed, source, out, stages)
+    return Study(source.file, parsed.study, out, parsed.subjects, trials)
+
+
+def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
+    """JSON Schema of a study's YAML file, for editors."""
+    schema, trial = _File.model_json_schema(), trial_model(stages).model_json_schema(by_alias=True)
+    keys = {name: key for name, key in trial["properties"].items() if name not in ("subject", "out")}
+    entry = schema["$defs"]["_Entry"]
+    entry["properties"] = keys | entry["properties"]
+    entry["required"] = sorted({*entry["required"], "recording"})
+    entry["additionalProperties"] = False
+    defaults = {name: key for name, key in keys.items() if name not in _OWN_KEYS}
+    described = schema["properties"]["defaults"]["description"]
+    schema["properties"]["defaults"] = {
+        "type": "object",
+        "properties": defaults,
+        "additionalProperties": False,
+        "description": described,
+    }
+    schema["$defs"] = trial["$defs"] | schema["$defs"]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "Study"}
+
+
+def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -> tuple[StudyTrial, ...]:
+    """Every trial; the mistakes of all of them together, each told once."""
+    strategy: Any = (str, Field(description=_Entry.model_fields["strategy"].description))
+    model = create_model("StudyTrial", __base__=trial_model(stages), strategy=strategy)
+    found, wrong = [], []
+    for index, entry in enumerate(parsed.trials):
+        try:
+            trial = compose(_one(source, index, parsed.subjects), stages, out=out / entry.trial, model=model)
+        except ConfigError as error:
+            wrong += str(error).splitlines()
+        else:
+            found.append(StudyTrial(trial, entry.subject, entry.strategy))
+    _raise(dict.fromkeys(wrong))
+    return tuple(found)
+
+
+def _one(source: Source, index: int, subjects: Mapping[str, Person]) -> Source:
+    """The keys of one trial with the defaults and the person's, each on the line on which it was written."""
+    entry: dict[str, Any] = source.data["trials"][index]
+    defaults: dict[str, Any] = source.data.get("defaults") or {}
+    person = subjects[entry["subject"]].model_dump(mode="json", exclude={"landmarks_m"}, exclude_none=True)
+    data: dict[str, Any] = {}
+    lines: dict[Location, int] = {(): source.lines["trials", index]}
+    for key, value in (defaults | entry | {"subject": person}).items():
+        own, other = entry.get(key), defaults.get(key)
+        data[key] = {**other, **own} if isinstance(own, dict) and isinstance(other, dict) else value
+        if key in defaults:
+            lines |= _moved(source, ("defaults", key), (key,))
+        if key in entry:
+            lines |= _moved(source, ("trials", index, key), (key,))
+    return Source(source.file, data, lines)
+
+
+def _moved(source: Source, there: Location, here: Location) -> dict[Location, int]:
+    """The lines of everything below a location, under the name that it has in a trial's file."""
+    size = len(there)
+    return {(*here, *place[size:]): line for place, line in source.lines.items() if place[:size] == there}
+
+
+def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
+    """What no single key shows."""
+    for key in _OWN_KEYS:
+        if key in parsed.defaults:
+            where = source.where(("defaults", key))
+            told = "is the study's: write it at the top" if key == "out" else "is every trial's own: write it there"
+            yield f"{where}: `defaults.{key}` {told}"
+    for name in parsed.subjects:
+        if name == COHORT:
+            yield f"{source.where(('subjects', name))}: nobody can be called `{COHORT}`: the tables call all that"
+    seen: dict[str, int] = {}
+    for index, entry in enumerate(parsed.trials):
+        where = source.where(("trials", index, "trial"))
+        first = seen.setdefault(entry.trial.casefold(), index)  # folders of some systems do not tell case apart
+        if first != index:
+            line = source.where(("trials", first, "trial")).rpartition(" ")[2]
+            yield f"{where}: the trial `{entry.trial}` stands twice, first on line {line}: give it a name of its own"
+        if entry.trial.casefold() == TABLES_FOLDER:
+            yield f"{where}: no trial can be called `{TABLES_FOLDER}`: the tables' folder has that name"
+        if "out" in (entry.model_extra or {}):
+            yield f"{source.where(('trials', index, 'out'))}: `out` is the study's: write it at the top"
+        if entry.subject not in parsed.subjects:
+            where = source.where(("trials", index, "subject"))
+            yield f"{where}: there is no subject `{entry.subject}`: {nearest(entry.subject, list(parsed.subjects))}"
+
+
+def _written_out(data: dict[str, Any]) -> dict[str, Any]:
+    """A subject or section of whom nothing is said, in full."""
+    data = dict(data)
+    subjects = data.get("subjects")
+    if isinstance(subjects, dict):
+        data["subjects"] = {name: {} if person is None else person for name, person in subjects.items()}
+    if "defaults" in data and data["defaults"] is None:
+        data["defaults"] = {}
+    return data
+
+
+def _raise(lines: Any) -> None:
+    found = list(lines)
+    if found:
+        more = [f"… and {len(found) - _MAX_LINES} more"] if len(found) > _MAX_LINES else []
+        raise ConfigError("\n".join([*found[:_MAX_LINES], *more]))

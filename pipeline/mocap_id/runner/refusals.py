@@ -1,0 +1,34 @@
+"""A refusal as it is remembered: what a stage refused once it would refuse again, for the same reason."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mocap_id.errors import Refused
+from mocap_id.store.atomic import replace_together
+
+_FILE = ".mocap-id/refusal.json"
+
+
+def remember(folder: Path, stage: str, key: str, refused: Refused) -> None:
+    """Note which computation was refused, and why.
+
+    Raises
+    ------
+    StoreError
+        The folder cannot be written.
+    """
+    told = {"code": refused.code, "message": refused.message, "value": refused.value, "limit": refused.limit}
+    text = json.dumps({"stage": stage, "key": key, "refused": told}, indent=1)
+    replace_together(folder, {_FILE: text.encode()})
+
+
+def remembered(folder: Path, stage: str, key: str) -> Refused | None:
+    """The refusal of this very computation, if it was refused; None where that is not known."""
+    try:
+        found: dict[str, Any] = json.loads((folder / _FILE).read_text("utf-8"))
+        return Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

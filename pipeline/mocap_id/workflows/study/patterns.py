@@ -1,0 +1,111 @@
+"""Who and how, from where a recording lies: patterns such as ``{subject}/{strategy}*.c3d``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from mocap_id.errors import ConfigError
+
+UNNAMED = "movement"
+"""The strategy where a pattern has none."""
+_KNOWN = re.compile("normal|natural|comfort|self|select|prefer|usual|dynamic|momentum|fast|quick|stab|slow|forced")
+"""Words of strategies, by which folders named after these are told from folders named after people."""
+_COUNTERS = "trial|take|rep|repetition|run|test|t|r|n"
+"""Words before a number: which one, not how."""
+_NUMBERED = re.compile(rf"[\s_.-]+(?:{_COUNTERS})?[\s_.-]*\d+$", re.IGNORECASE)
+_LEVEL = re.compile("(session|ses|visit|day|data|raw|recordings?|c3d|trc|mocap|markers|export)(-.*)?")
+"""Folders between a person's and the recordings, which say nothing of how the person moves."""
+_PLAIN = ("{subject}/{strategy}*", "{subject}/{strategy}/*", "{subject}/**/{strategy}*")
+_BY_STRATEGY = ("{strategy}/{subject}*", "{strategy}/{subject}/*")
+_FLAT = ("{subject}_{strategy}*", "{subject}-{strategy}*", "{subject} {strategy}*")
+DEFAULTS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*")
+"""Tried in this order; those of whole folders named after strategies before those named after people."""
+_PIECES = {
+    "{subject}": r"(?P<subject>[^/]+?)",
+    "{strategy}": r"(?P<strategy>[^/]*[^\W\d_][^/]*?)",
+    "**/": r"(?:[^/]+/)*",
+    "*": r"[^/]*",
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a recording's place says: the person's name as it stands there, and the strategy as a plain word."""
+
+    subject: str
+    strategy: str
+
+
+class Pattern:
+    """A path pattern, relative to the folder that is looked through.
+
+    ``{subject}`` and ``{strategy}`` stand for a part of one name, ``*`` for any part of a name, ``**/`` for any folders
+    between. What a pattern says of the file's ending counts (``*.c3d``); without one any recording will do.
+
+    Raises
+    ------
+    ConfigError
+        It has no ``{subject}``, or a name in braces that means nothing.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        unknown = set(re.findall(r"\{[^}]*\}?", text)) - {"{subject}", "{strategy}"}
+        if unknown or text.count("{subject}") != 1 or text.count("{strategy}") > 1:
+            raise ConfigError(
+                f"--pattern {text}: expected {{subject}} once and {{strategy}} at most once, such as "
+                "'{subject}/{strategy}*.c3d'"
+            )
+        pieces = re.split(r"(\{subject\}|\{strategy\}|\*\*/|\*)", text)
+        # A name that may be followed by anything reaches as far as it can, and loses its number afterwards.
+        source = "".join(_PIECES.get(piece, re.escape(piece)) for piece in pieces)
+        greedy = source.replace("+?)[^/]*", "+)[^/]*").replace("*?)[^/]*", "*)[^/]*")
+        self._regex = re.compile(greedy, re.IGNORECASE)
+        self._numbered = "{subject}*" in text
+        self._ending = bool(re.search(r"\.\w+$", text))
+
+    def place(self, path: PurePosixPath) -> Place | None:
+        """What the pattern makes of a path; None where it does not fit."""
+        match = self._regex.fullmatch(str(path) if self._ending else str(path.with_suffix("")))
+        if match is None:
+            return None
+        found = match.groupdict()
+        subject, given = found["subject"], found.get("strategy")
+        subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
+        strategy = UNNAMED if given is None else _words(PurePosixPath(given).name, subject)
+        return Place(subject, strategy) if subject and strategy else None
+
+
+def default(paths: Sequence[PurePosixPath]) -> Pattern:
+    """The first usual pattern that fits every path; of several people if any does, and else the one that fits most."""
+    patterns = [Pattern(text) for text in DEFAULTS]
+    scored = [(_fit(pattern, paths), -k, pattern) for k, pattern in enumerate(patterns)]
+    return max(scored, key=lambda one: one[:2])[2]
+
+
+def _fit(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
+    places = [pattern.place(path) for path in paths]
+    found = [place for place in places if place is not None]
+    if pattern.text in _BY_STRATEGY and any(not _is_strategy(place.strategy) for place in found):
+        return 0.0
+    if any(_LEVEL.fullmatch(place.strategy) for place in found):
+        return 0.0
+    share = len(found) / max(len(paths), 1)
+    return share if "{strategy}" in pattern.text else share / 2
+
+
+def _is_strategy(text: str) -> bool:
+    return any(_KNOWN.match(word) for word in text.split("-"))
+
+
+def _words(text: str, subject: str) -> str:
+    """A strategy as plain words joined by hyphens, without the person's name, numbers and what counts trials."""
+    if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
+        text = text[len(subject) :]
+    words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
+    while words and (words[-1].isdigit() or words[-1] in _COUNTERS.split("|")) and len(words) > 1:
+        words.pop()
+    return "-".join(words)[:40] if words and not words[-1].isdigit() else ""

@@ -1,0 +1,135 @@
+"""study.yaml: strict, every mistake with its line, and each of its trials one like any other."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from mocap_id.config import load, load_study, study_schema, trial_model
+from mocap_id.errors import ConfigError
+
+GOOD = """\
+study: five times
+out: results
+defaults:
+  protocol: sit-to-stand
+  segment: {count: 4}
+subjects:
+  s01: {height: 1.75, mass: 70.1, sex: female, landmarks_m: {shank: 0.41}}
+  s02:
+trials:
+  - {trial: s01-normal-1, subject: s01, strategy: normal, recording: rec/a.c3d}
+  - trial: s02-stable-1
+    subject: s02
+    strategy: stable
+    recording: {markers: rec/b.trc, forces: rec/b.mot}
+    window: [1.0, 9.0]
+    segment: {ignore: [HEAD]}
+"""
+
+
+def study(folder: Path, text: str) -> Path:
+    file = folder / "study.yaml"
+    file.write_text(text)
+    return file
+
+
+def told(folder: Path, text: str) -> list[str]:
+    """What is said of a wrong file, a line a mistake, without its folder."""
+    with pytest.raises(ConfigError) as error:
+        load_study(study(folder, text))
+    return str(error.value).replace(f"{folder}/", "").splitlines()
+
+
+def test_a_study_is_its_people_and_trials(tmp_path: Path) -> None:
+    found = load_study(study(tmp_path, GOOD))
+    assert (found.name, found.out, found.folder) == ("five times", tmp_path / "results", tmp_path / "results" / "study")
+    assert found.strategies == ("normal", "stable")
+    assert found.subjects["s01"].landmarks_m.shank == 0.41
+    assert found.subjects["s02"].height is None
+    first, second = found.trials
+    assert (first.name, first.subject, first.strategy) == ("s01-normal-1", "s01", "normal")
+    assert first.trial.keys.recording.markers == tmp_path / "rec" / "a.c3d"
+    assert first.trial.keys.subject.mass == 70.1
+    assert second.trial.out == tmp_path / "results" / "s02-stable-1"
+    assert second.trial.keys.window == (1.0, 9.0)
+
+
+def test_a_trial_of_a_study_is_the_one_of_a_file(tmp_path: Path) -> None:
+    alone = tmp_path / "trial.yaml"
+    alone.write_text(
+        "trial: s01-normal-1\nrecording: rec/a.c3d\nprotocol: sit-to-stand\nsegment: {count: 4}\n"
+        "subject: {height: 1.75, mass: 70.1, sex: female}\nout: results/s01-normal-1\n"
+    )
+    one, same = load(alone), load_study(study(tmp_path, GOOD)).trials[0].trial
+    assert (one.keys, one.settings, one.out) == (same.keys, same.settings, same.out)
+
+
+def test_a_trials_own_keys_add_to_the_defaults(tmp_path: Path) -> None:
+    settings = load_study(study(tmp_path, GOOD)).trials[1].trial.settings["segment"]
+    assert settings.model_dump(exclude_unset=True) == {"count": 4, "ignore": ("HEAD",)}
+    other = GOOD.replace("{ignore: [HEAD]}", "{count: 3}")
+    assert load_study(study(tmp_path, other)).trials[1].trial.settings["segment"].model_dump()["count"] == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("study: five times", "studi: five times", "study.yaml, line 1: unknown key `studi`: did you mean `study`?"),
+        ("s01-normal-1", "s02-stable-1", "line 11: the trial `s02-stable-1` stands twice, first on line 10"),
+        ("s01-normal-1", "S02-Stable-1", "line 11: the trial `s02-stable-1` stands twice, first on line 10"),
+        ("subject: s02", "subject: so2", "line 12: there is no subject `so2`: did you mean `s02`?"),
+        ("    strategy: stable\n", "", "line 11: `trials[1].strategy` is missing"),
+        ("window: [1.0, 9.0]", "window: [9.0, 1.0]", "line 15: `window` is [9.0, 1.0], but the first time must come"),
+        ("window:", "windov:", "line 15: unknown key `windov`: did you mean `window`?"),
+        ("window: [1.0, 9.0]", "strategi: x", "line 15: unknown key `strategi`: did you mean `strategy`?"),
+        ("{count: 4}", "{count: four}", "line 5: `segment.count` is 'four', expected a whole number"),
+        ("protocol: sit-to-stand", "protocol: sit", "line 4: `protocol` is 'sit', expected 'free', 'sit-to-stand' or"),
+        ("height: 1.75", "height: 175", "line 7: `subjects.s01.height` is 175, expected less than 2.8"),
+        (
+            "shank: 0.41",
+            "shin: 0.41",
+            "line 7: unknown key `subjects.s01.landmarks_m.shin`: did you mean",
+        ),
+        ("    window: [1.0, 9.0]", "    out: x", "line 15: `out` is the study's: write it at the top"),
+        ("  protocol: sit-to-stand", "  recording: x.c3d", "line 4: `defaults.recording` is every trial's own"),
+        ("  protocol: sit-to-stand", "  out: x", "line 4: `defaults.out` is the study's: write it at the top"),
+        ("trial: s01-normal-1", "trial: study", "line 10: no trial can be called `study`"),
+        ("  s02:", "  s02:\n  cohort: {}", "line 9: nobody can be called `cohort`"),
+        ("recording: {markers: rec/b.trc, forces: rec/b.mot}", "protocol: free", "line 11: `recording` is missing"),
+        ("subject: s02", "subject: 2", 'line 12: `trials[1].subject` is 2, expected text: write it in quotes, "2"'),
+        ("subject: s02", "subject: {height: 1.8}", "line 12: `trials[1].subject` is {'height': 1.8}, expected"),
+    ],
+)
+def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in GOOD
+    lines = told(tmp_path, GOOD.replace(old, new, 1))
+    assert any(said in line for line in lines), lines
+
+
+def test_mistakes_of_all_trials_are_told_together_and_once(tmp_path: Path) -> None:
+    wrong = GOOD.replace("{count: 4}", "{count: four}").replace("window: [1.0, 9.0]", "window: 1")
+    lines = told(tmp_path, wrong)
+    assert [line.partition(":")[0] for line in lines] == ["study.yaml, line 5", "study.yaml, line 15"]
+
+
+def test_the_schema_knows_the_keys_of_study_and_trial() -> None:
+    schema = study_schema()
+    entry, defaults = schema["$defs"]["_Entry"], schema["properties"]["defaults"]
+    assert entry["required"] == ["recording", "strategy", "subject", "trial"]
+    of_trial = set(trial_model().model_json_schema()["properties"])
+    assert set(entry["properties"]) - {"strategy", "subject"} == of_trial - {"subject", "out"}
+    assert entry["properties"]["subject"]["type"] == "string", "an id, and not the person"
+    assert {"trial", "recording", "strategy", "out"}.isdisjoint(defaults["properties"])
+    assert "segment" in defaults["properties"]
+    references = set(re.findall(r'"#/\$defs/(\w+)"', json.dumps(schema)))
+    assert references <= set(schema["$defs"])
+
+
+def test_no_trials_are_no_study(tmp_path: Path) -> None:
+    assert "`trials` is missing" in told(tmp_path, "study: x\nsubjects: {}\n")[0]
+    assert "`trials` is []" in told(tmp_path, "study: x\nsubjects: {}\ntrials: []\n")[0]
+    assert "expected keys such as `study:`" in told(tmp_path, "- a\n")[0]

@@ -1,0 +1,131 @@
+"""docs/sit-to-stand.md, followed to the letter on a small simulated cohort."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from mocap_id_cli.__main__ import main
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "sit-to-stand.md"
+PEOPLE = {"anna": 21, "bob": 22}
+STRATEGIES = ("normal", "dynamic")
+
+
+def blocks(kind: str) -> list[str]:
+    return re.findall(rf"^```{kind}\n(.*?)^```$", PAGE.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def block(kind: str, start: str) -> str:
+    """The one block of a kind that begins like this."""
+    found = [text for text in blocks(kind) if text.startswith(start)]
+    assert len(found) == 1, found
+    return found[0]
+
+
+@pytest.fixture(autouse=True)
+def logging_as_it_was() -> Iterator[None]:
+    """Commands are called in this process, and set up its logging."""
+    loggers = [logging.getLogger(name) for name in (None, "mocap_id", "py.warnings")]
+    before = [(logger.level, list(logger.handlers)) for logger in loggers]
+    yield
+    logging.captureWarnings(False)
+    for logger, (level, handlers) in zip(loggers, before, strict=True):
+        logger.setLevel(level)
+        logger.handlers[:] = handlers
+
+
+class Terminal:
+    """Types commands into mocap-id."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys, self.progress = monkeypatch, capsys, ""
+
+    def type(self, command: str) -> str:
+        """What it prints; every command of the page succeeds."""
+        self._monkeypatch.setattr(sys, "argv", shlex.split(command))
+        self._capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main()
+        out, self.progress = self._capsys.readouterr()
+        assert not left.value.code, f"{command}: {self.progress}"
+        return str(out)
+
+
+def record(terminal: Terminal) -> None:
+    """The folder of recordings that the page begins with."""
+    for name, seed in PEOPLE.items():
+        for strategy in STRATEGIES:
+            made = Path("simulated") / f"{name}-{strategy}"
+            options = f"--seed {seed} --strategy {strategy} --repetitions 2 --rate 100 --analog-rate 100"
+            terminal.type(f"mocap-id simulate sit-to-stand {made} {options}")
+            target = Path("recordings") / name / f"{strategy}1.c3d"
+            target.parent.mkdir(parents=True, exist_ok=True)
+            (made / "trial.c3d").rename(target)
+
+
+def fill_in() -> None:
+    """What the page tells to write into the study's file, and the trial's file at its end."""
+    file = Path("study.yaml")
+    people = block("yaml", "subjects:").splitlines()[1:]
+    text = file.read_text("utf-8")
+    for line in people:
+        subject = line.split(":")[0]
+        assert f"{subject}: {{}}\n" in text
+        text = text.replace(f"{subject}: {{}}\n", f"{line}\n")
+    file.write_text(text, "utf-8")
+    Path("study-trial.yaml").write_text(block("yaml", "# study-trial.yaml"), "utf-8")
+
+
+def test_the_page_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    terminal = Terminal(monkeypatch, capsys)
+    record(terminal)
+    said: dict[str, list[str]] = {}
+    for session in blocks("console"):
+        commands = [line[2:] for line in session.splitlines() if line.startswith("$ ")]
+        shown = [line for line in session.splitlines() if not line.startswith("$ ")]
+        for command in commands:
+            said.setdefault(command, []).append(terminal.type(command))
+            if command == "mocap-id init recordings":
+                fill_in()
+        if shown:
+            assert said[commands[-1]][-1].splitlines() == shown, "the page shows what is printed"
+    assert terminal.progress.count("reused") == 6, "the last command finds a trial of the study done"
+    _results(said)
+
+
+def _results(said: dict[str, list[str]]) -> None:
+    """What the page says one will find."""
+    first, again = said["mocap-id study study.yaml"]
+    assert first == again
+    assert "4 of 4 trials went through" in first
+    document = json.loads(said["mocap-id study study.yaml --quiet --json"][0])
+    assert [trial["exit_code"] for trial in document["trials"]] == [0] * 4
+    tables = re.findall(r"^\| `(\w+)` \|", PAGE.read_text("utf-8"), flags=re.MULTILINE)
+    assert tables == list(document["tables"])
+    assert Path("runs/study/cohort.html").is_file()
+    lengths = pd.read_csv("runs/study/lengths.csv")
+    assert set(lengths["reference"]) == {"landmarks", "stature (winter)"}
+    assert "s01,anna" in Path("subjects.csv").read_text()
+    for file in Path("runs/study").glob("*.[chj]*"):
+        assert not re.search(r"anna|bob", file.read_text("utf-8")), file
+    (script,) = blocks("python")
+    exec(compile(script, PAGE.name, "exec"), {})
+
+
+def test_defaults_of_the_page_are_valid(tmp_path: Path) -> None:
+    from mocap_id.config import load_study
+
+    file = tmp_path / "study.yaml"
+    file.write_text("study: x\n" + block("yaml", "subjects:") + block("yaml", "defaults:"))
+    (trial,) = load_study(file).trials
+    assert trial.trial.keys.window == (2.0, 31.5)

@@ -1,0 +1,103 @@
+"""Cases of a study with chosen numbers, without running anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from mocap_id.config import Person
+from mocap_id.config.study import Landmarks
+from mocap_id.dynamics.predict import Agreement
+from mocap_id.workflows.study.cases import Case, Parameters, length_reference
+from mocap_id.workflows.study.performing import Performed
+from mocap_id.workflows.transfer import Body
+
+SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")
+UNITS = ("kg", "kg*m", "kg*m", "kg*m", "kg*m^2")
+
+
+@dataclass
+class Made:
+    """One trial: what a test says of it, and the case that comes of it."""
+
+    trial: str = "t1"
+    subject: str = "s01"
+    strategy: str = "normal"
+    person: Person = field(default_factory=Person)
+    shank: float | None = 0.40
+    thigh: float | None = 0.42
+    reprojection_mm: float = 2.0
+    condition: float = 60.0
+    value: tuple[float, ...] | None = (70.0, 1.0, 3.0, 4.0, 9.0)
+    reference: tuple[float, ...] = (70.0, 2.0, 0.0, 5.0, 10.0)
+    bodies: tuple[Body, ...] = ()
+    failed: str | None = None
+    five_times: dict[str, Any] | None = None
+
+    def case(self) -> Case:
+        well = self.failed is None
+        performed = Performed(
+            self.trial, 0 if well else 3, self.failed, self.failed, "key" if well else None, False, 0.1
+        )
+        trial: Any = SimpleNamespace(name=self.trial, subject=self.subject, strategy=self.strategy)
+        done: Any = SimpleNamespace(
+            name=self.trial,
+            source=Path("runs") / self.trial,
+            dynamics={"in_fit": np.array([True, True, False])},
+            facts={},
+            parameters=np.ones(8),
+        )
+        return Case(
+            trial=trial,
+            performed=performed,
+            reference=length_reference(self.person, "winter"),
+            summary=self._summary() if well else None,
+            done=done if well else None,
+            at_home=self.bodies,
+            parameters=self._parameters() if well else None,
+        )
+
+    def _summary(self) -> dict[str, Any]:
+        lengths = {"shank": self.shank, "thigh": self.thigh}
+        return {
+            "verdict": {"level": "caution", "reasons": [reason("joint-uncertain"), reason("parameters-weak")]},
+            "segments": {"count": 4, "confidence": 0.9},
+            "lengths_m": {name: {"value": value, "sd": 0.001} for name, value in lengths.items() if value is not None},
+            "markers": {"reprojection_rms_mm": self.reprojection_mm, "missing_fraction": 0.01},
+            "dynamics": {"condition_number": self.condition, "mass_kg": 70.0, "samples": 2, "clock_offset_s": None},
+            "repetitions": [{"complete": True}, {"complete": False}],
+            **({} if self.five_times is None else {"five_times": self.five_times}),
+        }
+
+    def _parameters(self) -> Parameters | None:
+        if self.value is None:
+            return None
+        return Parameters(
+            SYMBOLS,
+            ("m1+m2", "mx1+p2x*m2", "mx2", "my2", "I2"),
+            UNITS,
+            np.array(self.value),
+            np.full(5, 0.1),
+            np.array(self.reference),
+            2,
+        )
+
+
+def reason(code: str) -> dict[str, Any]:
+    """A reason of a summary's verdict."""
+    return {"code": code, "message": f"about `{code}` <b>", "value": 1.0, "limit": 0.5, "level": "caution"}
+
+
+def landmarks(shank: float | None, thigh: float | None, height: float | None = None) -> Person:
+    """A person who was measured."""
+    return Person(height=height, landmarks_m=Landmarks(shank=shank, thigh=thigh))
+
+
+def body(name: str, bias: float, sd: float, torques: tuple[tuple[float, float], ...] = ()) -> Body:
+    """A body whose every error is the same."""
+    errors = {series: Agreement(bias, sd, 0.9) for series in ("Fx", "Fy", "tauz", "cop_x")}
+    return Body(name, errors, tuple(Agreement(b, s, 0.9) for b, s in torques))
