@@ -129,9 +129,12 @@ The same trials with `identify-dim` done otherwise, one thing at a time; own mod
    halves them. That the thesis's *dynamic* models do not carry over is not for want of excitation: at no better
    condition numbers, here they do.
 6. **Torques**: that models agree with each other says little about either. Carried and own model differ by some
-   tenths of a newton metre while both are off the truth by one or two, in the ankle most: they share the trial's
-   joint centres, and a centre that is wrong by 2 mm under 700 N is 1.4 N·m. Winter's torques are off by several times
-   that.
+   tenths of a newton metre while both are off the truth by one or two, in the ankle most. There the mean error is g
+   times the error of mx1 (within 0.1 N·m in the six *normal* trials that were looked at): how tauz is shared between
+   the foot and what turns above the ankle is told by the ankle's small arc alone, and skin that slides alike in all
+   trials of a person misleads all models of that person. Skin twice as soft costs several newton metres, and one
+   person of the hard cohort is nearer the truth with Winter's ankle torque. The stated deviation, `sd_tau_1`, holds
+   that error ([the sweep](dynamic-sweep.md)). Winter's torques are off by several times as much otherwise.
 """
 
 
