@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
 
 from mocap_id import runner
-from mocap_id.config import load
+from mocap_id.config import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import planar
 from mocap_id.recording import read
@@ -137,21 +136,18 @@ def test_sizes_of_both_sexes():
     assert 1.64 <= min(men) < max(men) <= 1.92
 
 
-def test_a_trial_of_the_study_runs(cohort, tmp_path):
-    study = YAML(typ="safe").load(cohort)
-    assert [row["trial"] for row in study["trials"]] == ["s01-normal-1", "s01-stable-1", "s02-normal-1", "s02-stable-1"]
-    row = study["trials"][2]
-    told = truth(cohort, row["trial"])
-    subject = study["subjects"][row["subject"]]
-    assert subject["height"] == pytest.approx(told["subject"]["height_m"], abs=1e-3)
-    assert subject["landmarks_m"] == pytest.approx(
-        {k: told["segment_lengths_m"][k] for k in ("shank", "thigh")}, abs=1e-4
-    )
-    keys = study["defaults"] | {"trial": row["trial"], "recording": str(cohort.parent / row["recording"])}
-    keys["subject"] = {key: subject[key] for key in ("height", "mass", "sex")}
-    file = tmp_path / "trial.yaml"
-    file.write_text(json.dumps(keys))
-    outcome = runner.run_to(load(file), "identify-dim")
+def test_the_study_is_ready_and_a_trial_of_it_runs(cohort, tmp_path):
+    study = load_study(cohort)
+    names = ["s01-normal-1", "s01-stable-1", "s02-normal-1", "s02-stable-1"]
+    assert [each.trial.name for each in study.trials] == names
+    assert [(each.subject, each.strategy) for each in study.trials][2] == ("s02", "normal")
+    trial, person = study.trials[2].trial, study.subjects["s02"]
+    told = truth(cohort, trial.name)
+    assert person.height == pytest.approx(told["subject"]["height_m"], abs=1e-3)
+    assert person.mass == pytest.approx(told["total_mass"], abs=1e-2)
+    true = {name: told["segment_lengths_m"][name] for name in ("shank", "thigh")}
+    assert person.landmarks_m.model_dump() == pytest.approx(true, abs=1e-4)
+    outcome = runner.run_to(replace(trial, out=tmp_path), "identify-dim")
     assert outcome.refused is None
     dynamics = Folder(outcome.folder).read("dynamics.h5")
     assert dynamics.facts["why"] is None
