@@ -9,8 +9,12 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import planar
 
-_LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, of the height's range
-_STANDING = 0.9  # of the height's range: what is above is standing
+LOW, HIGH = 0.3, 0.7
+"""Hysteresis of the upright state, of the height's range."""
+
+STANDING = 0.9
+"""Of the height's range: what is above is standing."""
+
 _LEAST_RISE = 0.15  # of the legs' length: less is not a sit-to-stand
 
 
@@ -77,14 +81,14 @@ def standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
     (n,) array or None
         None where no angles are known.
     """
-    high = posture.height > _STANDING if posture.moves else np.ones(len(q), dtype=bool)
+    high = posture.height > STANDING if posture.moves else np.ones(len(q), dtype=bool)
     known = high & np.isfinite(q).all(axis=1)
     return np.median(np.cumsum(q[known], axis=1), axis=0) if known.any() else None
 
 
 def _with_hysteresis(height: FloatArray) -> BoolArray:
     """True from above 0.7 until below 0.3; unknown samples keep the state."""
-    change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
+    change = np.where(height > HIGH, 1, np.where(height < LOW, -1, 0))
     decided = np.flatnonzero(change)
     if len(decided) == 0:
         return np.zeros(len(height), dtype=bool)

@@ -109,6 +109,8 @@ def planarise(context: Context) -> Outputs:
     external += measure_sensors(seen, context.trial.external, source)
     wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
     facts, reasons = _wrench_facts(part, samples, choice, external, settings.cop_threshold_N)
+    for plate, across in zip(facts["plates"], _across(samples, frame, settings.cop_threshold_N), strict=True):
+        plate["across_m"] = across
     return planar, Table(WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *external.reasons))
 
 
@@ -207,6 +209,17 @@ def _wrench(
     return pd.DataFrame(columns)
 
 
+def _across(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
+    """Where each plate is loaded along z, m: median centre of pressure; None where it hardly is."""
+    found: list[float | None] = []
+    for plate in samples:
+        force = plate.force @ frame.axes.T
+        moment = (plate.moment - np.cross(frame.origin, plate.force)) @ frame.axes.T
+        loaded = plate.ok & (np.nan_to_num(force[:, 1]) > threshold)
+        found.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
+    return found
+
+
 def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facing | None) -> dict[str, Any]:
     source = part.source
     return {
@@ -296,7 +309,7 @@ def _notes(
 
 STAGE = Stage(
     name="planarise",
-    version=4,
+    version=5,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates", "external"),

@@ -61,7 +61,7 @@ def _asked_for(trial: TrialKeys) -> dict[str, str]:
 
 STAGE = Stage(
     name="report",
-    version=2,
+    version=3,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),
