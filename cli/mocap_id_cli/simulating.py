@@ -35,6 +35,9 @@ def simulate(
     clock_offset: Annotated[float, typer.Option(help="Of the plate against the cameras, s.")] = Options.clock_offset,
     seat_plate: Annotated[bool, typer.Option(help="Put the chair on a plate of its own.")] = Options.seat_plate,
     chair_mass: Annotated[float, typer.Option(help="Of the chair on its plate, kg.")] = Options.chair_mass,
+    attempts: Annotated[int, typer.Option(help="Rises that are broken off before the last ones.")] = Options.attempts,
+    hold: Annotated[float, typer.Option(help="Stop of the last rise half-way, s.")] = Options.hold,
+    rail: Annotated[float, typer.Option(help="Share of the weight on a rail while rising.")] = Options.rail,
 ) -> None:
     """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
     options = Options(
@@ -55,5 +58,8 @@ def simulate(
         clock_offset=clock_offset,
         seat_plate=seat_plate,
         chair_mass=chair_mass,
+        attempts=attempts,
+        hold=hold,
+        rail=rail,
     )
     typer.echo(simulation.simulate(kind, folder, options))

@@ -14,7 +14,7 @@ from mocap_id.protocols.repetitions import Repetition
 
 _HIPS = 0.08  # of the rise, up and down again: about 3 cm
 _UNLOADED = 0.4  # of what the chair carries at rest
-_APART = 0.5  # s: signs that are closer are of one attempt
+_APART = 1.0  # s: signs that are closer are of one attempt
 _SMOOTH = 5.0  # Hz
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import planar
 
-LOW, HIGH = 0.3, 0.7
-"""Hysteresis of the upright state, of the height's range."""
+_LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, of the height's range
 
 STANDING = 0.9
 """Of the height's range: what is above is standing."""
@@ -88,7 +87,7 @@ def standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
 
 def _with_hysteresis(height: FloatArray) -> BoolArray:
     """True from above 0.7 until below 0.3; unknown samples keep the state."""
-    change = np.where(height > HIGH, 1, np.where(height < LOW, -1, 0))
+    change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
     decided = np.flatnonzero(change)
     if len(decided) == 0:
         return np.zeros(len(height), dtype=bool)

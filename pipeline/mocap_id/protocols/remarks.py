@@ -134,7 +134,7 @@ def _supported(rises: Sequence[Rise]) -> Reason | None:
         "support-unexplained",
         f"while repetition {_listed(rises, supported)} rises, up to {100 * most:.0f} % of the weight is carried "
         "neither by the plates nor, that high, by a chair: arms on a rest or rail, or a helping hand. Samples with "
-        "that support are identified on, so parameters and torques are biased",
+        "that support are identified on, so parameters and torques are biased; seat-off may be told late",
         value=most,
         limit=LIMIT,
         level="caution",

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import runs
-from mocap_id.protocols.posture import HIGH, Posture
+from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.repetitions import Repetition
 
 _STILL = 0.05  # of the peak speed: slower than this is a pause …
@@ -68,11 +68,14 @@ def _rising(time: FloatArray, posture: Posture, touching: BoolArray | None, up: 
         seat_on = _event(time, touching, after, last=False)
         if after.stop == len(time) and np.isnan(end):
             cut.append("the recording ends during the descent")
+    begun, ended = _below_top(posture, up, 0), _below_top(posture, up, -1)
+    if not rose and begun:
+        stand = _rest(time, posture, up, _peak(posture.speed, up))
     missing = [
         text
         for absent, text in (
-            (not rose, _cut_upright("begins", "rise", posture, 0)),
-            (not sat and not cut, _cut_upright("ends", "descent", posture, -1)),
+            (not rose, f"the recording begins {'during the rise' if begun else 'upright'}"),
+            (not sat and not cut, f"the recording ends {'during the descent' if ended else 'upright'}"),
             (touching is None, "no plate shows when the chair is released"),
             (rose and touching is not None and np.isnan(seat_off), "no contact with the chair before the rise"),
             (sat and touching is not None and np.isnan(seat_on), "no contact with the chair after the descent"),
@@ -82,11 +85,10 @@ def _rising(time: FloatArray, posture: Posture, touching: BoolArray | None, up: 
     return Repetition(start, seat_off, stand, seat_on, end, not (cut or missing), "; ".join(cut + missing))
 
 
-def _cut_upright(verb: str, movement: str, posture: Posture, sample: int) -> str:
-    """Whether a recording that has no seated phase at one end has none of standing either."""
-    known = posture.height[np.isfinite(posture.height)]
-    upright = not len(known) or known[sample] > HIGH
-    return f"the recording {verb} upright" if upright else f"the recording {verb} during the {movement}"
+def _below_top(posture: Posture, up: slice, end: int) -> bool:
+    """Whether the first (0) or last (-1) known sample of an upright phase lies clearly below its top."""
+    known = posture.height[up][np.isfinite(posture.height[up])]
+    return bool(len(known) and known.max() - known[end] > _LEVEL)
 
 
 def _squatting(time: FloatArray, posture: Posture, down: slice) -> Repetition:

@@ -198,9 +198,9 @@ class RepetitionEntry(Entry):
     """The events of one repetition, in the recording's own clock.
 
     ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the thesis's two rules, ``reached`` the greatest height
-    as a share of the trial's rise, ``held_s`` time in pauses between seat and standing, ``attempts`` failed ones before,
-    ``support`` unexplained vertical force over the weight. ``remark`` says what is unusual, whether or not anything is
-    missing.
+    as a share of the trial's rise, ``held_s`` time in pauses between seat and standing, ``attempts`` failed ones
+    before, ``support`` unexplained vertical force over the weight. ``remark`` says what is unusual, whether or not
+    anything is missing.
     """
 
     start_s: float | None
