@@ -12,6 +12,7 @@ import pandas as pd
 from mocap_id.errors import Refused
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
+from mocap_id.stages.phases import STAGE as PHASES_STAGE
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.store import Artefact, Document, Table, Tree
 from mocap_id.store.schemas import (
@@ -319,7 +320,10 @@ class Trial:
             self.planar(), self.wrench(plates=plates), self.segments(), self.chain(), self.states(), self.markers(),
             self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
         )  # fmt: skip
-        return {artefact.schema.file: artefact for artefact in made}
+        found = {artefact.schema.file: artefact for artefact in made}
+        (averaged,) = PHASES_STAGE.function(context(found))
+        assert isinstance(averaged, Table)
+        return found | {"phases.parquet": averaged}
 
     def _long(self, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
         """A long table, sorted by frame then marker, of (F, M) arrays."""

@@ -1,8 +1,11 @@
-"""The report's tables about repetitions: events, seat-off by each rule, the five-times test, attempts, shares."""
+"""The report's tables about repetitions: events, seat-off by each rule, the five-times test, shares, other angles."""
 
 from __future__ import annotations
 
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed
+import numpy as np
+
+from mocap_id.reporting.material import Material
+from mocap_id.reporting.numbers import UNKNOWN, known, show_fixed
 from mocap_id.reporting.shape import RepetitionEntry, Summary
 from mocap_id.reporting.tables import Grid, grid
 
@@ -41,7 +44,7 @@ def seat_off(summary: Summary) -> Grid:
                 _percent(entry.support),
             )
         )
-    known = any(entry.reached is not None for entry in found)
+    told = any(entry.reached is not None for entry in found)
     caption = (
         "Each rise: seat-off where the chair's force vanishes, and by the thesis's two rules how long before that; how "
         "high the hips come, time in pauses, failed attempts before, vertical force that neither plates nor chair "
@@ -57,7 +60,7 @@ def seat_off(summary: Summary) -> Grid:
         "attempts",
         "unexplained (% of weight)",
     )
-    return grid(caption, head, rows if known else (), (0,))
+    return grid(caption, head, rows if told else (), (0,))
 
 
 def attempts(summary: Summary) -> Grid:
@@ -120,6 +123,33 @@ def load_share(summary: Summary) -> Grid:
     )
     head = ("phase", "left (%)", "standard deviation (%)", "right (%)")
     return grid(caption if rows else "", head, rows, (0,))
+
+
+def compared(material: Material) -> Grid:
+    """How another system's angles agree with these."""
+    rows = [
+        (
+            str(one["joint"]),
+            str(one["column"]),
+            show_fixed(one.get("r"), 4),
+            _degrees(one.get("offset_rad")),
+            _degrees(one.get("rmse_rad")),
+            str(one.get("samples", "")),
+            str(one.get("why") or ""),
+        )
+        for one in material.facts("phases.parquet").get("compared") or ()
+    ]
+    caption = (
+        "Another system's angles beside these, as given: where r is negative it counts the other way round (a minus "
+        "before the column turns it)"
+    )
+    head = ("joint", "column", "r", "its mean is more by (deg)", "rms without that (deg)", "samples", "remark")
+    return grid(caption, head, rows, (0, 1, 6))
+
+
+def _degrees(angle: object) -> str:
+    number = known(angle)
+    return UNKNOWN if number is None else show_fixed(np.degrees(number), 2)
 
 
 def _before(entry: RepetitionEntry, other: float | None) -> str:

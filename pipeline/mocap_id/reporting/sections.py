@@ -46,7 +46,7 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "repetitions",
             "Repetitions",
             "events.parquet",
-            ("repetitions",),
+            ("repetitions", "phases") if "phases.parquet" in material.artefacts else ("repetitions",),
             (
                 rising.repetitions(summary),
                 rising.seat_off(summary),
@@ -54,6 +54,7 @@ def sections(material: Material, summary: Summary) -> list[Section]:
                 rising.five_times(summary),
                 rising.published(summary),
                 rising.load_share(summary),
+                rising.compared(material),
             ),
         ),
         Section(

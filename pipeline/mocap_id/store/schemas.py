@@ -179,6 +179,20 @@ EVENTS = TableSchema(
     (RISE,),
 )
 
+PHASES = TableSchema(
+    "phases.parquet",
+    1,
+    (
+        Column("span", "category", "", "repetition (start to end) or rise (start to stand)"),
+        Column("percent", "float64", "1", "of the span's time, 0 to 100"),
+        Column("quantity", "category", "", "as in states.parquet and dynamics.parquet; theta_k_other: another system"),
+        Column("unit", "category", "", "of mean and sd"),
+        Column("mean", "float64", "", "over the repetitions"),
+        Column("sd", "float64", "", "standard deviation over the repetitions"),
+        Column("count", "float64", "1", "repetitions in which it is known there"),
+    ),
+)
+
 DYNAMICS_TABLE = TableSchema(
     "dynamics.parquet",
     1,
@@ -228,5 +242,17 @@ DYNAMICS_TREE = TreeSchema(
 
 SCHEMAS: dict[str, TableSchema | TreeSchema] = {
     schema.file: schema
-    for schema in (PLANAR, WRENCH, SEGMENTS, CHAIN, STATES, MARKERS, SKIN, EVENTS, DYNAMICS_TABLE, DYNAMICS_TREE)
+    for schema in (
+        PLANAR,
+        WRENCH,
+        SEGMENTS,
+        CHAIN,
+        STATES,
+        MARKERS,
+        SKIN,
+        EVENTS,
+        DYNAMICS_TABLE,
+        DYNAMICS_TREE,
+        PHASES,
+    )
 }
