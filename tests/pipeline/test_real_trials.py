@@ -175,5 +175,6 @@ def test_events_of_a_real_sit_to_stand_agree_with_the_plates(trial) -> None:
     # OpenCap's lab: the left ankle stands at z = -0.81 m, plate 2 is loaded at -0.70, plate 1 at -0.50
     share = done.summary["load_share"]
     assert (share["left_plate"], share["right_plate"]) == (2, 1)
-    assert all(0.4 < phase["mean"] < 0.6 for phase in share["left"].values())
+    # seated the feet carry 0 to 90 N, lifted off now and then: nothing to expect of that share
+    assert all(0.4 < share["left"][phase]["mean"] < 0.6 for phase in ("rising", "standing"))
     assert events["support"].abs().max() < 0.05

@@ -17,11 +17,10 @@ _SOURCES = (
     ("_model", style.MODEL, "-", "identified model"),
     ("_reference", style.REFERENCE, "--", "allometric reference"),
 )
-_COLUMNS = 4
 
 
 def draw(material: Material) -> Figure | str:
-    """Four panels of the wrench, then one a joint; mean and one standard deviation over whole repetitions."""
+    """Four panels of the wrench, one of the torques; mean and one standard deviation over whole repetitions."""
     frame = material.frame("phases.parquet")
     if frame is None:
         return f"No averages over repetitions: {material.why_missing('phases.parquet')}."
@@ -29,25 +28,23 @@ def draw(material: Material) -> Figure | str:
     if not frame["mean"].notna().any():
         why = material.facts("phases.parquet").get("why") or "neither forces nor torques are known"
         return f"No averages over repetitions: {why}."
-    joints = [name for name in frame["quantity"].astype(str).unique() if name.startswith("tau_")]
-    lines = 1 + -(-len(joints) // _COLUMNS)
-    figure = style.figure(0.6 + 2.0 * lines)
-    panels = figure.subplots(lines, _COLUMNS, squeeze=False)
-    for axes, (name, label) in zip(panels[0], _WRENCH, strict=True):
+    figure = style.figure(4.2)
+    *panels, torques, spare = figure.subplots(2, 3).ravel()
+    spare.set_axis_off()
+    for axes, (name, label) in zip(panels, _WRENCH, strict=True):
         axes.set_title(label)
         for suffix, colour, dash, what in _SOURCES:
             _curve(axes, frame, f"{name}{suffix}", (colour, dash, what))
         curves = [averaged(frame, f"{name}{suffix}")[0] for suffix, *_ in _SOURCES]
         style.fit_y(axes, [values for values in curves if values.size], 0.02 if name == "cop_x" else 0.0)
     names = material.skeleton.joints if material.skeleton is not None else ()
-    for k, axes in enumerate(panels[1:].ravel()):
-        if k >= len(joints):
-            axes.set_axis_off()
-            continue
-        axes.set_title(f"{style.printable(names[k], 14) if k < len(names) else f'joint {k + 1}'}: torque (N·m)")
-        _curve(axes, frame, f"tau_{k + 1}", (style.colour(k + 1), "-", None))
+    torques.set_title("joint torques (N·m)")
+    for k, name in enumerate(names, start=1):
+        _curve(torques, frame, f"tau_{k}", (style.colour(k), "-", style.printable(name, 14)))
+    if torques.lines:
+        spare.legend(*torques.get_legend_handles_labels(), title="torques", loc="center left", fontsize=7)
     figure.supxlabel("share of the repetition (%)", fontsize=8)
-    style.legend_above(figure, panels[0])
+    style.legend_above(figure, np.array(panels))
     return figure
 
 
