@@ -14,7 +14,7 @@ from mocap_id.protocols.repetitions import Repetition
 _STILL = 0.05  # of the peak speed: slower than this is a pause …
 _PAUSE = 0.2  # … if it lasts this long, s: at seat-off trunk and legs may both be slow for an instant
 _LEVEL = 0.1  # of the rise: farther from the seat, or from standing, a pause is one in mid-rise
-_MOVING = 0.15  # of the peak speed: a recording whose end is faster cuts a movement off
+_MOVING = 0.15  # of the peak speed: a recording whose end is faster may cut a movement off
 
 
 def sit_to_stand_repetitions(
@@ -115,8 +115,8 @@ def _peak(speed: FloatArray, *parts: slice) -> float:
 def _rest(time: FloatArray, posture: Posture, part: slice, peak: float, *, last: bool = False) -> float:
     """When a part's first pause at its own level begins, or the last one ends; without one, its slowest instant there.
 
-    NaN where the part reaches to the recording's end and the body is moving even at the slowest instant: the rest lies
-    outside.
+    NaN where the part reaches to the recording's end and nothing in it is slow, nor slower than what is before and
+    after: the rest lies outside.
     """
     level = _at_level(posture, part)
     pauses = _pauses(time, posture.speed, level, peak)
@@ -126,8 +126,9 @@ def _rest(time: FloatArray, posture: Posture, part: slice, peak: float, *, last:
     if not len(known):
         return float("nan")
     slowest = known[np.argmin(posture.speed[known])]
-    cut = part.start == 0 if last else part.stop == len(time)
-    return float("nan") if cut and posture.speed[slowest] > _MOVING * peak else float(time[slowest])
+    at_end = part.start == 0 if last else part.stop == len(time)
+    cut = at_end and slowest in (known[0], known[-1]) and posture.speed[slowest] > _MOVING * peak
+    return float("nan") if cut else float(time[slowest])
 
 
 def _at_level(posture: Posture, part: slice) -> BoolArray:
