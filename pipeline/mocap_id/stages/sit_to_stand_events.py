@@ -31,7 +31,7 @@ def sit_to_stand_events(
     plates: Table,
     recorded: Recorded,
     movement: Movement,
-    missing: FloatArray | None,
+    missing: Sequence[FloatArray],
     *,
     share: float,
     seat_measured: bool,
@@ -45,8 +45,9 @@ def sit_to_stand_events(
     recorded : Recorded
     movement : Movement
         With a posture.
-    missing : (T,) array or None
-        Vertical force that a body model expects of the ground, less the ground's, N; None where no model applies.
+    missing : sequence of (T,) arrays
+        Vertical force that a body model expects of the ground, less the ground's, N, by each clock that may be right;
+        empty where no model applies. Support is what all of them show.
     share : float
         Of the standing weight, for seat-off by the thesis's rule.
     seat_measured : bool
@@ -69,11 +70,14 @@ def sit_to_stand_events(
         )
         for k in range(len(repetitions))
     )
-    if missing is not None and chair is not None:
+    if missing and chair is not None:
         rises = tuple(
             replace(
                 rise,
-                support=unexplained(recorded.time, posture, missing, weight, each, seat_measured=seat_measured),
+                support=min(
+                    unexplained(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
+                    for force in missing
+                ),
             )
             for each, rise in zip(repetitions, rises, strict=True)
         )
@@ -111,15 +115,21 @@ def _frame(repetitions: Sequence[Repetition], rises: Sequence[Rise]) -> pd.DataF
     return frame.astype({column.name: column.dtype for column in columns})
 
 
-def missing_force(prepared: Prepared | None, frame: pd.DataFrame) -> FloatArray | None:
-    """What the allometric body, else the model, expects of the ground less the ground's force, (T,) N; None without."""
+def missing_force(prepared: Prepared | None, frame: pd.DataFrame) -> tuple[FloatArray, ...]:
+    """What the allometric body, else the model, expects of the ground less the ground's force, (T,) N each.
+
+    By the clock that the identification found, and by the plates' own: a clock that was found wrong makes a force seem
+    to be missing where it changes fast. Nothing without a plate or a model.
+    """
     if prepared is None:
-        return None
+        return ()
+    everything = prepared.recorded.surroundings[:, 1]
     for model in ("Fy_reference", "Fy_model"):
         expected: FloatArray = frame[model].to_numpy(dtype=np.float64)
         if np.isfinite(expected).any():
-            return np.asarray(expected - frame["Fy"].to_numpy(dtype=np.float64))
-    return None
+            elsewhere = frame["Fy_external"].to_numpy(dtype=np.float64) if "Fy_external" in frame else 0.0
+            return expected - frame["Fy"].to_numpy(dtype=np.float64), expected + elsewhere - everything
+    return ()
 
 
 def _shared(plates: Table, recorded: Recorded, posture: Posture, movement: Movement) -> LoadShare:
