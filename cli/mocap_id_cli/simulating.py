@@ -29,6 +29,9 @@ PlateBias = Annotated[float, typer.Option(help="Multiplies the usual channel bia
 ClockOffset = Annotated[float, typer.Option(help="Of the plate against the cameras, s.")]
 SeatPlate = Annotated[bool, typer.Option(help="Put the chair on a plate of its own.")]
 ChairMass = Annotated[float, typer.Option(help="Of the chair on its plate, kg.")]
+Attempts = Annotated[int, typer.Option(help="Rises that are broken off before the last ones.")]
+Hold = Annotated[float, typer.Option(help="Stop of the last rise half-way, s.")]
+Rail = Annotated[float, typer.Option(help="Share of the weight on a rail while rising.")]
 
 
 def simulating() -> typer.Typer:
@@ -63,6 +66,9 @@ def trial_command(kind: Kind) -> Callable[..., None]:
         clock_offset: ClockOffset = Options.clock_offset,
         seat_plate: SeatPlate = Options.seat_plate,
         chair_mass: ChairMass = Options.chair_mass,
+        attempts: Attempts = Options.attempts,
+        hold: Hold = Options.hold,
+        rail: Rail = Options.rail,
     ) -> None:
         """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
         options = Options(
@@ -83,6 +89,9 @@ def trial_command(kind: Kind) -> Callable[..., None]:
             clock_offset=clock_offset,
             seat_plate=seat_plate,
             chair_mass=chair_mass,
+            attempts=attempts,
+            hold=hold,
+            rail=rail,
         )
         typer.echo(simulation.simulate(kind, folder, options))
 

@@ -161,3 +161,60 @@ def test_along_the_authors_plane_a_stoop_is_theirs(trial) -> None:
     ours, _ = in_plane_distances(trial("c3d/stoop1_t169_f620f800.c3d", protocol="free", planarise={"yaw_deg": 0.0}))
     theirs, _ = in_plane_distances(trial("c3d/stoop1_t169_f620f800_2D.c3d", protocol="free"))
     assert np.abs(ours - theirs).max() < 1e-6
+
+
+def marker_height(recordings, name: str, labels: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (T,) and mean height (T,) of markers of the file, 0 at their lowest … 1 at their highest."""
+    lines = (recordings / "sit-to-stand" / f"{name}.trc").read_text().splitlines()
+    names = [label for label in lines[3].split("\t")[2:] if label]
+    rows = [line.split("\t") for line in lines[5:] if line.strip()]
+    columns = [3 * names.index(label) + 3 for label in labels]
+    heights = np.array([[float(row[c]) if row[c].strip() else np.nan for c in columns] for row in rows]).mean(axis=1)
+    low, high = np.nanquantile(heights, [0.02, 0.98])
+    return np.array([float(row[1]) for row in rows]), (heights - low) / (high - low)
+
+
+@pytest.mark.parametrize("name", ["STS1", "squats1"])
+def test_five_repetitions_agree_with_the_pelvis_markers(trial, recordings, name: str) -> None:
+    """Nothing of the pipeline makes these heights: events are read off the joint angles."""
+    done = trial(f"sit-to-stand/{name}.trc", **STS)
+    events = done.table("events")
+    assert len(events) == 5
+    assert events["complete"].all()
+    assert (events["why"] == "").all()
+    time, height = marker_height(recordings, name, ("L.PSIS", "r.PSIS", "L.ASIS", "r.ASIS"))
+    at = {event: np.interp(events[event], time, height) for event in ("start", "seat_off", "stand", "seat_on", "end")}
+    assert (at["stand"] > 0.9).all()
+    assert (np.abs(at["end"] - (0.0 if name == "STS1" else 1.0)) < 0.1).all()
+    assert (np.abs(at["start"] - (0.0 if name == "STS1" else 1.0)) < 0.1).all()
+    if name == "STS1":  # the seat gives way, and the pelvis turns before it is off: 0.13 to 0.20
+        assert ((at["seat_off"] > 0.0) & (at["seat_off"] < 0.3)).all()
+        assert (np.abs(at["seat_on"]) < 0.3).all()
+        # every crossing of half the height is in one repetition's rise or descent
+        ups = time[1:][(height[1:] > 0.5) & (height[:-1] <= 0.5)]
+        assert ((ups > events["start"]) & (ups < events["stand"])).all()
+
+
+def test_events_of_a_real_sit_to_stand_agree_with_the_plates(trial) -> None:
+    done = trial("sit-to-stand/STS1.trc", **STS)
+    events, wrench = done.table("events"), done.table("wrench")
+    weight = 9.81 * done.summary["dynamics"]["mass_kg"]
+
+    def carried(event: str) -> np.ndarray:
+        return np.interp(events[event], wrench["time"], wrench["Fy"] / weight)
+
+    assert (carried("start") < 0.5).all()
+    np.testing.assert_allclose(carried("seat_off_72"), 0.72, atol=0.05)
+    assert (carried("seat_off") > 0.85).all()
+    assert (events["seat_off_72"] < events["seat_off"]).all()
+    assert (events["seat_off"] - events["seat_off_72"] < 0.1).all()
+    assert (carried("end") < 0.5).all()
+    assert done.summary["five_times"]["to_fifth_stand_s"] == pytest.approx(
+        events["stand"].iloc[4] - events["start"].iloc[0]
+    )
+    # OpenCap's lab: the left ankle stands at z = -0.81 m, plate 2 is loaded at -0.70, plate 1 at -0.50
+    share = done.summary["load_share"]
+    assert (share["left_plate"], share["right_plate"]) == (2, 1)
+    # seated the feet carry 0 to 90 N, lifted off now and then: nothing to expect of that share
+    assert all(0.4 < share["left"][phase]["mean"] < 0.6 for phase in ("rising", "standing"))
+    assert events["support"].abs().max() < 0.05

@@ -36,17 +36,31 @@ def smooth(x: np.ndarray) -> np.ndarray:
 
 
 def sit_to_stand(
-    repetitions: int, *, chair: bool = True, begins_upright: bool = False, noise: float = 0.5, seed: int = 0
+    repetitions: int,
+    *,
+    chair: bool = True,
+    begins_upright: bool = False,
+    noise: float = 0.5,
+    seed: int = 0,
+    heights: tuple[float, ...] | None = None,
+    attempt: tuple[float, float] | None = None,
 ) -> tuple[Recorded, Truth]:
     """Rises and descents of 2 s each, from a pose to a flexed trunk and up; the chair is off half-way through.
 
-    Where the trial ``begins_upright`` it also ends so.
+    Where the trial ``begins_upright`` it also ends so. ``heights`` are how far each rise goes, of the way to standing;
+    an ``attempt`` at a time, s, goes so far and falls back within 1.2 s.
     """
     cycle = PAUSE + RISE + STAND + SIT
     time = np.arange(0, repetitions * cycle + PAUSE, 1 / RATE)
     start = np.array([k * cycle + PAUSE for k in range(repetitions)])
     top, down = start + RISE, start + RISE + STAND
-    up = sum(smooth((time - s) / RISE) - smooth((time - d) / SIT) for s, d in zip(start, down, strict=True))
+    far = (1.0,) * repetitions if heights is None else heights
+    up = sum(
+        h * (smooth((time - s) / RISE) - smooth((time - d) / SIT)) for h, s, d in zip(far, start, down, strict=True)
+    )
+    if attempt is not None:
+        at, height = attempt
+        up = up + height * (smooth((time - at + 0.6) / 0.6) - smooth((time - at) / 0.6))
     lean = sum(smooth((time - s) / (RISE / 2)) - smooth((time - s - RISE / 2) / (RISE / 2)) for s in start) + sum(
         smooth((time - d) / (SIT / 2)) - smooth((time - d - SIT / 2) / (SIT / 2)) for d in down
     )

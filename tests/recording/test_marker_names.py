@@ -14,9 +14,34 @@ OUTPUTS = (
 
 def test_subject_prefixes_are_stripped_unless_two_subjects_share_a_name() -> None:
     assert name_markers(["Anna:LKNE", "Anna:RKNE"]).labels == ("LKNE", "RKNE")
-    shared = name_markers(["Anna:LKNE", "Ben:LKNE"])
-    assert shared.labels == ("Anna:LKNE", "Ben:LKNE")
-    assert "kept" in shared.oddities[0]
+    shared = name_markers(["Anna:LKNE", "Ben:LKNE", "C7"])
+    assert shared.labels == ("subject-1:LKNE", "subject-2:LKNE", "C7")
+    assert "2 subjects" in shared.oddities[0]
+
+
+def test_no_message_names_a_subject() -> None:
+    for labels in (["Anna:LKNE", "Anna:C7"], ["Anna:LKNE", "Ben:LKNE"], ["Anna:LKNE", "Ben:RKNE", "Anna:LKneeAngles"]):
+        naming = name_markers(labels)
+        assert naming.oddities
+        assert not any(name in text for text in (*naming.oddities, *naming.labels) for name in ("Anna", "Ben"))
+
+
+@pytest.mark.parametrize(
+    ("labels", "subjects"),
+    [
+        (["Anna_LKNE", "Anna_C7"], ["Anna_"]),
+        (["Anna_LKNE", "Anna_C7"], ["Anna"]),
+        (["Anna LKNE", "C7"], ["Anna"]),
+        (["Anna-Lena.LKNE", "Anna.C7"], ["Anna", "Anna-Lena"]),
+    ],
+)
+def test_declared_subjects_are_taken_off_without_a_colon(labels: list[str], subjects: list[str]) -> None:
+    assert name_markers(labels, subjects=subjects).labels == ("LKNE", "C7")
+
+
+def test_a_name_that_is_only_part_of_a_word_is_kept() -> None:
+    assert name_markers(["HEAD", "HE", "L_KNE"], subjects=["HE", "L"]).labels == ("HEAD", "HE", "KNE")
+    assert name_markers(["HEAD", "HE"], subjects=["HE"]).oddities == ()
 
 
 def test_repeated_labels_are_numbered() -> None:

@@ -12,6 +12,7 @@ import pandas as pd
 from mocap_id.errors import Refused
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
+from mocap_id.stages.phases import STAGE as PHASES_STAGE
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.store import Artefact, Document, Table, Tree
 from mocap_id.store.schemas import (
@@ -200,7 +201,41 @@ class Trial:
                 "why": ["" if k < repetitions - 1 else "no seat-on was found" for k in range(repetitions)],
             }
         )
-        return Table(EVENTS, frame.astype({"complete": bool, "why": object}))
+        frame = frame.assign(
+            seat_off_72=start + 0.95,
+            seat_off_model=start + 1.15,
+            reached=1.0,
+            held=0.0,
+            attempts=0,
+            support=0.01,
+            left_seated=0.52,
+            left_rising=0.5,
+            left_standing=0.48,
+        )
+        facts = {
+            "five_times": {
+                "asked": 5,
+                "repetitions": repetitions,
+                "to_fifth_stand_s": 27.0,
+                "to_fifth_seat_contact_s": 28.8,
+                "to_fifth_seated_s": 29.9,
+                "mean_cycle_s": CYCLE,
+                "cycle_sd_s": 0.01,
+                "failed_attempts": 0,
+                "published": [
+                    {"limit_s": 11.4, "people": "some", "meaning": "slow", "stop": "not said", "source": "a paper"}
+                ],
+                "why": None,
+            },
+            "attempts": [],
+            "load_share": {
+                "left_plate": 2,
+                "right_plate": 1,
+                "left": {phase: {"mean": 0.5, "sd": 0.01} for phase in ("seated", "rising", "standing")},
+                "why": None,
+            },
+        }
+        return Table(EVENTS, frame.astype({"complete": bool, "why": object}), facts)
 
     def dynamics_table(self, *, plates: bool = True) -> Table:
         frame = self.wrench().frame.drop(columns="plate_ok")
@@ -300,7 +335,10 @@ class Trial:
             self.planar(), self.wrench(plates=plates), self.segments(), self.chain(), self.states(), self.markers(),
             self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
         )  # fmt: skip
-        return {artefact.schema.file: artefact for artefact in made}
+        found = {artefact.schema.file: artefact for artefact in made}
+        (averaged,) = PHASES_STAGE.function(context(found))
+        assert isinstance(averaged, Table)
+        return found | {"phases.parquet": averaged}
 
     def _long(self, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
         """A long table, sorted by frame then marker, of (F, M) arrays."""

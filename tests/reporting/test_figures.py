@@ -45,7 +45,7 @@ def test_axes_carry_units(entry: FigureEntry) -> None:
     units = {
         "skeleton": ["(m)"], "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
         "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
-        "point_masses": ["(m)", "(kg)"],
+        "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"],
     }  # fmt: skip
     for unit in units[entry.name]:
         assert unit in text

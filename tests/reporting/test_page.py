@@ -110,7 +110,7 @@ def relabelled(trial: Trial) -> dict[str, Artefact]:
 def test_healthy_trial_shows_everything() -> None:
     page = checked(healthy())
     assert page.sections == ["skeleton", "states", "repetitions", "wrench", "parameters", "markers", "origin"]
-    assert page.tags.count("figure") == 7
+    assert page.tags.count("figure") == 8
     for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
         assert wanted in page.text
     assert "somewhere" not in page.text, "folders are nobody's business"
@@ -216,7 +216,7 @@ def test_labels_are_shown_and_never_obeyed() -> None:
 @pytest.mark.parametrize("joints", [1, 4])
 def test_short_and_long_chains(joints: int) -> None:
     page = checked(report(Trial(joints=joints).artefacts()))
-    assert page.tags.count("figure") == 7
+    assert page.tags.count("figure") == 8
 
 
 def test_no_repetition_is_said() -> None:

@@ -11,6 +11,7 @@ from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
+from mocap_id.reporting.explanations.rising import RISING
 from mocap_id.reporting.explanations.skeleton import SKELETON
 from mocap_id.reporting.explanations.transfer import TRANSFER
 
@@ -48,7 +49,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, EXTERNAL, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, EXTERNAL, PARAMETERS, RECORDING, RISING, SKELETON, TRANSFER)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

@@ -12,8 +12,9 @@ from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.protocols.contact import ContactRule
 from mocap_id.protocols.posture import Posture, posture
 from mocap_id.protocols.repetitions import Repetition
+from mocap_id.protocols.rising import sit_to_stand_repetitions
 from mocap_id.protocols.robot_joint import robot_repetitions
-from mocap_id.protocols.sit_to_stand import Contact, find_contact, sit_to_stand_repetitions
+from mocap_id.protocols.sit_to_stand import Contact, find_contact
 from mocap_id.verdict import Reason
 
 ProtocolName = Literal["free", "sit-to-stand", "robot-joint"]

@@ -10,7 +10,10 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import planar
 
 _LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, of the height's range
-_STANDING = 0.9  # of the height's range: what is above is standing
+
+STANDING = 0.9
+"""Of the height's range: what is above is standing."""
+
 _LEAST_RISE = 0.15  # of the legs' length: less is not a sit-to-stand
 
 
@@ -77,7 +80,7 @@ def standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
     (n,) array or None
         None where no angles are known.
     """
-    high = posture.height > _STANDING if posture.moves else np.ones(len(q), dtype=bool)
+    high = posture.height > STANDING if posture.moves else np.ones(len(q), dtype=bool)
     known = high & np.isfinite(q).all(axis=1)
     return np.median(np.cumsum(q[known], axis=1), axis=0) if known.any() else None
 

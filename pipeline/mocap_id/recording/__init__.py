@@ -1,5 +1,6 @@
 """Recordings of any lab, C3D or TRC with MOT, read into one form; and written."""
 
+from mocap_id.recording.angle_table import AngleTable, read_angles
 from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.choice import GRAVITY, PlateChoice, choose_plates, doubtful, standing_mass
 from mocap_id.recording.decimation import PlateSamples, averaging_width, decimate
@@ -14,6 +15,7 @@ from mocap_id.recording.writing import write_c3d, write_trc
 
 __all__ = [
     "GRAVITY",
+    "AngleTable",
     "ForceLog",
     "MotionTable",
     "Plate",
@@ -29,6 +31,7 @@ __all__ = [
     "describe",
     "doubtful",
     "read",
+    "read_angles",
     "read_force_log",
     "read_table",
     "seat_wrench",

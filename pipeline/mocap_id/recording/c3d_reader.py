@@ -36,8 +36,9 @@ def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None, f
     unit, metres = metres_per_unit(path, file.text("POINT:UNITS"), units, oddities)
     decoded = decode(file, layout)
     oddities += decoded.oddities
-    naming = name_markers(_labels(file, layout), _outputs(file))
-    oddities += naming.oddities
+    subjects = _subjects(file)
+    naming = name_markers(_labels(file, layout), _outputs(file), subjects)
+    oddities += [*naming.oddities, *_named_after(path, subjects)]
     positions = clean(path, decoded.points[:, list(naming.keep)] * metres, unit, oddities)
     stored = stored_plates(file, layout, decoded.analog, metres, force_units)
     up = _vertical(file, stored, positions, vertical, oddities)
@@ -68,6 +69,23 @@ def _labels(file: C3DFile, layout: Layout) -> list[str]:
         labels += more
         number += 1
     return [*labels[: layout.points], *[""] * (layout.points - len(labels))]
+
+
+def _subjects(file: C3DFile) -> list[str]:
+    """Names and label prefixes of the subjects that the header declares."""
+    found = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
+    return [name.strip() for name in found if name.strip()]
+
+
+def _named_after(path: Path, subjects: Sequence[str]) -> list[str]:
+    """Whether the file's own name gives a subject away."""
+    stem = path.stem.casefold()
+    if not any(len(name) > 2 and name.strip(":_-. ").casefold() in stem for name in subjects):
+        return []
+    return [
+        "the file is called after a subject whom its header names, and outputs show the files' names: call it by a "
+        "pseudonym"
+    ]
 
 
 def _outputs(file: C3DFile) -> list[str]:

@@ -16,6 +16,9 @@ _OUTPUT = re.compile(
 _JOINT_CENTRE = re.compile(r"(?:^|[LR_.\s-])(?:H|K|A|S|E|W)JC(?:[_.\s-].*)?$|joint_?cent(?:re|er)", re.IGNORECASE)
 """Computed joint centres: LHJC, R_KJC, L_HJC_reg …"""
 
+_SEPARATORS = ":_-. "
+"""What stands between a subject's name and a marker's."""
+
 _SEGMENT_AXES = ("O", "A", "L", "P")
 """A model's segment frame is written as four points: origin and one point along each axis."""
 
@@ -39,8 +42,8 @@ class Naming:
     oddities: tuple[str, ...]
 
 
-def name_markers(raw: Sequence[str], outputs: Iterable[str] = ()) -> Naming:
-    """Choose the markers among a file's trajectories and give each a unique name.
+def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> Naming:
+    """Choose the markers among a file's trajectories and give each a unique name, without the name of any person.
 
     Parameters
     ----------
@@ -48,9 +51,14 @@ def name_markers(raw: Sequence[str], outputs: Iterable[str] = ()) -> Naming:
         Labels as in the file, one a trajectory, possibly empty.
     outputs : iterable of str
         Labels that the file itself declares as something else than markers (POINT:ANGLES …).
+    subjects : iterable of str
+        Names of subjects and prefixes of labels that the file declares. Where labels begin with one it is taken off,
+        as is everything up to a colon. No message names them.
     """
-    bare, oddities = _without_subject([text.strip().strip("\x00").strip() for text in raw])
-    declared = {name.strip() for name in outputs} | {name.strip().split(":")[-1] for name in outputs}
+    known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
+    split = [_split(text.strip().strip("\x00").strip(), known) for text in raw]
+    bare, oddities = _without_subject(split)
+    declared = {part for name in outputs for part in (name.strip(), _split(name.strip(), known)[1])}
     dropped = _not_markers(bare, declared)
     if dropped:
         names = ", ".join(bare[i] for i in dropped[:4]) + (" …" if len(dropped) > 4 else "")
@@ -67,15 +75,35 @@ def name_markers(raw: Sequence[str], outputs: Iterable[str] = ()) -> Naming:
     return Naming(tuple(keep), tuple(labels), tuple(oddities))
 
 
-def _without_subject(names: list[str]) -> tuple[list[str], list[str]]:
-    """Strip ``SUBJECT:`` prefixes, unless that makes two markers of two subjects one."""
-    prefixes = sorted({name.split(":", 1)[0] for name in names if ":" in name})
+def _split(label: str, subjects: Sequence[str]) -> tuple[str, str]:
+    """Prefix (empty without one) and name of a label."""
+    if ":" in label:
+        prefix, name = label.split(":", 1)
+        return prefix, name.strip()
+    for subject in subjects:
+        rest = label.removeprefix(subject)
+        if rest != label and rest and (rest[0] in _SEPARATORS or subject[-1] in _SEPARATORS):
+            return subject, rest.lstrip(_SEPARATORS)
+    return "", label
+
+
+def _without_subject(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[str]]:
+    """Names without their prefixes; where two markers would become one, the prefixes are numbered instead."""
+    names = [name for _, name in split]
+    prefixes = list(dict.fromkeys(prefix for prefix, _ in split if prefix))
     if not prefixes:
-        return list(names), []
-    stripped = [name.split(":", 1)[-1].strip() for name in names]
-    if _repeats(stripped) - _repeats(names):
-        return list(names), [f"subject prefixes kept, markers of {', '.join(prefixes)} share names"]
-    return stripped, [f"subject prefix stripped from the labels: {', '.join(prefixes)}"]
+        return names, []
+    markers = {(prefix, name) for prefix, name in split if name}
+    if len({name for _, name in markers}) == len(markers):
+        several = f" of {len(prefixes)} subjects" if len(prefixes) > 1 else ""
+        return names, [f"the labels hold subject names{several}: they were taken off"]
+    number = {prefix: f"subject-{k}:" for k, prefix in enumerate(prefixes, start=1)} | {"": ""}
+    oddity = (
+        f"markers of {len(prefixes)} subjects share names: the subjects are called subject-1 to "
+        f"subject-{len(prefixes)}, in the file's order. A trial is of one person: leave the others out with "
+        "`planarise: {ignore: ['subject-2:*']}`"
+    )
+    return [number[prefix] + name for prefix, name in split], [oddity]
 
 
 def _repeats(names: Iterable[str]) -> set[str]:

@@ -37,7 +37,15 @@ FIGURES: tuple[FigureEntry, ...] = (
         "repetitions",
         "Repetitions",
         "Joint angles of each repetition (thin) on a common time, with their mean (thick) and one standard deviation. "
-        "Dotted: mean time of seat-off, where the movement has one.",
+        "Dotted: mean time of seat-off, where the movement has one. Red, where the trial gives a file of another "
+        "system: its angles as they are, mean and one standard deviation.",
+    ),
+    FigureEntry(
+        "phases",
+        "Wrench and torques over a repetition",
+        "Mean and one standard deviation over the whole repetitions, from start to end: the ground's wrench and centre "
+        "of pressure as measured, by the identified model and by the allometric reference, and the model's joint "
+        "torques. While a chair is touched, the models hold what ground and chair carry together.",
     ),
     FigureEntry(
         "residuals",

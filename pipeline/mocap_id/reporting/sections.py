@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mocap_id.reporting import readings, tables
+from mocap_id.reporting import readings, rising, tables
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.shape import BaseEntry, Summary
@@ -42,7 +42,21 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "skeleton", skeleton, "planar.parquet", ("skeleton",), (tables.joints(summary), tables.lengths(summary))
         ),
         Section("states", "Joint states", "states.parquet", ("states",), (_noise(material, summary),)),
-        Section("repetitions", "Repetitions", "events.parquet", ("repetitions",), (tables.repetitions(summary),)),
+        Section(
+            "repetitions",
+            "Repetitions",
+            "events.parquet",
+            ("repetitions", "phases") if "phases.parquet" in material.artefacts else ("repetitions",),
+            (
+                rising.repetitions(summary),
+                rising.seat_off(summary),
+                rising.attempts(summary),
+                rising.five_times(summary),
+                rising.published(summary),
+                rising.load_share(summary),
+                rising.compared(material),
+            ),
+        ),
         Section(
             "wrench",
             "Forces on the ground",
@@ -91,6 +105,7 @@ def glance(material: Material, summary: Summary) -> list[Glance]:
         Glance("re-projection", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over the markers"),
         Glance("missing", _scaled(summary.markers.missing_fraction, 100, 1, "%"), "of the marker samples"),
         Glance("repetitions", _count(len(summary.repetitions or ()) or None), "found"),
+        Glance("five times", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
         Glance("mass, plates", show(dynamics.mass_kg, 3, "kg"), "at rest"),
         Glance("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
         Glance("mean CoP", _scaled(dynamics.cop_mean_m, 1e3, 1, "mm"), "along the motion, plates"),

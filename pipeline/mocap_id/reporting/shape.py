@@ -208,7 +208,13 @@ class DynamicsEntry(Entry):
 
 
 class RepetitionEntry(Entry):
-    """The events of one repetition, in the recording's own clock."""
+    """The events of one repetition, in the recording's own clock.
+
+    ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the thesis's two rules, ``reached`` the greatest height
+    as a share of the trial's rise, ``held_s`` time in pauses between seat and standing, ``attempts`` failed ones
+    before, ``support`` unexplained vertical force over the weight. ``remark`` says what is unusual, whether or not
+    anything is missing.
+    """
 
     start_s: float | None
     seat_off_s: float | None
@@ -216,6 +222,65 @@ class RepetitionEntry(Entry):
     seat_on_s: float | None
     end_s: float | None
     complete: bool
+    seat_off_72_s: float | None
+    seat_off_model_s: float | None
+    reached: float | None
+    held_s: float | None
+    attempts: int | None
+    support: float | None
+    remark: str
+    why: str | None
+
+
+class PublishedEntry(Entry):
+    """A published time of the five-times-sit-to-stand test: context, no diagnosis."""
+
+    limit_s: float
+    people: str
+    meaning: str
+    stop: str
+    source: str
+
+
+class FiveTimesEntry(Entry):
+    """The five-times-sit-to-stand test by both common stop rules, from the start of the first rise.
+
+    ``repetitions`` counts rises that come to standing, ``mean_cycle_s`` goes from stand to stand, ``failed_attempts``
+    lie within the time.
+    """
+
+    repetitions: int | None
+    to_fifth_stand_s: float | None
+    to_fifth_seat_contact_s: float | None
+    to_fifth_seated_s: float | None
+    mean_cycle_s: float | None
+    cycle_sd_s: float | None
+    failed_attempts: int | None
+    published: list[PublishedEntry]
+    why: str | None
+
+
+class AttemptEntry(Entry):
+    """A rise that was broken off: when it was highest, how high, and the share of the chair's load that was lifted."""
+
+    time_s: float
+    height: float
+    unloaded: float | None
+
+
+class SpreadEntry(Entry):
+    """Mean and standard deviation over the repetitions."""
+
+    mean: float | None
+    sd: float | None
+
+
+class LoadShareEntry(Entry):
+    """The left foot's share of the feet's load in each phase, where each foot has a plate of its own."""
+
+    left_plate: int | None
+    right_plate: int | None
+    left: dict[str, SpreadEntry]
     why: str | None
 
 
@@ -235,5 +300,8 @@ class Summary(Entry):
     noise: NoiseEntry
     dynamics: DynamicsEntry
     repetitions: list[RepetitionEntry] | None
+    five_times: FiveTimesEntry
+    attempts: list[AttemptEntry] | None
+    load_share: LoadShareEntry
     time_s: dict[str, float] | None
     why: str | None

@@ -25,6 +25,8 @@ from mocap_id.arrays import FloatArray
 INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#8a8d94"
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 MEASURED, MODEL, REFERENCE = INK, BLUE, ORANGE
+OTHER = "#b2182b"
+"""Another system's curves."""
 HEAT = "cividis"
 SHADES = 24
 """Steps of the heat colours: few enough to read off the bar, and to draw it as vectors."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import pandas as pd
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.repetitions import attempts, five_times, load_share, repetitions
 from mocap_id.reporting.shape import (
     BaseEntry,
     ChannelEntry,
@@ -24,7 +25,6 @@ from mocap_id.reporting.shape import (
     NoiseEntry,
     PlaneEntry,
     ReasonEntry,
-    RepetitionEntry,
     RivalEntry,
     SegmentsEntry,
     Summary,
@@ -36,9 +36,6 @@ from mocap_id.verdict import Reason
 NOTHING_HELPS = "none of those tried"
 """Where no other movement would tell more of a parameter."""
 
-EVENTS = ("start", "seat_off", "stand", "seat_on", "end")
-"""The events of a repetition, in the order in which they happen."""
-
 
 def summarise(material: Material) -> Summary:
     """Collect a trial's summary from its artefacts.
@@ -48,11 +45,11 @@ def summarise(material: Material) -> Summary:
     material : Material
         The artefacts that exist; in a refused trial some do not, and what they would have given is null with a why.
     """
-    joints, lengths, repetitions = _joints(material), _lengths(material), _repetitions(material)
+    joints, lengths, found = _joints(material), _lengths(material), repetitions(material)
     seconds = _seconds(material)
     why = (
         _because(f"joints and lengths_m: {material.why_missing('chain.h5')}", joints, lengths),
-        _because(f"repetitions: {material.why_missing('events.parquet')}", repetitions),
+        _because(f"repetitions: {material.why_missing('events.parquet')}", found),
         _because("time_s: the stages' times were not recorded", seconds),
     )
     return Summary(
@@ -66,7 +63,10 @@ def summarise(material: Material) -> Summary:
         markers=_markers(material),
         noise=_noise(material),
         dynamics=_dynamics(material),
-        repetitions=repetitions,
+        repetitions=found,
+        five_times=five_times(material),
+        attempts=attempts(material),
+        load_share=load_share(material),
         time_s=seconds,
         why=_joined(why),
     )
@@ -319,19 +319,6 @@ def _held_out(material: Material) -> HeldOutEntry:
         clock_offset_s=offsets,
         why=_joined(why),
     )
-
-
-def _repetitions(material: Material) -> list[RepetitionEntry] | None:
-    events = material.frame("events.parquet")
-    if events is None:
-        return None
-    return [_repetition(row) for row in events.to_dict("records")]
-
-
-def _repetition(row: Mapping[Hashable, object]) -> RepetitionEntry:
-    times = {f"{event}_s": known(row[event]) for event in EVENTS}
-    why = _because(str(row["why"] or "") or "the protocol has no such event, or it was not found", *times.values())
-    return RepetitionEntry(**times, complete=bool(row["complete"]), why=why)
 
 
 def _seconds(material: Material) -> dict[str, float] | None:

@@ -51,21 +51,6 @@ def lengths(summary: Summary) -> Grid:
     return grid("Segment lengths, joint to joint, ± one standard deviation", ("segment", "length (m)"), rows)
 
 
-def repetitions(summary: Summary) -> Grid:
-    """The events of each repetition."""
-    rows = [
-        (
-            str(k),
-            *(show_fixed(t, 2) for t in (entry.start_s, entry.seat_off_s, entry.stand_s, entry.seat_on_s, entry.end_s)),
-            "yes" if entry.complete else "no",
-            "" if entry.complete else entry.why or "",
-        )
-        for k, entry in enumerate(summary.repetitions or (), start=1)
-    ]
-    head = ("", "start (s)", "seat-off (s)", "standing (s)", "seat-on (s)", "end (s)", "complete", "remark")
-    return grid("Repetitions, in the recording's own clock", head, rows, (0, 6, 7))
-
-
 def agreement(summary: Summary) -> Grid:
     """How far the model's wrench is from the measured one."""
     units = {"Fx": "N", "Fy": "N", "tauz": "N·m"}

@@ -35,6 +35,15 @@ class Files(Settings):
     forces: Path | None = Field(None, description="MOT file with the ground's forces")
 
 
+class Compare(Settings):
+    """Joint angles of another system, to show beside this one's."""
+
+    angles: Path = Field(description="MOT, STO or CSV file with angles, on the recording's clock")
+    columns: dict[str, str] = Field(
+        min_length=1, description="joint: column of the file, with a minus in front where it counts the other way round"
+    )
+
+
 PlateNumber: TypeAlias = Annotated[int, Field(ge=1)]
 
 
@@ -90,6 +99,7 @@ class TrialKeys(Settings):
     )
     plates: PlateUse = Field(PlateUse(), description="which force plates carry what; told apart where not given")
 
+    compare: Compare | None = Field(None, description="joint angles of another system, shown beside this one's")
     external: tuple[ExternalForce, ...] = Field((), description="force sensors beside the plates that act on the body")
 
     @field_validator("external")

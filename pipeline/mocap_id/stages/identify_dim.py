@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from pydantic import Field
 
 from mocap_id import recording
@@ -27,6 +28,7 @@ from mocap_id.stages import dynamics_artefacts as artefacts
 from mocap_id.stages import skin_artefact, surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.rivals import rivals
+from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.stages.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
@@ -48,7 +50,9 @@ class IdentifyDimSettings(Settings):
     plate_zero_sd_n: float = Field(3.0, ge=0, description="sd of a constant error of the plate's Fy, N")
     plate_zero_sd_nm: float = Field(0.5, ge=0, description="sd of a constant error of the plate's tauz, N*m")
     contact: ContactRule = Field("seat-force", description="how the chair's contact is found")
-    seat_off_share: float = Field(0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight`")
+    seat_off_share: float = Field(
+        0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight` and `seat_off_72`"
+    )
     knee_bend_rad: float = Field(0.8, gt=0, description="straighter is off the chair, for `contact: knee`, rad")
     seat_plate: bool = Field(True, description="take the chair's force from its own plate, where it has one")
     seat_segment: str | int | None = Field(
@@ -105,14 +109,31 @@ def identify_dim(context: Context) -> Outputs:
         stands=context.table("wrench.parquet").facts.get("mass_kg") is not None,
     )
     movement = replace(movement, reasons=(*of_seat, *movement.reasons))
-    events = artefacts.events_table(movement.repetitions)
     grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
     if prepared is not None:
         unknown = not_excited(context, prepared, movement)
     if prepared is None or unknown is not None:
         assert unknown is not None
-        return (events, *_nothing(context, recorded, grid, unknown, movement))
-    return (events, *_identified(context, chain, prepared, movement, grid))
+        table, tree = _nothing(context, recorded, grid, unknown, movement)
+    else:
+        table, tree = _identified(context, chain, prepared, movement, grid)
+    return _events(context, recorded, prepared, movement, table.frame), table, tree
+
+
+def _events(
+    context: Context, recorded: Recorded, prepared: Prepared | None, movement: Movement, frame: pd.DataFrame
+) -> Table:
+    """events.parquet, with what the protocol tells beside the events."""
+    if movement.posture is None:
+        return artefacts.events_table(movement.repetitions)
+    return sit_to_stand_events(
+        context.table("wrench.parquet"),
+        recorded,
+        movement,
+        missing_force(prepared, frame),
+        share=context.settings.seat_off_share,
+        seat_measured=recorded.seat is not None,
+    )
 
 
 def _identified(
@@ -268,7 +289,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=9,
+    version=10,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
     uses=("trial", "protocol", "subject"),

@@ -112,6 +112,8 @@ def planarise(context: Context) -> Outputs:
     wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
     placed = _placed(part, samples, choice, person=context.trial.protocol != "robot-joint")
     facts["registration"] = placed.facts
+    for plate, across in zip(facts["plates"], _across(samples, frame, settings.cop_threshold_N), strict=True):
+        plate["across_m"] = across
     return planar, Table(
         WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *lost, *placed.reasons, *external.reasons)
     )
@@ -210,6 +212,17 @@ def _wrench(
         for number, wrench in enumerate(each, start=1):
             columns |= {f"{name}_p{number}": wrench[:, i] for i, name in enumerate(("Fx", "Fy", "tauz"))}
     return pd.DataFrame(columns)
+
+
+def _across(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
+    """Where each plate is loaded along z, m: median centre of pressure; None where it hardly is."""
+    found: list[float | None] = []
+    for plate in samples:
+        force = plate.force @ frame.axes.T
+        moment = (plate.moment - np.cross(frame.origin, plate.force)) @ frame.axes.T
+        loaded = plate.ok & (np.nan_to_num(force[:, 1]) > threshold)
+        found.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
+    return found
 
 
 def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facing | None) -> dict[str, Any]:

@@ -54,6 +54,7 @@ def _asked_for(trial: TrialKeys) -> dict[str, str]:
         "subject": ", ".join(f"{key} {value}" for key, value in subject.items()),
         "window": "" if trial.window is None else f"{trial.window[0]:g} to {trial.window[1]:g} s",
         "plates": ", ".join(f"{use} {' '.join(map(str, numbers))}" for use, numbers in plates.items()),
+        "compare": "" if trial.compare is None else trial.compare.angles.name,
         "encoder": "" if trial.encoder is None else trial.encoder.name,
     }
     return {key: value for key, value in asked.items() if value}
@@ -61,7 +62,7 @@ def _asked_for(trial: TrialKeys) -> dict[str, str]:
 
 STAGE = Stage(
     name="report",
-    version=2,
+    version=3,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),

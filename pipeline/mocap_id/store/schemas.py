@@ -150,6 +150,19 @@ SKIN = TreeSchema(
     ),
 )
 
+RISE = (
+    Column("seat_off_72", "float64", "s", "the feet's force passes the thesis's share of the standing weight"),
+    Column("seat_off_model", "float64", "s", "measured and modelled force come together"),
+    Column("reached", "float64", "1", "greatest height, of the trial's rise from seat to standing"),
+    Column("held", "float64", "s", "time in pauses between seat and standing"),
+    Column("attempts", "int64", "", "failed attempts before this rise"),
+    Column("support", "float64", "1", "vertical force that neither ground nor chair explains, of the standing weight"),
+    Column("left_seated", "float64", "1", "left foot's share of the feet's load, on the chair before the rise"),
+    Column("left_rising", "float64", "1", "left foot's share of the feet's load, from start to stand"),
+    Column("left_standing", "float64", "1", "left foot's share of the feet's load, standing after the rise"),
+)
+"""What a sit-to-stand's table of events tells beside them."""
+
 EVENTS = TableSchema(
     "events.parquet",
     1,
@@ -160,7 +173,23 @@ EVENTS = TableSchema(
         Column("seat_on", "float64", "s", "the chair is touched"),
         Column("end", "float64", "s", "seated, or the repetition's end"),
         Column("complete", "bool", "", "every event of the protocol was found"),
-        Column("why", "str", "", "what is missing, or empty"),
+        Column("why", "str", "", "what is missing or unusual, or empty"),
+    ),
+    (),
+    (RISE,),
+)
+
+PHASES = TableSchema(
+    "phases.parquet",
+    1,
+    (
+        Column("span", "category", "", "repetition (start to end) or rise (start to stand)"),
+        Column("percent", "float64", "1", "of the span's time, 0 to 100"),
+        Column("quantity", "category", "", "as in states.parquet and dynamics.parquet; theta_k_other: another system"),
+        Column("unit", "category", "", "of mean and sd"),
+        Column("mean", "float64", "", "over the repetitions"),
+        Column("sd", "float64", "", "standard deviation over the repetitions"),
+        Column("count", "float64", "1", "repetitions in which it is known there"),
     ),
 )
 
@@ -218,5 +247,17 @@ DYNAMICS_TREE = TreeSchema(
 
 SCHEMAS: dict[str, TableSchema | TreeSchema] = {
     schema.file: schema
-    for schema in (PLANAR, WRENCH, SEGMENTS, CHAIN, STATES, MARKERS, SKIN, EVENTS, DYNAMICS_TABLE, DYNAMICS_TREE)
+    for schema in (
+        PLANAR,
+        WRENCH,
+        SEGMENTS,
+        CHAIN,
+        STATES,
+        MARKERS,
+        SKIN,
+        EVENTS,
+        DYNAMICS_TABLE,
+        DYNAMICS_TREE,
+        PHASES,
+    )
 }

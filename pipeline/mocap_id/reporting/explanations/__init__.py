@@ -9,6 +9,7 @@ from mocap_id.reporting.explanations.explanation import Explanation
 from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
+from mocap_id.reporting.explanations.rising import RISING
 from mocap_id.reporting.explanations.skeleton import SKELETON
 from mocap_id.reporting.explanations.transfer import TRANSFER
 from mocap_id.verdict import Level
@@ -19,6 +20,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     **RECORDING,
     **SKELETON,
     **CONTACT,
+    **RISING,
     **EXTERNAL,
     **PARAMETERS,
     **TRANSFER,

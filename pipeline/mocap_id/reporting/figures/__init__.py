@@ -9,13 +9,23 @@ from matplotlib.figure import Figure
 
 from mocap_id.reporting import style
 from mocap_id.reporting.contents import FigureEntry
-from mocap_id.reporting.figures import parameters, point_masses, repetitions, residuals, skeleton, states, wrench
+from mocap_id.reporting.figures import (
+    parameters,
+    phases,
+    point_masses,
+    repetitions,
+    residuals,
+    skeleton,
+    states,
+    wrench,
+)
 from mocap_id.reporting.material import Material
 
 _DRAW: Mapping[str, Callable[[Material], Figure | str]] = {
     "skeleton": skeleton.draw,
     "states": states.draw,
     "repetitions": repetitions.draw,
+    "phases": phases.draw,
     "residuals": residuals.draw,
     "wrench": wrench.draw,
     "parameters": parameters.draw,

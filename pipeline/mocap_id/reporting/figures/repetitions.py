@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
+from mocap_id.reporting.figures.phases import averaged
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.views import Motion
 
@@ -35,6 +36,7 @@ def draw(material: Material) -> Figure | str:
             axes.set_axis_off()
             continue
         _panel(axes, curves[..., j], j, style.printable(names[j], 20) if j < len(names) else f"joint {j + 1}")
+        _other(axes, material.frame("phases.parquet"), j + 1)
         _seat_off(axes, events)
     figure.supxlabel(f"share of the repetition (%), {len(bounds)} drawn", fontsize=8)
     figure.supylabel("angle (deg)", fontsize=8)
@@ -69,6 +71,18 @@ def _panel(axes: Axes, curves: FloatArray, joint: int, name: str) -> None:
     axes.plot(percent, mean, color=colour, lw=1.8)
     axes.set_title(name)
     axes.set_xlim(0, 100)
+
+
+def _other(axes: Axes, found: pd.DataFrame | None, joint: int) -> None:
+    """Another system's angle of the joint, as given, where the trial has one."""
+    if found is None:
+        return
+    mean, sd, percent = averaged(found[found["span"] == "repetition"], f"theta_{joint}_other")
+    if not np.isfinite(mean).any():
+        return
+    mean, sd = np.degrees(mean), np.degrees(sd)
+    axes.fill_between(percent, mean - sd, mean + sd, color=style.OTHER, alpha=0.2, lw=0)
+    axes.plot(percent, mean, "--", color=style.OTHER, lw=1.4)
 
 
 def _seat_off(axes: Axes, events: pd.DataFrame | None) -> None:

@@ -10,6 +10,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import inverse_dynamics, planar
 from mocap_id.workflows.simulate.body import GRAVITY, Body
 from mocap_id.workflows.simulate.motion import Motion
+from mocap_id.workflows.simulate.rail import POINT, TRUNK, Rail
 from mocap_id.workflows.simulate.sit_to_stand import Chair
 
 UP = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
@@ -32,7 +33,7 @@ class Exact:
     com : (T, 2) array
         Centre of mass of everything, the base included.
     wrench_total : (T, 3) array
-        (Fx, Fy, tauz) of ground and chair together on the body.
+        (Fx, Fy, tauz) of ground, chair and rail together on the body.
     chair_force, chair_point : (T, 2) arrays
         Force of the chair on the thigh, and where; the point is NaN without a chair.
     wrench : (T, 3) array
@@ -62,7 +63,7 @@ class Exact:
         return cop
 
 
-def exact(body: Body, motion: Motion, chair: Chair | None, time: FloatArray) -> Exact:
+def exact(body: Body, motion: Motion, chair: Chair | None, time: FloatArray, rail: Rail | None = None) -> Exact:
     """State and forces at times (T,), s."""
     q, qd, qdd, qddd = motion.at(time)
     centres = body.centres
@@ -78,6 +79,11 @@ def exact(body: Body, motion: Motion, chair: Chair | None, time: FloatArray) -> 
         # what the chair carries, no joint below its point of contact and no plate has to
         tau = tau - np.where(np.arange(1, len(centres) + 1) <= THIGH, _moment(point[:, None] - origin[:, 1:], force), 0)
         ground = total - np.column_stack([force, _moment(point[:, None], force)])
+    if rail is not None:
+        hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(POINT))
+        held = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
+        tau = tau - _moment(hand[:, None] - origin[:, 1:], held)
+        ground = ground - np.column_stack([held, _moment(hand[:, None], held)])
     coms = planar.marker_positions(q, centres, np.arange(len(body.links)), body.coms)
     return Exact(
         time=time,

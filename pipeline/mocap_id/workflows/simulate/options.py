@@ -47,6 +47,12 @@ class Options:
         The chair stands on a plate of its own, the second one.
     chair_mass : float
         kg; that plate reads its weight too.
+    attempts : int
+        Rises that are broken off, one before each of the last repetitions.
+    hold : float
+        The last rise stops half-way for so long, s.
+    rail : float
+        Share of the vertical load that a hand on a rail carries while the person rises.
     clock_offset : float
         Analog sample k is taken at marker-clock time k / analog_rate + this, s.
     subject : Subject or None
@@ -76,6 +82,9 @@ class Options:
     seat_plate: bool = False
     chair_mass: float = 6.0
     subject: Subject | None = None
+    attempts: int = 0
+    hold: float = 0.0
+    rail: float = 0.0
 
     def __post_init__(self) -> None:
         multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0
@@ -93,6 +102,9 @@ class Options:
             ("plate_noise", self.plate_noise, 0 <= self.plate_noise <= 100, "0 … 100"),
             ("plate_bias", self.plate_bias, 0 <= self.plate_bias <= 100, "0 … 100"),
             ("chair_mass", self.chair_mass, 0 <= self.chair_mass <= 50, "0 … 50 kg"),
+            ("attempts", self.attempts, 0 <= self.attempts <= self.repetitions, "0 … repetitions"),
+            ("hold", self.hold, 0 <= self.hold <= 10, "0 … 10 s"),
+            ("rail", self.rail, 0 <= self.rail <= 0.5, "0 … 0.5"),
             ("clock_offset", self.clock_offset, abs(self.clock_offset) <= 1, "-1 … 1 s"),
         )
         for name, value, fine, expected in checks:

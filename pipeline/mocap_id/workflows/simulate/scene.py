@@ -16,6 +16,7 @@ from mocap_id.workflows.simulate.markers import MarkerSet, place
 from mocap_id.workflows.simulate.motion import Motion, Swing
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import SimulatedPlate, draw_plate
+from mocap_id.workflows.simulate.rail import Rail
 from mocap_id.workflows.simulate.sit_to_stand import Chair, perform
 from mocap_id.workflows.simulate.subject import Subject
 
@@ -63,6 +64,8 @@ class Scene:
         Under the chair.
     chair_weight : float
         What that plate carries beside the person, N.
+    rail : Rail or None
+        Carries a part of the person while rising, unmeasured.
     """
 
     body: Body
@@ -75,10 +78,11 @@ class Scene:
     protocol: Mapping[str, Any]
     seat_plate: SimulatedPlate | None = None
     chair_weight: float = 0.0
+    rail: Rail | None = None
 
     def at(self, time: FloatArray) -> Exact:
         """State and forces at times (T,), s."""
-        return exact(self.body, self.motion, self.chair, time)
+        return exact(self.body, self.motion, self.chair, time, self.rail)
 
     def load_on_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
         """Force of the plate on the body and its moment about the surface's centre, (T, 3) each, laboratory axes."""
@@ -123,6 +127,7 @@ def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
         plane=PlaneFrame(float(rng["place"].uniform(-np.pi, np.pi)), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
         protocol=protocol,
+        rail=Rail(options.rail, chair.schedule) if options.rail > 0 and chair is not None else None,
     )
     return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and chair is not None else scene
 
@@ -164,8 +169,9 @@ def _performance(
         )
         told = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
         return swing.motion(), None, told
-    played = perform(rng, body, options.strategy, options.repetitions)
-    repetitions = [vars(each) for each in played.chair.schedule.repetitions]
+    played = perform(rng, body, options)
+    schedule = played.chair.schedule
+    repetitions = [vars(each) for each in schedule.repetitions]
     told = {
         "strategy": options.strategy,
         "reps": repetitions,
@@ -173,4 +179,10 @@ def _performance(
         "seat_on_s": [each["seat_on"] for each in repetitions],
         "motion_shapes": {"seated_deg": list(played.seated_deg)},
     }
+    if schedule.attempts:
+        told["attempts"] = [vars(each) for each in schedule.attempts]
+    if schedule.hold is not None:
+        told["hold"] = vars(schedule.hold)
+    if options.rail > 0:
+        told["rail_share"] = options.rail
     return played.motion, played.chair, told

@@ -18,7 +18,8 @@ from mocap_id.errors import NumericalError
 from mocap_id.geometry import planar
 from mocap_id.workflows.simulate.body import GRAVITY, Body
 from mocap_id.workflows.simulate.motion import STEP, Motion, smoothstep, through
-from mocap_id.workflows.simulate.schedule import MANNERS, Manner, Schedule, Strategy, draw_schedule
+from mocap_id.workflows.simulate.options import Options
+from mocap_id.workflows.simulate.schedule import MANNERS, Manner, Schedule, draw_schedule
 
 SEATED_THIGH = -np.pi / 2  # level, pointing backwards
 STANDING_KNEE = np.radians(4.0)
@@ -72,7 +73,7 @@ class _Task:
     hip: FloatArray
 
 
-def perform(rng: np.random.Generator, body: Body, strategy: Strategy, repetitions: int) -> Performance:
+def perform(rng: np.random.Generator, body: Body, options: Options) -> Performance:
     """Draw and solve a trial of a :func:`mocap_id.workflows.simulate.body.person`.
 
     Raises
@@ -80,8 +81,8 @@ def perform(rng: np.random.Generator, body: Body, strategy: Strategy, repetition
     NumericalError
         No lean of the trunk balances the body.
     """
-    manner = MANNERS[strategy]
-    schedule = draw_schedule(rng, manner, repetitions)
+    manner = MANNERS[options.strategy]
+    schedule = draw_schedule(rng, manner, options.repetitions, attempts=options.attempts, hold=options.hold)
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
     legs = _legs(body, manner, schedule, time)
     under_feet = _under_feet(rng, body, manner, schedule, time)

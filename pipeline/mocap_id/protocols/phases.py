@@ -1,0 +1,79 @@
+"""Signals on a repetition's own time, 0 to 100 %, averaged over the repetitions (figures 6.5 and 6.7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+
+GRID = np.linspace(0.0, 1.0, 101)
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Mean (P,), standard deviation (P,; NaN of fewer than two) and number of repetitions known (P,) at each share."""
+
+    mean: FloatArray
+    sd: FloatArray
+    count: FloatArray
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How two records of an angle compare where both are known.
+
+    Parameters
+    ----------
+    r : float
+        Correlation; negative where the other counts the angle the other way round.
+    offset : float
+        Mean of the other less ours, rad.
+    rmse : float
+        Of the difference without that constant, rad.
+    samples : int
+    """
+
+    r: float
+    offset: float
+    rmse: float
+    samples: int
+
+
+def on_grid(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
+    """A signal at 0, 1 … 100 % of each repetition, (R, 101); NaN where the samples beside are unknown.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    values : (T,) array
+        NaN where unknown.
+    bounds : (R, 2) array
+        Begin and end of each repetition, s.
+    """
+    at = bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * GRID
+    curves = np.interp(at, time, values, np.nan, np.nan)
+    unknown = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
+    return np.where(unknown, np.nan, curves)
+
+
+def average(curves: FloatArray) -> Averaged:
+    """Over the repetitions of curves (R, P)."""
+    known = np.isfinite(curves)
+    count = known.sum(axis=0).astype(np.float64)
+    mean = np.where(known, curves, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+    square = np.where(known, (curves - mean) ** 2, 0.0).sum(axis=0)
+    return Averaged(mean, np.sqrt(square / np.where(count > 1, count - 1, np.nan)), count)
+
+
+def agreement(ours: FloatArray, other: FloatArray) -> Agreement:
+    """Of two angles (T,) at the same times, rad, NaN where unknown."""
+    both = np.isfinite(ours) & np.isfinite(other)
+    count = int(both.sum())
+    if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:
+        return Agreement(np.nan, np.nan, np.nan, count)
+    difference = other[both] - ours[both]
+    r = float(np.corrcoef(ours[both], other[both])[0, 1])
+    return Agreement(r, float(difference.mean()), float(difference.std()), count)

@@ -1,0 +1,64 @@
+"""Published times of the five-times-sit-to-stand test, as context for a trial's: no diagnosis follows from them.
+
+Quoted is what the sources could be seen to say. They differ in chair, instruction and stop rule, and a stopwatch starts
+at the command, not where the movement begins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+StopRule = Literal["fifth stand", "fifth seat contact", "not said"]
+
+
+@dataclass(frozen=True)
+class Published:
+    """One published value.
+
+    Parameters
+    ----------
+    limit : float
+        s.
+    people : str
+        Whom it was found on.
+    meaning : str
+        What the source says of longer times.
+    stop : {"fifth stand", "fifth seat contact", "not said"}
+        When the clock was stopped, as far as the source was seen to say it.
+    source : str
+    """
+
+    limit: float
+    people: str
+    meaning: str
+    stop: StopRule
+    source: str
+
+
+_BOHANNON = "Bohannon, Percept Mot Skills 2006;103:215-222 (meta-analysis of 13 papers)"
+_WORSE = "worse than average for the age"
+_BUATOIS = "Buatois et al., J Am Geriatr Soc 2008;56:1575-1577"
+_GURALNIK = "Guralnik et al., J Gerontol A 2000;55:M221-M231"
+_DUNCAN = "Duncan et al., Arch Phys Med Rehabil 2011;92:1431"
+
+PUBLISHED: tuple[Published, ...] = (
+    Published(11.4, "60 to 69 years", _WORSE, "not said", _BOHANNON),
+    Published(12.6, "70 to 79 years", _WORSE, "not said", _BOHANNON),
+    Published(14.8, "80 to 89 years", _WORSE, "not said", _BOHANNON),
+    Published(
+        15.0,
+        "2735 people of 65 years and older",
+        "predicted recurrent falls with sensitivity 55 % and specificity 65 %",
+        "not said",
+        _BUATOIS,
+    ),
+    Published(13.6, "older people", "associated with increased disability and morbidity", "fifth stand", _GURALNIK),
+    Published(
+        16.0,
+        "80 people with Parkinson's disease",
+        "told fallers from non-fallers",
+        "not said",
+        _DUNCAN,
+    ),
+)

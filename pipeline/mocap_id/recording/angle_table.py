@@ -1,0 +1,89 @@
+"""Another system's joint angles: MOT and STO by their header, CSV by its columns' names."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.recording.tables import parse_table, read_text
+
+_TIME = ("time", "time_s")
+_TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
+
+
+@dataclass(frozen=True)
+class AngleTable:
+    """Angles over the file's own times.
+
+    Parameters
+    ----------
+    time : (K,) array
+        s, increasing.
+    angles : dict of str to (K,) array
+        rad, by column; NaN where a cell is empty.
+    """
+
+    time: FloatArray
+    angles: dict[str, FloatArray]
+
+
+def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
+    """Read some columns of angles.
+
+    A MOT or STO file says in its header whether its angles are in degrees (``inDegrees``). In a CSV file each column's
+    name ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s.
+
+    Raises
+    ------
+    ConfigError
+        The file has no such column.
+    RecordingError
+        The file is missing or no such table, its times do not increase, or a CSV column does not tell its unit.
+    """
+    text = read_text(path)
+    return _csv(path, text, columns) if path.suffix.lower() == ".csv" else _mot(path, text, columns)
+
+
+def _mot(path: Path, text: str, columns: Collection[str]) -> AngleTable:
+    table = parse_table(path, text)
+    _check(path, columns, table.columns)
+    factor = np.pi / 180.0 if table.in_degrees else 1.0
+    return AngleTable(table.time, {name: table[name] * factor for name in columns})
+
+
+def _csv(path: Path, text: str, columns: Collection[str]) -> AngleTable:
+    try:
+        frame = pd.read_csv(io.StringIO(text), skipinitialspace=True)
+        frame.columns = pd.Index([str(name).strip() for name in frame.columns])
+        values = frame.astype(np.float64)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+        raise RecordingError(f"{path}: no CSV table of numbers ({str(error).splitlines()[0]})") from None
+    names = [str(name) for name in values.columns]
+    if not names or names[0] not in _TIME:
+        raise RecordingError(f"{path}: the first column is {names[:1]}, expected `time_s`")
+    _check(path, columns, names[1:])
+    time = values[names[0]].to_numpy()
+    if len(time) < 2 or not (np.diff(time) > 0).all():  # false for NaN as well
+        raise RecordingError(f"{path}: `{names[0]}` must hold two times or more that increase")
+    return AngleTable(time, {name: values[name].to_numpy() * _factor(path, name) for name in columns})
+
+
+def _factor(path: Path, name: str) -> float:
+    for ending, factor in _TO_RAD.items():
+        if name.lower().endswith(ending):
+            return factor
+    raise RecordingError(f"{path}: column {name} does not tell its unit: let its name end in _deg or _rad")
+
+
+def _check(path: Path, columns: Collection[str], there: Collection[str]) -> None:
+    absent = [name for name in columns if name not in there]
+    if absent:
+        shown = ", ".join(list(there)[:12]) + (" …" if len(there) > 12 else "")
+        raise ConfigError(f"compare: columns: {path} has no column {', '.join(absent)}; it has {shown}")

@@ -1,0 +1,107 @@
+"""The repetitions of ``summary.json``: their events, the five-times test, failed attempts, the feet's shares."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from typing import Any
+
+from mocap_id.reporting.material import Material
+from mocap_id.reporting.numbers import known
+from mocap_id.reporting.shape import (
+    AttemptEntry,
+    FiveTimesEntry,
+    LoadShareEntry,
+    PublishedEntry,
+    RepetitionEntry,
+    SpreadEntry,
+)
+
+EVENTS = ("start", "seat_off", "stand", "seat_on", "end")
+"""The events of a repetition, in the order in which they happen."""
+
+PHASES = ("seated", "rising", "standing")
+
+_TIMES = ("to_fifth_stand_s", "to_fifth_seat_contact_s", "to_fifth_seated_s", "mean_cycle_s", "cycle_sd_s")
+_FILE = "events.parquet"
+
+
+def repetitions(material: Material) -> list[RepetitionEntry] | None:
+    """One entry a repetition; None where they were not looked for."""
+    events = material.frame(_FILE)
+    if events is None:
+        return None
+    return [_repetition(row) for row in events.to_dict("records")]
+
+
+def five_times(material: Material) -> FiveTimesEntry:
+    """The test's times, null with a why where the protocol has none."""
+    facts = material.facts(_FILE).get("five_times")
+    if facts is None:
+        nothing = dict.fromkeys(_TIMES)
+        why = _unknown(material)
+        return FiveTimesEntry(repetitions=None, failed_attempts=None, published=[], why=why, **nothing)
+    times = {name: known(facts.get(name)) for name in _TIMES}
+    why = facts.get("why")
+    if why is None and any(value is None for value in times.values()):
+        why = "fewer than three rises come to standing"
+    return FiveTimesEntry(
+        repetitions=int(facts["repetitions"]),
+        failed_attempts=int(facts["failed_attempts"]),
+        published=[PublishedEntry(**one) for one in facts.get("published") or ()],
+        why=why,
+        **times,
+    )
+
+
+def attempts(material: Material) -> list[AttemptEntry] | None:
+    """Rises that were broken off; None where the protocol has none."""
+    found = material.facts(_FILE).get("attempts")
+    if found is None:
+        return None
+    return [
+        AttemptEntry(time_s=float(one["time_s"]), height=float(one["height"]), unloaded=known(one.get("unloaded")))
+        for one in found
+    ]
+
+
+def load_share(material: Material) -> LoadShareEntry:
+    """How left and right foot share the load."""
+    facts = material.facts(_FILE).get("load_share")
+    if facts is None:
+        nothing = {phase: SpreadEntry(mean=None, sd=None) for phase in PHASES}
+        return LoadShareEntry(left_plate=None, right_plate=None, left=nothing, why=_unknown(material))
+    left: dict[str, SpreadEntry] = {}
+    for phase in PHASES:
+        spread: Mapping[str, Any] = facts["left"].get(phase) or {}
+        left[phase] = SpreadEntry(mean=known(spread.get("mean")), sd=known(spread.get("sd")))
+    why = facts.get("why")
+    if why is None and any(None in (one.mean, one.sd) for one in left.values()):
+        why = "a phase is seen in fewer than two repetitions"
+    return LoadShareEntry(left_plate=facts["left_plate"], right_plate=facts["right_plate"], left=left, why=why)
+
+
+def _unknown(material: Material) -> str:
+    if material.frame(_FILE) is None:
+        return material.why_missing(_FILE)
+    return "the protocol is not sit-to-stand"
+
+
+def _repetition(row: Mapping[Hashable, object]) -> RepetitionEntry:
+    times = {f"{event}_s": known(row[event]) for event in EVENTS}
+    details = {
+        "seat_off_72_s": known(row.get("seat_off_72")),
+        "seat_off_model_s": known(row.get("seat_off_model")),
+        "reached": known(row.get("reached")),
+        "held_s": known(row.get("held")),
+        "support": known(row.get("support")),
+    }
+    tried, remark = known(row.get("attempts")), str(row["why"] or "")
+    unknown = None in (*times.values(), *details.values(), tried)
+    return RepetitionEntry(
+        **times,
+        **details,
+        attempts=None if tried is None else int(tried),
+        complete=bool(row["complete"]),
+        remark=remark,
+        why=(remark or "the protocol has no such event, or it was not found") if unknown else None,
+    )

@@ -1,0 +1,142 @@
+"""phases: angles, wrench, centre of pressure and torques on the repetitions' own time, beside other angles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mocap_id import recording
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError
+from mocap_id.protocols.phases import GRID, Agreement, agreement, average, on_grid
+from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.store import Table
+from mocap_id.store.schemas import PHASES
+
+SPANS = {"repetition": ("start", "end"), "rise": ("start", "stand")}
+_WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
+_SOURCES = ("", "_model", "_reference")
+
+
+class PhasesSettings(Settings):
+    """Nothing to set: every signal is averaged over every whole repetition."""
+
+
+def phases(context: Context) -> Outputs:
+    """Average every signal over the repetitions, at 0, 1 … 100 % of each.
+
+    Raises
+    ------
+    ConfigError
+        ``compare:`` names a joint or a column that is not there.
+    RecordingError
+        Its file is unusable, or shares no time with the recording.
+    """
+    events = context.table("events.parquet").frame
+    signals, facts = list(_signals(context)), {}
+    other = _other(context)
+    for name, unit, time, values, told in other:
+        signals.append((name, unit, time, values))
+        facts[told["joint"]] = told
+    rows = []
+    counted = {}
+    for span, (begin, finish) in SPANS.items():
+        bounds = events[[begin, finish]].to_numpy(dtype=np.float64)
+        bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # false where either is unknown
+        counted[span] = len(bounds)
+        for name, unit, time, values in signals if len(bounds) else ():
+            found = average(on_grid(time, values, bounds))
+            rows.append(_rows(span, name, unit, (found.mean, found.sd, found.count)))
+    columns = [column.name for column in PHASES.columns]
+    frame = pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(columns=columns)
+    frame = frame.astype({column.name: column.dtype for column in PHASES.columns})
+    why = None if any(counted.values()) else "no repetition has both its beginning and its end in the recording"
+    return (Table(PHASES, frame, {"repetitions": counted, "compared": list(facts.values()), "why": why}),)
+
+
+def _rows(span: str, name: str, unit: str, found: tuple[FloatArray, FloatArray, FloatArray]) -> pd.DataFrame:
+    mean, sd, count = found
+    return pd.DataFrame(
+        {"span": span, "percent": 100 * GRID, "quantity": name, "unit": unit, "mean": mean, "sd": sd, "count": count}
+    )
+
+
+def _signals(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+    """Name, unit, time (T,) and values (T,) of everything that is averaged; bridged angles are unknown."""
+    states, dynamics = context.table("states.parquet").frame, context.table("dynamics.parquet").frame
+    time = states["time"].to_numpy(dtype=np.float64)
+    for joint in range(1, _joints(states) + 1):
+        yield f"theta_{joint}", "rad", time, _angle(states, joint)
+    stamped = dynamics["time"].to_numpy(dtype=np.float64)
+    for name, unit in _WRENCH.items():
+        for source in _SOURCES:
+            yield f"{name}{source}", unit, stamped, dynamics[f"{name}{source}"].to_numpy(dtype=np.float64)
+    for joint in range(1, _joints(states) + 1):
+        yield f"tau_{joint}", "N*m", stamped, dynamics[f"tau_{joint}"].to_numpy(dtype=np.float64)
+
+
+def _other(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
+    """The other system's angles at our times, as given, each with how it agrees with ours."""
+    compare = context.trial.compare
+    if compare is None:
+        return
+    states, tree = context.table("states.parquet").frame, context.tree("chain.h5")
+    joints_node: Any = tree.data["joints"]
+    joints = [str(name) for name in joints_node["name"]]
+    table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
+    time = states["time"].to_numpy(dtype=np.float64)
+    for joint, asked in compare.columns.items():
+        if joint not in joints:
+            raise ConfigError(
+                f"compare: columns: there is no joint {joint!r} here; expected one of {', '.join(joints)}"
+            )
+        column, sign = asked.removeprefix("-"), -1.0 if asked.startswith("-") else 1.0
+        number = joints.index(joint) + 1
+        values = on_times(table.time, sign * table.angles[column], time)
+        found = agreement(_angle(states, number), values)
+        yield f"theta_{number}_other", "rad", time, values, _told(joint, asked, found)
+
+
+def on_times(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """A signal (K,) resampled linearly at other times (T,); NaN outside its own and beside a gap."""
+    gap = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
+    return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
+
+
+def _joints(states: pd.DataFrame) -> int:
+    return sum(str(name).startswith("theta_") for name in states.columns)
+
+
+def _angle(states: pd.DataFrame, joint: int) -> FloatArray:
+    seen = states[f"observed_{joint}"].to_numpy(dtype=np.bool_)
+    return np.where(seen, states[f"theta_{joint}"].to_numpy(dtype=np.float64), np.nan)
+
+
+def _told(joint: str, column: str, found: Agreement) -> dict[str, Any]:
+    def known(value: float) -> float | None:
+        return value if np.isfinite(value) else None
+
+    return {
+        "joint": joint,
+        "column": column,
+        "r": known(found.r),
+        "offset_rad": known(found.offset),
+        "rmse_rad": known(found.rmse),
+        "samples": found.samples,
+        "why": None if np.isfinite(found.r) else "the two records share no time in which the joint moves",
+    }
+
+
+STAGE = Stage(
+    name="phases",
+    version=1,
+    inputs=("chain.h5", "states.parquet", "events.parquet", "dynamics.parquet"),
+    outputs=("phases.parquet",),
+    uses=("compare",),
+    settings=PhasesSettings,
+    function=phases,
+    help="Average angles, forces and torques over the repetitions, beside another system's angles.",
+)

@@ -1,0 +1,189 @@
+"""events.parquet of a sit-to-stand: the repetitions' events, what else is told of each, the five-times test's times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.prepare import Prepared, Recorded
+from mocap_id.protocols.attempts import Attempt, failed_attempts
+from mocap_id.protocols.five_times import ASKED, FiveTimes, five_times
+from mocap_id.protocols.load_share import PHASES, LoadShare, load_share, sides
+from mocap_id.protocols.mid_rise import held, reached
+from mocap_id.protocols.movement import Movement, facing
+from mocap_id.protocols.posture import Posture
+from mocap_id.protocols.published_times import PUBLISHED
+from mocap_id.protocols.remarks import reasons, with_remark
+from mocap_id.protocols.repetitions import Repetition
+from mocap_id.protocols.rise import Rise
+from mocap_id.protocols.seat_off import past_share, where_models_meet
+from mocap_id.protocols.support import unexplained
+from mocap_id.store import Table
+from mocap_id.store.schemas import EVENTS, RISE
+
+
+def sit_to_stand_events(
+    plates: Table,
+    recorded: Recorded,
+    movement: Movement,
+    missing: Sequence[FloatArray],
+    *,
+    share: float,
+    seat_measured: bool,
+) -> Table:
+    """The table with its facts and reasons.
+
+    Parameters
+    ----------
+    plates : Table
+        wrench.parquet.
+    recorded : Recorded
+    movement : Movement
+        With a posture.
+    missing : sequence of (T,) arrays
+        Vertical force that a body model expects of the ground, less the ground's, N, by each clock that may be right;
+        empty where no model applies. Support is what all of them show.
+    share : float
+        Of the standing weight, for seat-off by the thesis's rule.
+    seat_measured : bool
+        The chair's force is measured, and not among what is missing.
+    """
+    assert movement.posture is not None
+    posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
+    chair = None if contact is None else contact.chair
+    weight = float("nan") if contact is None else contact.weight
+    vertical = recorded.wrench[:, 1] / weight
+    tried = failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
+    shared = _shared(plates, recorded, posture, movement)
+    rises = tuple(
+        replace(
+            _rise(k, recorded.time, movement, vertical, share),
+            attempts=_before(k, repetitions, tried),
+            left_seated=float(shared.phases["seated"][k]),
+            left_rising=float(shared.phases["rising"][k]),
+            left_standing=float(shared.phases["standing"][k]),
+        )
+        for k in range(len(repetitions))
+    )
+    if missing and chair is not None:
+        rises = tuple(
+            replace(
+                rise,
+                support=min(
+                    unexplained(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
+                    for force in missing
+                ),
+            )
+            for each, rise in zip(repetitions, rises, strict=True)
+        )
+    facts = {
+        "five_times": _timed(five_times(repetitions, rises, chair=chair)),
+        "attempts": [_attempt(attempt) for attempt in tried],
+        "load_share": _told(shared),
+    }
+    return Table(EVENTS, _frame(repetitions, rises), facts, reasons(repetitions, rises, tried, posture))
+
+
+def _before(k: int, repetitions: Sequence[Repetition], tried: Sequence[Attempt]) -> int:
+    """How many attempts failed between the stand before repetition ``k`` and its own."""
+    since = repetitions[k - 1].stand if k else -np.inf
+    return sum(since < attempt.time < repetitions[k].stand for attempt in tried)
+
+
+def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, share: float) -> Rise:
+    """What is told of repetition ``k`` from posture, contact and the vertical force over the weight."""
+    assert movement.posture is not None
+    each, contact = movement.repetitions[k], movement.contact
+    chair = contact is not None and contact.chair is True
+    return Rise(
+        seat_off_72=past_share(time, vertical, share, each) if chair else float("nan"),
+        seat_off_model=float("nan") if contact is None else where_models_meet(time, contact.shown, each),
+        reached=reached(time, movement.posture, each),
+        held=held(time, movement.posture, each),
+    )
+
+
+def _frame(repetitions: Sequence[Repetition], rises: Sequence[Rise]) -> pd.DataFrame:
+    rows = [{**asdict(with_remark(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
+    columns = (*EVENTS.columns, *RISE)
+    frame = pd.DataFrame(rows, columns=[column.name for column in columns])
+    return frame.astype({column.name: column.dtype for column in columns})
+
+
+def missing_force(prepared: Prepared | None, frame: pd.DataFrame) -> tuple[FloatArray, ...]:
+    """What the allometric body, else the model, expects of the ground less the ground's force, (T,) N each.
+
+    By the clock that the identification found, and by the plates' own: a clock that was found wrong makes a force seem
+    to be missing where it changes fast. Nothing without a plate or a model.
+    """
+    if prepared is None:
+        return ()
+    everything = prepared.recorded.surroundings[:, 1]
+    for model in ("Fy_reference", "Fy_model"):
+        expected: FloatArray = frame[model].to_numpy(dtype=np.float64)
+        if np.isfinite(expected).any():
+            elsewhere = frame["Fy_external"].to_numpy(dtype=np.float64) if "Fy_external" in frame else 0.0
+            return expected - frame["Fy"].to_numpy(dtype=np.float64), expected + elsewhere - everything
+    return ()
+
+
+def _shared(plates: Table, recorded: Recorded, posture: Posture, movement: Movement) -> LoadShare:
+    nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
+    feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
+    across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
+    found = sides(across, facing(recorded))
+    if isinstance(found, str):
+        return LoadShare(None, None, nothing, found)
+    left, right = (plates.frame[f"Fy_p{plate}"].to_numpy(dtype=np.float64) for plate in found)
+    return LoadShare(*found, load_share(recorded.time, posture, left, right, movement.repetitions))
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, (int, float)) else float("nan")
+
+
+def _told(shared: LoadShare) -> dict[str, Any]:
+    """JSON of the load share: means and standard deviations over the repetitions."""
+    return {
+        "left_plate": shared.left_plate,
+        "right_plate": shared.right_plate,
+        "left": {phase: _over(shared.phases[phase]) for phase in PHASES},
+        "why": shared.why,
+    }
+
+
+def _over(values: Sequence[float] | FloatArray) -> dict[str, float | None]:
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    return {
+        "mean": float(known.mean()) if len(known) else None,
+        "sd": float(known.std(ddof=1)) if len(known) > 1 else None,
+    }
+
+
+def _timed(found: FiveTimes) -> dict[str, Any]:
+    return {
+        "asked": ASKED,
+        "repetitions": found.repetitions,
+        "to_fifth_stand_s": found.to_fifth_stand,
+        "to_fifth_seat_contact_s": found.to_fifth_seat_contact,
+        "to_fifth_seated_s": found.to_fifth_seated,
+        "mean_cycle_s": found.mean_cycle,
+        "cycle_sd_s": found.cycle_sd,
+        "failed_attempts": found.attempts,
+        "published": [
+            {"limit_s": one.limit, "people": one.people, "meaning": one.meaning, "stop": one.stop, "source": one.source}
+            for one in PUBLISHED
+        ],
+        "why": found.why,
+    }
+
+
+def _attempt(attempt: Attempt) -> dict[str, float | None]:
+    unloaded = attempt.unloaded if np.isfinite(attempt.unloaded) else None
+    return {"time_s": attempt.time, "height": attempt.height, "unloaded": unloaded}

@@ -1,0 +1,73 @@
+"""Whole simulated trials of unusual rises, against what the simulator was asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mocap_id.config import load
+from mocap_id.runner import run
+from mocap_id.workflows.simulate import Options, simulate
+
+REPETITIONS = 3
+
+
+def done(folder: Path, *, after: float | None = None, **options: Any) -> tuple[pd.DataFrame, dict[str, Any], Any]:
+    """Events, summary and truth of a fresh trial; ``after`` cuts off what is earlier than that after seat-off."""
+    file = simulate("sit-to-stand", folder, Options(repetitions=REPETITIONS, **options))
+    truth = json.loads((folder / "truth.json").read_text())
+    if after is not None:
+        window = [round(truth["seat_off_s"][0] + after, 2), round(truth["reps"][-1]["sit_end"] + 0.5, 2)]
+        file.write_text(f"{file.read_text()}window: {window}\n")
+    outcome = run(load(file))
+    return pd.read_parquet(outcome.folder / "events.parquet"), dict(outcome.summary()), truth
+
+
+def codes(summary: dict[str, Any]) -> set[str]:
+    verdict = summary["verdict"]
+    return {reason["code"] for reason in (*verdict["reasons"], *verdict["notes"])}
+
+
+UNUSUAL = {"attempt-failed", "rise-partial", "rise-paused", "support-unexplained", "repetition-cut"}
+
+
+@pytest.mark.parametrize("strategy", ["normal", "dynamic", "stable"])
+def test_broken_off_rises_are_counted_as_attempts(tmp_path: Path, strategy: str) -> None:
+    events, summary, truth = done(tmp_path / "trial", seed=5301001, strategy=strategy, attempts=2)
+    assert len(events) == REPETITIONS
+    assert events["attempts"].tolist() == [0, 1, 1]
+    assert [one["time_s"] for one in summary["attempts"]] == pytest.approx(
+        [one["top"] for one in truth["attempts"]], abs=0.3
+    )
+    assert codes(summary) & UNUSUAL == {"attempt-failed"}
+    np.testing.assert_allclose(events["seat_off"], truth["seat_off_s"], atol=0.06)
+
+
+def test_a_stop_in_mid_rise_is_told(tmp_path: Path) -> None:
+    events, summary, truth = done(tmp_path / "trial", seed=5301002, hold=1.0)
+    assert events["held"].tolist() == [0.0, 0.0, pytest.approx(1.0, abs=0.4)]
+    assert codes(summary) & UNUSUAL == {"rise-paused"}
+    assert "held" in events["why"].iloc[2]
+    assert events["complete"].all()
+    assert events["stand"].iloc[2] == pytest.approx(truth["reps"][2]["rise_end"], abs=0.4)
+
+
+def test_a_hand_on_a_rail_is_told(tmp_path: Path) -> None:
+    events, summary, _ = done(tmp_path / "trial", seed=5301003, rail=0.12)
+    assert codes(summary) & UNUSUAL == {"support-unexplained"}
+    assert events["support"].between(0.05, 0.2).all()
+
+
+def test_a_recording_that_starts_in_mid_rise_keeps_the_rest(tmp_path: Path) -> None:
+    events, summary, truth = done(tmp_path / "trial", seed=5301004, after=0.45)
+    assert len(events) == REPETITIONS
+    assert np.isnan(events["start"].iloc[0])
+    assert events["complete"].tolist() == [False, True, True]
+    assert "the recording begins during the rise" in events["why"].iloc[0]
+    assert codes(summary) & UNUSUAL == {"repetition-cut"}
+    np.testing.assert_allclose(events["seat_off"].iloc[1:], truth["seat_off_s"][1:], atol=0.06)

@@ -1,0 +1,107 @@
+"""The five-times-sit-to-stand test: both stop rules, from what was recorded; and how the feet share the load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from protocol_cases import CENTRES, sit_to_stand
+
+from mocap_id.protocols.five_times import five_times
+from mocap_id.protocols.load_share import load_share, sides
+from mocap_id.protocols.posture import posture
+from mocap_id.protocols.published_times import PUBLISHED
+from mocap_id.protocols.repetitions import Repetition
+from mocap_id.protocols.rise import Rise
+
+
+def repetitions(count: int, cycle: float = 2.5) -> tuple[Repetition, ...]:
+    return tuple(
+        Repetition(cycle * k, cycle * k + 0.4, cycle * k + 1.1, cycle * k + 1.9, cycle * k + 2.3, True)
+        for k in range(count)
+    )
+
+
+def rises(count: int, **of_each: float) -> tuple[Rise, ...]:
+    return (Rise(reached=1.0, **of_each),) * count
+
+
+@pytest.mark.parametrize("count", [5, 6, 9])
+def test_both_stop_rules_take_the_first_five(count: int) -> None:
+    found = five_times(repetitions(count), rises(count), chair=True)
+    assert found.to_fifth_stand == pytest.approx(4 * 2.5 + 1.1)
+    assert found.to_fifth_seat_contact == pytest.approx(4 * 2.5 + 1.9)
+    assert found.to_fifth_seated == pytest.approx(4 * 2.5 + 2.3)
+    assert (found.mean_cycle, found.cycle_sd) == pytest.approx((2.5, 0.0))
+    assert (found.repetitions, found.attempts, found.why) == (count, 0, None)
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_fewer_than_five_have_no_time_and_say_why(count: int) -> None:
+    found = five_times(repetitions(count), rises(count), chair=True)
+    assert (found.to_fifth_stand, found.to_fifth_seat_contact, found.to_fifth_seated) == (None, None, None)
+    assert f"{count} of 5" in found.why
+    assert (found.mean_cycle is None) == (count < 2)
+
+
+def test_a_rise_that_does_not_come_to_standing_is_not_counted() -> None:
+    low = (*rises(2), Rise(reached=0.7), *rises(3, attempts=1))
+    found = five_times(repetitions(6), low, chair=True)
+    assert found.repetitions == 5
+    assert found.to_fifth_stand == pytest.approx(5 * 2.5 + 1.1)
+    assert found.attempts == 3
+
+
+def test_what_the_recording_cuts_off_is_null_with_a_why() -> None:
+    made = repetitions(5)
+    begun = (replace(made[0], start=np.nan, why="the recording begins upright"), *made[1:])
+    found = five_times(begun, rises(5), chair=True)
+    assert found.to_fifth_stand is None
+    assert "begins upright" in found.why
+    ended = (*made[:4], replace(made[4], seat_on=np.nan, end=np.nan, why="the recording ends upright"))
+    found = five_times(ended, rises(5), chair=True)
+    assert found.to_fifth_stand == pytest.approx(11.1)
+    assert found.to_fifth_seat_contact is None
+    assert "ends upright" in found.why
+
+
+def test_squats_are_no_such_test() -> None:
+    found = five_times(repetitions(5), rises(5), chair=False)
+    assert found.to_fifth_stand is None
+    assert "squats" in found.why
+
+
+def test_every_published_time_names_its_source_and_its_stop_rule() -> None:
+    assert len({(one.limit, one.people) for one in PUBLISHED}) == len(PUBLISHED)
+    for one in PUBLISHED:
+        assert 5 < one.limit < 30
+        assert one.stop in ("fifth stand", "fifth seat contact", "not said")
+        assert any(str(year) in one.source for year in range(1990, 2026))
+
+
+def test_left_is_where_z_points_for_who_faces_minus_x() -> None:
+    """With y up, the left of who looks along f is y × f; along -x that is +z."""
+    assert np.cross([0, 1, 0], [-1, 0, 0]).tolist() == [0, 0, 1]
+    assert sides([(1, 0.2), (2, -0.1)], -1) == (1, 2)
+    assert sides([(1, 0.2), (2, -0.1)], 1) == (2, 1)
+    assert "3" in sides([(1, 0.2), (2, -0.1), (3, 0.0)], -1)
+    assert "side by side" in sides([(1, 0.02), (2, 0.0)], -1)
+    assert "side by side" in sides([(1, float("nan")), (2, 0.0)], -1)
+
+
+def test_the_left_foot_s_share_is_told_for_each_phase() -> None:
+    recorded, truth = sit_to_stand(3)
+    body = posture(recorded.q, recorded.dq, CENTRES)
+    made = tuple(
+        Repetition(*events, True)
+        for events in zip(truth.start, truth.seat_off, truth.stand, truth.seat_on, truth.end, strict=True)
+    )
+    wanted = np.where(body.height > 0.9, 0.4, np.where(body.height < 0.1, 0.6, 0.5))
+    left = wanted * recorded.wrench[:, 1]
+    found = load_share(recorded.time, body, left, recorded.wrench[:, 1] - left, made)
+    assert found["seated"] == pytest.approx([0.6] * 3, abs=1e-9)
+    assert found["standing"] == pytest.approx([0.4] * 3, abs=1e-9)
+    assert ((found["rising"] > 0.41) & (found["rising"] < 0.59)).all()
+    blind = load_share(recorded.time, body, np.full(len(left), np.nan), left, made)
+    assert all(np.isnan(values).all() for values in blind.values())
