@@ -170,7 +170,7 @@ def measure(options: Options) -> FloatArray | None:
 def errors(trial: Trial, variant: Variant) -> FloatArray:
     """(14,) errors of :data:`COLUMNS`; NaN where nothing is identified."""
     changed = variant(trial)
-    _, predicted, dynamics = STAGE.function(changed.context)
+    _, predicted, dynamics, _ = STAGE.function(changed.context)
     if not (isinstance(predicted, Table) and isinstance(dynamics, Tree)):
         raise TypeError("not the artefacts that were expected")
     if dynamics.facts["why"] is not None and not dynamics.facts["untold"]:

@@ -46,7 +46,7 @@ def with_external(
 
 
 def run(made: Context) -> tuple[pd.DataFrame, Tree]:
-    _, table, tree = STAGE.function(made)
+    _, table, tree, _ = STAGE.function(made)
     assert isinstance(table, Table)
     assert isinstance(tree, Tree)
     parquet.conform(table), hdf5.conform(tree)

@@ -67,9 +67,9 @@ def context(
 
 
 def run(recorded: Recorded, **changes: Any) -> tuple[Table, Table, Tree]:
-    events, table, tree = STAGE.function(context(recorded, **changes))
-    parquet.conform(events), parquet.conform(table), hdf5.conform(tree)
-    assert (events.schema.file, table.schema.file, tree.schema.file) == STAGE.outputs
+    events, table, tree, averages = STAGE.function(context(recorded, **changes))
+    parquet.conform(events), parquet.conform(table), hdf5.conform(tree), parquet.conform(averages)
+    assert tuple(each.schema.file for each in (events, table, tree, averages)) == STAGE.outputs
     assert len(table.frame) == len(recorded.time)
     return events, table, tree
 

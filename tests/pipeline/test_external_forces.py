@@ -85,7 +85,7 @@ def again(done: Finished, change: Any = None, **settings: Any) -> Finished:
         wrench = inputs["wrench.parquet"]
         inputs["wrench.parquet"] = replace(wrench, frame=change(wrench.frame.copy()))
     trial = load(done.source / "trial.yaml")
-    events, table, tree = STAGE.function(Context(trial.keys, IdentifyDimSettings(**settings), inputs))
+    events, table, tree, _ = STAGE.function(Context(trial.keys, IdentifyDimSettings(**settings), inputs))
     return replace(done, events=events.frame, frame=table.frame, tree=tree)
 
 

@@ -13,9 +13,10 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.protocols.phases import GRID, agreement, average, on_grid
 from mocap_id.recording import read_angles
 from mocap_id.stages.base import Compare, Context, Files, TrialKeys
-from mocap_id.stages.phases import STAGE, PhasesSettings
+from mocap_id.stages.identify_dim import IdentifyDimSettings
+from mocap_id.stages.repetition_averages import averages
 from mocap_id.store import Table, Tree
-from mocap_id.store.schemas import CHAIN, DYNAMICS_TABLE, EVENTS, STATES
+from mocap_id.store.schemas import CHAIN, STATES
 
 TIME = np.arange(0.0, 20.0, 0.01)
 BOUNDS = np.array([[1.0, 4.0], [6.0, 8.0], [10.0, 15.0]])
@@ -76,13 +77,9 @@ def run(compare: Compare | None, complete: bool = True) -> Table:
     inputs = {
         "chain.h5": Tree(CHAIN, {"joints": {"name": np.array(["knee"])}}),
         "states.parquet": Table(STATES, states),
-        "events.parquet": Table(EVENTS, events.assign(complete=complete, why="")),
-        "dynamics.parquet": Table(DYNAMICS_TABLE, dynamics),
     }
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), compare=compare)
-    (table,) = STAGE.function(Context(keys, PhasesSettings(), inputs))
-    assert isinstance(table, Table)
-    return table
+    return averages(Context(keys, IdentifyDimSettings(), inputs), events, dynamics)
 
 
 def test_the_table_holds_every_signal_and_says_where_there_are_no_repetitions() -> None:

@@ -12,7 +12,7 @@ import pandas as pd
 from mocap_id.errors import Refused
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
-from mocap_id.stages.phases import STAGE as PHASES_STAGE
+from mocap_id.stages.repetition_averages import averages
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.store import Artefact, Document, Table, Tree
 from mocap_id.store.schemas import (
@@ -336,8 +336,7 @@ class Trial:
             self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
         )  # fmt: skip
         found = {artefact.schema.file: artefact for artefact in made}
-        (averaged,) = PHASES_STAGE.function(context(found))
-        assert isinstance(averaged, Table)
+        averaged = averages(context(found), self.events().frame, self.dynamics_table(plates=plates).frame)
         return found | {"phases.parquet": averaged}
 
     def _long(self, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:

@@ -7,12 +7,11 @@ the report is made of what exists.
 from mocap_id.stages.base import Stage
 from mocap_id.stages.fit_joints import STAGE as FIT_JOINTS
 from mocap_id.stages.identify_dim import STAGE as IDENTIFY_DIM
-from mocap_id.stages.phases import STAGE as PHASES
 from mocap_id.stages.planarise import STAGE as PLANARISE
 from mocap_id.stages.report import STAGE as REPORT
 from mocap_id.stages.segment import STAGE as SEGMENT
 from mocap_id.stages.ukf_smooth import STAGE as UKF_SMOOTH
 
-STAGES: tuple[Stage, ...] = (PLANARISE, SEGMENT, FIT_JOINTS, UKF_SMOOTH, IDENTIFY_DIM, PHASES, REPORT)
+STAGES: tuple[Stage, ...] = (PLANARISE, SEGMENT, FIT_JOINTS, UKF_SMOOTH, IDENTIFY_DIM, REPORT)
 
 __all__ = ["STAGES", "Stage"]

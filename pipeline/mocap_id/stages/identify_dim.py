@@ -1,4 +1,4 @@
-"""identify-dim: base parameters, clock offset, predicted wrench and torques; the repetitions and their events."""
+"""identify-dim: base parameters, clock offset, predicted wrench and torques; repetitions, their events and averages."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
 from mocap_id.stages import skin_artefact, surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.repetition_averages import averages
 from mocap_id.stages.rivals import rivals
 from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.stages.unknown import Unknown, not_excited, without_wrench
@@ -117,7 +118,8 @@ def identify_dim(context: Context) -> Outputs:
         table, tree = _nothing(context, recorded, grid, unknown, movement)
     else:
         table, tree = _identified(context, chain, prepared, movement, grid)
-    return _events(context, recorded, prepared, movement, table.frame), table, tree
+    events = _events(context, recorded, prepared, movement, table.frame)
+    return events, table, tree, averages(context, events.frame, table.frame)
 
 
 def _events(
@@ -291,8 +293,8 @@ STAGE = Stage(
     name="identify-dim",
     version=10,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
-    outputs=("events.parquet", "dynamics.parquet", "dynamics.h5"),
-    uses=("trial", "protocol", "subject"),
+    outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
+    uses=("trial", "protocol", "subject", "compare"),
     settings=IdentifyDimSettings,
     function=identify_dim,
     help="Identify the inertial parameters from joint angles and the wrench of the ground.",

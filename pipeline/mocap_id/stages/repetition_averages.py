@@ -1,4 +1,4 @@
-"""phases: angles, wrench, centre of pressure and torques on the repetitions' own time, beside other angles."""
+"""phases.parquet: angles, wrench, centre of pressure and torques on the repetitions' own time, beside other angles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.protocols.phases import GRID, Agreement, agreement, average, on_grid
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.base import Context
 from mocap_id.store import Table
 from mocap_id.store.schemas import PHASES
 
@@ -21,12 +21,15 @@ _WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 _SOURCES = ("", "_model", "_reference")
 
 
-class PhasesSettings(Settings):
-    """Nothing to set: every signal is averaged over every whole repetition."""
-
-
-def phases(context: Context) -> Outputs:
+def averages(context: Context, events: pd.DataFrame, dynamics: pd.DataFrame) -> Table:
     """Average every signal over the repetitions, at 0, 1 … 100 % of each.
+
+    Parameters
+    ----------
+    context : Context
+        For the states, the joints' names and ``compare:``.
+    events, dynamics : DataFrame
+        Rows of events.parquet and dynamics.parquet.
 
     Raises
     ------
@@ -35,8 +38,8 @@ def phases(context: Context) -> Outputs:
     RecordingError
         Its file is unusable, or shares no time with the recording.
     """
-    events = context.table("events.parquet").frame
-    signals, facts = list(_signals(context)), {}
+    states, facts = context.table("states.parquet").frame, {}
+    signals = list(_signals(states, dynamics))
     other = _other(context)
     for name, unit, time, values, told in other:
         signals.append((name, unit, time, values))
@@ -54,7 +57,7 @@ def phases(context: Context) -> Outputs:
     frame = pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(columns=columns)
     frame = frame.astype({column.name: column.dtype for column in PHASES.columns})
     why = None if any(counted.values()) else "no repetition has both its beginning and its end in the recording"
-    return (Table(PHASES, frame, {"repetitions": counted, "compared": list(facts.values()), "why": why}),)
+    return Table(PHASES, frame, {"repetitions": counted, "compared": list(facts.values()), "why": why})
 
 
 def _rows(span: str, name: str, unit: str, found: tuple[FloatArray, FloatArray, FloatArray]) -> pd.DataFrame:
@@ -64,9 +67,8 @@ def _rows(span: str, name: str, unit: str, found: tuple[FloatArray, FloatArray, 
     )
 
 
-def _signals(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+def _signals(states: pd.DataFrame, dynamics: pd.DataFrame) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Name, unit, time (T,) and values (T,) of everything that is averaged; bridged angles are unknown."""
-    states, dynamics = context.table("states.parquet").frame, context.table("dynamics.parquet").frame
     time = states["time"].to_numpy(dtype=np.float64)
     for joint in range(1, _joints(states) + 1):
         yield f"theta_{joint}", "rad", time, _angle(states, joint)
@@ -128,15 +130,3 @@ def _told(joint: str, column: str, found: Agreement) -> dict[str, Any]:
         "samples": found.samples,
         "why": None if np.isfinite(found.r) else "the two records share no time in which the joint moves",
     }
-
-
-STAGE = Stage(
-    name="phases",
-    version=1,
-    inputs=("chain.h5", "states.parquet", "events.parquet", "dynamics.parquet"),
-    outputs=("phases.parquet",),
-    uses=("compare",),
-    settings=PhasesSettings,
-    function=phases,
-    help="Average angles, forces and torques over the repetitions, beside another system's angles.",
-)
