@@ -208,7 +208,7 @@ def test_oddities_that_files_are_known_for(recordings: Path) -> None:
         "marche281.c3d": "read by ezc3d",
         "PiG_Motion-FlatFoot-One.c3d": "occur more than once",
         "FP1.C3D": "'mete' is cut short",
-        "shd01.c3d": "subject prefix stripped",
+        "shd01.c3d": "subject names",
         "parameterOverflow.c3d": "is ever seen",
         "Sample_Jump2.c3d": "numbered",
     }
