@@ -248,12 +248,14 @@ def test_hardly_any_frames() -> None:
 
 
 @pytest.mark.slow
-def test_a_long_recording_is_small_and_quick() -> None:
-    artefacts = Trial(frames=16_000, per_segment=12).artefacts()
-    report(Trial(frames=100).artefacts())
-    start = time.process_time()
-    files = report(artefacts)
-    assert time.process_time() - start < 3.0
+def test_a_long_recording_is_small_and_takes_little_longer_than_a_short_one() -> None:
+    long, short = Trial(frames=16_000, per_segment=12).artefacts(), Trial(frames=400, per_segment=12).artefacts()
+    report(short)
+    started = time.process_time()
+    report(short)
+    between = time.process_time()
+    files = report(long)
+    assert time.process_time() - between < 1.8 * (between - started)
     assert len(files["report.html"]) < 8e6
     assert sum(map(len, files.values())) < 8e6
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import pandas as pd
 from mocap_id import recording
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.protocols.phases import GRID, Agreement, agreement, average, on_grid
+from mocap_id.protocols.phases import GRID, Agreement, Averaged, agreement, average, on_grid
 from mocap_id.stages.base import Context
 from mocap_id.store import Table
 from mocap_id.store.schemas import PHASES
@@ -38,32 +38,39 @@ def averages(context: Context, events: pd.DataFrame, dynamics: pd.DataFrame) -> 
     RecordingError
         Its file is unusable, or shares no time with the recording.
     """
-    states, facts = context.table("states.parquet").frame, {}
-    signals = list(_signals(states, dynamics))
-    other = _other(context)
-    for name, unit, time, values, told in other:
+    signals, compared = list(_signals(context.table("states.parquet").frame, dynamics)), []
+    for name, unit, time, values, told in _other(context):
         signals.append((name, unit, time, values))
-        facts[told["joint"]] = told
-    rows = []
+        compared.append(told)
+    found: list[tuple[str, str, str, Averaged]] = []
     counted = {}
     for span, (begin, finish) in SPANS.items():
         bounds = events[[begin, finish]].to_numpy(dtype=np.float64)
         bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # false where either is unknown
         counted[span] = len(bounds)
         for name, unit, time, values in signals if len(bounds) else ():
-            found = average(on_grid(time, values, bounds))
-            rows.append(_rows(span, name, unit, (found.mean, found.sd, found.count)))
-    columns = [column.name for column in PHASES.columns]
-    frame = pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(columns=columns)
-    frame = frame.astype({column.name: column.dtype for column in PHASES.columns})
+            found.append((span, name, unit, average(on_grid(time, values, bounds))))
     why = None if any(counted.values()) else "no repetition has both its beginning and its end in the recording"
-    return Table(PHASES, frame, {"repetitions": counted, "compared": list(facts.values()), "why": why})
+    return Table(PHASES, _frame(found), {"repetitions": counted, "compared": compared, "why": why})
 
 
-def _rows(span: str, name: str, unit: str, found: tuple[FloatArray, FloatArray, FloatArray]) -> pd.DataFrame:
-    mean, sd, count = found
+def _frame(found: Sequence[tuple[str, str, str, Averaged]]) -> pd.DataFrame:
+    """Rows of phases.parquet: 101 for every span and quantity."""
+
+    def joined(curves: Sequence[FloatArray]) -> FloatArray:
+        return np.concatenate([np.zeros(0), *curves])
+
+    span, quantity, unit = (pd.Categorical(np.repeat([row[k] for row in found], len(GRID))) for k in range(3))
     return pd.DataFrame(
-        {"span": span, "percent": 100 * GRID, "quantity": name, "unit": unit, "mean": mean, "sd": sd, "count": count}
+        {
+            "span": span,
+            "percent": np.tile(100 * GRID, len(found)),
+            "quantity": quantity,
+            "unit": unit,
+            "mean": joined([each.mean for *_, each in found]),
+            "sd": joined([each.sd for *_, each in found]),
+            "count": joined([each.count for *_, each in found]),
+        }
     )
 
 

@@ -184,7 +184,7 @@ PHASES = TableSchema(
     1,
     (
         Column("span", "category", "", "repetition (start to end) or rise (start to stand)"),
-        Column("percent", "float64", "1", "of the span's time, 0 to 100"),
+        Column("percent", "float64", "%", "of the span's time, 0 to 100"),
         Column("quantity", "category", "", "as in states.parquet and dynamics.parquet; theta_k_other: another system"),
         Column("unit", "category", "", "of mean and sd"),
         Column("mean", "float64", "", "over the repetitions"),
