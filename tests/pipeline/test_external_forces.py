@@ -70,7 +70,7 @@ def rms(values: np.ndarray) -> np.ndarray:
 def finish(yaml: Path) -> Finished:
     outcome = run(load(yaml))
     folder = Folder(outcome.folder)
-    events, table, tree = (folder.read(file) for file in STAGE.outputs)
+    events, table, tree, _ = (folder.read(file) for file in STAGE.outputs)
     assert isinstance(events, Table)
     assert isinstance(table, Table)
     assert isinstance(tree, Tree)

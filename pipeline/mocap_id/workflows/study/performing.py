@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import signal
 import threading
 import time
@@ -54,6 +55,7 @@ class Performed:
 
 
 _LOGGERS = ("mocap_id", "py.warnings")
+_PATIENCE = 20.0  # s, for a process that was told to end
 Tell: TypeAlias = Callable[[Performed], None]
 
 
@@ -106,10 +108,10 @@ def perform(trial: Trial) -> Performed:
 def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
     # New interpreters, not copies of this one, whose libraries have threads by now.
     context, levels = multiprocessing.get_context("spawn"), {name: logging.getLogger(name).level for name in _LOGGERS}
-    pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _as_loud, (levels,))
+    pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _begin, (levels,))
     try:
         with _no_ctrl_c():
-            asked = {pool.submit(perform, trial): trial for trial in trials}
+            asked = {pool.submit(_perform_until_told, trial): trial for trial in trials}
         for future in as_completed(asked):
             try:
                 yield future.result()
@@ -117,8 +119,11 @@ def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
                 yield _killed(asked[future])
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
+        children = multiprocessing.active_children()
+        for process in children:
             process.terminate()
+        for process in children:
+            process.join(_PATIENCE)
         raise
     pool.shutdown()
 
@@ -141,7 +146,26 @@ def _killed(trial: Trial) -> Performed:
     return Performed(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
 
 
-def _as_loud(levels: Mapping[str, int]) -> None:
+class _Told(BaseException):
+    """The process was told to end."""
+
+
+def _perform_until_told(trial: Trial) -> Performed:
+    """:func:`perform` in a process of its own, which takes its half-written files away when it is told to end."""
+    signal.signal(signal.SIGTERM, _tell)
+    try:
+        return perform(trial)
+    except _Told:
+        os._exit(128 + signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _tell(number: int, frame: object) -> None:
+    raise _Told
+
+
+def _begin(levels: Mapping[str, int]) -> None:
     """Have a new process tell as much as this one."""
     logging.captureWarnings(True)
     logging.basicConfig(format="mocap-id: %(message)s", level=logging.ERROR)
