@@ -49,7 +49,7 @@ def identified(made: Recorded, error: KinematicError = EXACT) -> tuple[Prepared,
     prepared = prepare(made, FitSettings(cutoff=8.0))
     grid = segment_grid(CENTRES, SEGMENT, LOCAL, (5, 9))
     found = identify(prepared, np.ones(len(made.time), bool), grid, np.full(16, np.nan), error)
-    return prepared, found, replace(excitation(prepared, found, error), advice=advise(prepared, found, error))
+    return prepared, found, replace(excitation(prepared, found), advice=advise(prepared, found))
 
 
 SMALL = np.array([1.0, 0.4, 0.05])
@@ -130,7 +130,7 @@ def test_the_joint_that_hardly_moves_is_the_one_to_move() -> None:
 def test_where_no_movement_helps_none_is_recommended() -> None:
     """The zero of the plate is no business of the movement's."""
     prepared, found, _ = identified(recorded(np.ones(3), noise=(1e-3, 1e-3, 1e-3)))
-    assert advise(prepared, replace(found, covariance=found.covariance + np.eye(11)), EXACT) == (None,) * 11
+    assert advise(prepared, replace(found, covariance=found.covariance + np.eye(11))) == (None,) * 11
 
 
 def test_in_words() -> None:

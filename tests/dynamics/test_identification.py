@@ -37,7 +37,7 @@ def with_(recorded: Recorded, **changes: np.ndarray) -> Recorded:
 
 
 def judged(prepared: Prepared, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
-    return judge(prepared, found, excitation(prepared, found, NO_ERROR), **masses)
+    return judge(prepared, found, excitation(prepared, found), **masses)
 
 
 def truth() -> np.ndarray:
@@ -164,7 +164,7 @@ def test_judgement() -> None:
 
     assert codes(mass, mass) == codes(mass, None) == codes(None, mass) == codes(None, None) == []
     assert codes(0.9 * mass, None) == codes(0.9 * mass, mass) == ["mass-contradiction"]
-    assert excitation(prepared, found, NO_ERROR).doubtful == ()
+    assert excitation(prepared, found).doubtful == ()
 
 
 def test_a_load_that_something_else_shares_is_said() -> None:
@@ -256,7 +256,7 @@ def test_weak_excitation_is_said() -> None:
     prepared = prepare(with_(recorded, **states, wrench=exact + noise), FitSettings())
     assert len(prepared.base.kept) == 11
     found = identify(prepared, np.ones(1200, dtype=bool), GRID, NO_REFERENCE, NO_ERROR)
-    told = excitation(prepared, found, NO_ERROR)
+    told = excitation(prepared, found)
     assert "I4" in [told.names[i] for i in told.doubtful]
     (reason,) = [reason for reason in judged(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"]
     best = told.advice[told.names.index("I4")]

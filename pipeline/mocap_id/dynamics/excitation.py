@@ -17,7 +17,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base import base_names, triangular_factor
 from mocap_id.dynamics.fit import DEPENDENT
 from mocap_id.dynamics.identify import Identification
-from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
+from mocap_id.dynamics.kinematic_error import kinematic_response
 from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.dynamics.regressor import planar_regressor
 
@@ -101,15 +101,13 @@ class Excitation:
         return tuple(i for i, verdict in enumerate(self.verdict) if verdict != "known")
 
 
-def excitation(prepared: Prepared, found: Identification, error: KinematicError) -> Excitation:
+def excitation(prepared: Prepared, found: Identification) -> Excitation:
     """Judge every base parameter, and look for the movement that would tell more of it.
 
     Parameters
     ----------
     prepared : Prepared
     found : Identification
-    error : KinematicError
-        What is uncertain of the geometry.
     """
     size = sizes(prepared, found)
     relative = found.base_sd / np.maximum(size, 1e-300)
@@ -122,7 +120,7 @@ def excitation(prepared: Prepared, found: Identification, error: KinematicError)
         relative_sd=relative,
         own=own,
         share=share,
-        advice=() if set(verdict) == {"known"} else advise(prepared, found, error),
+        advice=() if set(verdict) == {"known"} else advise(prepared, found),
     )
 
 
@@ -164,12 +162,12 @@ def _unit_variances(rows: FloatArray) -> FloatArray:
     return np.asarray(np.sum((inverse[:, None] * turned) ** 2, axis=0) / length**2)
 
 
-def advise(prepared: Prepared, found: Identification, error: KinematicError) -> tuple[Advice | None, ...]:
+def advise(prepared: Prepared, found: Identification) -> tuple[Advice | None, ...]:
     """For each parameter the change of the movement that takes most off its standard deviation.
 
     Parameters
     ----------
-    prepared, found, error
+    prepared, found
         As for :func:`excitation`.
 
     Returns
@@ -177,7 +175,7 @@ def advise(prepared: Prepared, found: Identification, error: KinematicError) -> 
     tuple of (Advice or None)
         b long.
     """
-    trial = _Trial.of(prepared, found, error)
+    trial = _Trial.of(prepared, found)
     noise, geometry = trial.now
     residual = np.diag(found.residual_covariance)
     rest = np.maximum(np.diag(found.covariance) - residual, 0.0)
@@ -208,15 +206,14 @@ class _Trial:
 
     prepared: Prepared
     found: Identification
-    error: KinematicError
     time: FloatArray
     now: tuple[FloatArray, FloatArray]
 
     @classmethod
-    def of(cls, prepared: Prepared, found: Identification, error: KinematicError) -> _Trial:
+    def of(cls, prepared: Prepared, found: Identification) -> _Trial:
         samples = found.fit.samples[:: max(1, len(found.fit.samples) // _SAMPLES)]
         empty = np.zeros(0)
-        trial = cls(prepared, found, error, prepared.recorded.time[samples], (empty, empty))
+        trial = cls(prepared, found, prepared.recorded.time[samples], (empty, empty))
         ones = np.ones(prepared.recorded.q.shape[1])
         return replace(trial, now=trial._variances(*trial._rows(ones, ones)))
 
@@ -284,7 +281,7 @@ class _Trial:
         moved = replace(self.prepared, recorded=replace(self.prepared.recorded, q=q, dq=dq, ddq=ddq))
         found = replace(fit, samples=np.arange(len(rows)), design=rows)
         try:
-            response = kinematic_response(moved, found, self.found.base, self.error)[:base]
+            response = kinematic_response(moved, found, self.found.base, self.found.error)[:base]
         except np.linalg.LinAlgError:
             return noise, np.full(base, np.inf)
         return noise, np.asarray(np.sum(response**2, axis=1))

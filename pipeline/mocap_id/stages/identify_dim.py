@@ -143,13 +143,12 @@ def _identified(
 ) -> tuple[Table, Tree]:
     bodies, settings = rivals(context, prepared.recorded, movement), context.settings
     q, threshold = prepared.recorded.q, _cop_threshold(context)
-    error = _geometry_error(context)
     found = identify(
         prepared,
         movement.free,
         grid,
         bodies.chosen.parameters,
-        error,
+        _geometry_error(context),
         consistency=settings.consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls,
@@ -158,7 +157,7 @@ def _identified(
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
-        told=excitation(prepared, found, error),
+        told=excitation(prepared, found),
         model=model,
         grid=grid,
         rivals=bodies,

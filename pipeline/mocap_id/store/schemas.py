@@ -135,7 +135,7 @@ SKIN = TreeSchema(
         Column("markers/name", "str", "", "(K,) labels of the moving segments' markers"),
         Column("markers/segment", "int64", "", "(K,) segment of each"),
         Column("markers/local", "float64", "m", "(K, 2) coordinates in the segment frame"),
-        Column("markers/seen", "float64", "1", "(K,) share of the frames that the joint fit looked at"),
+        Column("markers/seen", "float64", "1", "(K,) share of the frames in which the states rest on it"),
         Column("markers/variance", "float64", "m^2", "(K,) of the slide, a coordinate"),
         Column("markers/unshaped_variance", "float64", "m^2", "(K,) of its part that follows no joint"),
         Column("markers/spread", "float64", "rad", "(K,) rms of the angles of the joints below and above"),
