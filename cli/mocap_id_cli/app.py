@@ -8,6 +8,7 @@ import typer
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
+from mocap_id_cli.explaining import explain
 from mocap_id_cli.exporting import export
 from mocap_id_cli.initialising import init
 from mocap_id_cli.inspecting import inspect
@@ -33,6 +34,7 @@ def build() -> typer.Typer:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
     app.command("export")(export)
+    app.command("explain")(explain)
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)
