@@ -8,6 +8,8 @@ import typer
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
+from mocap_id_cli.comparing import compare
+from mocap_id_cli.doctoring import doctor
 from mocap_id_cli.explaining import explain
 from mocap_id_cli.exporting import export
 from mocap_id_cli.initialising import init
@@ -24,7 +26,6 @@ def build() -> typer.Typer:
     app = typer.Typer(
         name="mocap-id",
         no_args_is_help=True,
-        add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
     )
@@ -33,8 +34,10 @@ def build() -> typer.Typer:
     for stage in STAGES:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
+    app.command("compare")(compare)
     app.command("export")(export)
     app.command("explain")(explain)
+    app.command("doctor")(doctor)
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,8 +16,9 @@ import pytest
 from mocap_id.config import load
 from mocap_id.recording import write_c3d
 from mocap_id.recording.plate_types import PlateSignals
-from mocap_id.runner import run_to
+from mocap_id.runner import run
 from mocap_id.workflows.export import FORMATS, Exported, export
+from mocap_id_cli.__main__ import main
 
 RATE = 100.0
 G = 9.81
@@ -74,24 +77,26 @@ def plate(load: np.ndarray) -> PlateSignals:
 
 
 @pytest.fixture(scope="session")
-def links(tmp_path_factory: pytest.TempPathFactory) -> Callable[[bool], Path]:
-    """The run folder of the two links, with or without their plate."""
-    done: dict[bool, Path] = {}
+def links(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """The run folder of the two links, with or without their plate, with more keys of a trial's file."""
+    done: dict[str, Path] = {}
 
-    def made(with_plate: bool) -> Path:
-        if with_plate not in done:
+    def made(with_plate: bool = True, **keys: Any) -> Path:
+        name = json.dumps([with_plate, keys])
+        if name not in done:
             folder = tmp_path_factory.mktemp("links")
             labels, markers, under = two_links()
             write_c3d(folder / "t.c3d", labels, markers, RATE, plates=(under,) if with_plate else ())
-            (folder / "t.yaml").write_text(json.dumps({"trial": "two-links", "recording": "t.c3d", "protocol": "free"}))
-            done[with_plate] = run_to(load(folder / "t.yaml"), "identify-dim").folder
-        return done[with_plate]
+            trial = {"trial": "two-links", "recording": "t.c3d", "protocol": "free", **keys}
+            (folder / "t.yaml").write_text(json.dumps(trial))
+            done[name] = run(load(folder / "t.yaml")).folder
+        return done[name]
 
     return made
 
 
 @pytest.fixture(scope="session")
-def exported(links: Callable[[bool], Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[[bool], Done]:
+def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Done]:
     """The two links in every format."""
     done: dict[bool, Done] = {}
 
@@ -102,3 +107,28 @@ def exported(links: Callable[[bool], Path], tmp_path_factory: pytest.TempPathFac
         return done[with_plate]
 
     return made
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+    """``cli("export", folder, …)``: exit code and output; there is never a traceback."""
+
+    def call(*arguments: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["mocap-id", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return Said(int(left.value.code or 0), out, err)
+
+    return call

@@ -34,15 +34,16 @@ JUDGED: Mapping[str, tuple[str, str]] = {
     ),
     "plate-height": (
         "planarise",
-        "Height of the feet's lowest marker over the plate's surface, m; limits 0.008 below and 0.12 above.",
+        "Height of the feet's lowest marker over the surface, m; limits 0.008 below, 0.12 above.",
     ),
     "plate-tilted": (
         "planarise",
-        "Inclination of the corners, degrees, limit 1.5; or of the standing force, limit 2.0.",
+        "Inclination of the corners, degrees, limit 1.5; or of the standing force, limit 2.",
     ),
     "plate-turned": (
         "planarise",
-        "Angle about the vertical between the horizontal force and the markers' mean acceleration, degrees; limit 30, or 90 for one foot's plate.",
+        "Angle about the vertical between the horizontal force and the markers' mean acceleration, degrees; limit 30, "
+        "or 90 for one foot's plate.",
     ),
     "plate-saturated": ("planarise", "Share of samples at the end of a channel's range; limit 0."),
     "plate-short": ("planarise", "Share of frames without a force; a caution above 0.05."),
