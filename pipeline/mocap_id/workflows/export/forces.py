@@ -120,9 +120,10 @@ def _others(run: RunFolder) -> Iterator[tuple[str, Load]]:
 
 def _applied_offset(run: RunFolder) -> float:
     """Clock offset of the plates that dynamics.parquet took out, s."""
-    asked = run.provenance["dynamics.h5"].origin.parameters["identify-dim"]
-    offset = run.facts("dynamics.h5").get("clock_offset_s")
-    return float(offset) if offset is not None and asked.get("apply_clock_offset", True) else 0.0
+    about, offset = run.provenance.get("dynamics.h5"), run.facts("dynamics.h5").get("clock_offset_s")
+    if about is None or offset is None:
+        return 0.0
+    return float(offset) if about.origin.parameters["identify-dim"]["apply_clock_offset"] else 0.0
 
 
 def _columns(name: str) -> list[str]:
