@@ -27,7 +27,7 @@ def study(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Run every trial of a study, then write the cohort's tables and page; what is up to date is not computed again.
+    """Run every trial of a study, then write the cohort's tables and page; what is up to date is reused.
 
     A trial that fails or is refused stops no other; the exit code is then 1.
     """

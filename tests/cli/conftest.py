@@ -15,6 +15,7 @@ from swinging_link import LABELS, RATE
 
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writing import write_c3d, write_trc
+from mocap_id.runner import RUN_LOG
 from mocap_id_cli.__main__ import main
 
 
@@ -80,7 +81,7 @@ class Trial:
         """Files of the run folder that are for people; anything half-written would be among them."""
         if not self.out.is_dir():
             return []
-        files = [path.relative_to(self.out) for path in self.out.rglob("*") if path.is_file()]
+        files = [path.relative_to(self.out) for path in self.out.rglob("*") if path.is_file() and path.name != RUN_LOG]
         return sorted(path.as_posix() for path in files if ".mocap-id" not in path.parts or ".tmp" in path.name)
 
     def summary(self) -> dict[str, object]:

@@ -30,7 +30,8 @@ def table(ran: Ran, name: str) -> pd.DataFrame:
 
 def stamps(folder: Path) -> dict[str, int]:
     """When each file was written."""
-    return {str(path): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file() and path.name != "lock"}
+    found = (path for path in folder.rglob("*") if path.is_file() and path.name not in ("lock", "run.log"))
+    return {str(path): path.stat().st_mtime_ns for path in found}
 
 
 def test_a_broken_a_missing_and_a_refused_trial_stop_no_other(ran: Ran) -> None:
