@@ -55,6 +55,11 @@ COMMANDS = (
         partial(_found, "studying", "study"),
     ),
     Entry(
+        "batch",
+        "Run many trials and write one table over them; what is up to date is reused.",
+        partial(_found, "batching", "batch"),
+    ),
+    Entry(
         "transfer",
         "Apply the body identified on one trial to other trials of the same person.",
         partial(_found, "transferring", "transfer"),
