@@ -60,7 +60,7 @@ def batch(
         engine=_engine(jobs, scheduler, cluster),
         on_error=on_error,
         begin=(lambda trials: None) if quiet else (lambda trials: live.show("trials", trials)),
-        tell=(lambda done: None) if quiet else _tell,
+        tell=(lambda done: None) if quiet else told_of,
     )
     live.stop()
     if as_json:
@@ -85,7 +85,8 @@ def _engine(jobs: int, scheduler: str | None, cluster: Path | None) -> Engine:
     return Here(jobs) if scheduler is None else Dask(scheduler)
 
 
-def _tell(done: Performed) -> None:
+def told_of(done: Performed) -> None:
+    """Say on standard error what became of a trial."""
     what = {0: f"{done.seconds:8.2f} s" if done.computed else "reused", 4: "refused"}.get(done.exit_code, "failed")
     live.say(f"{done.trial:<28}{what:>10}")
     live.advance()
