@@ -50,8 +50,8 @@ EXITS: Mapping[int, Exit] = {
     1: Exit(
         errors.MocapIdError,
         "Done, with something to look at",
-        "`study`: a trial failed or was refused; the others are done. `doctor`: something that mocap-id needs is "
-        "missing or broken.",
+        "`study`, `batch`: a trial failed or was refused; the others are done. `regress`: a number moved. `doctor`: "
+        "something that mocap-id needs is missing or broken.",
         "Read which one it was; the rest stands.",
     ),
     2: Exit(
