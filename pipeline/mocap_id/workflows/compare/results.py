@@ -68,8 +68,7 @@ def _said(reason: Summary | None) -> str | None:
 def _segments(a: Summary, b: Summary) -> Iterator[Difference]:
     yield quantity("segments", "count", a["count"], b["count"])
     yield quantity("segments", "confidence", a["confidence"], b["confidence"])
-    names = [", ".join(each["names"] or ()) for each in (a, b)]
-    yield Difference("segments", "names", *names)
+    yield Difference("segments", "names", ", ".join(a["names"] or ()), ", ".join(b["names"] or ()))
     yield from choices("markers", dict(a["assignment"] or {}), dict(b["assignment"] or {}))
 
 

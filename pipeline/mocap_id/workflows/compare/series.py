@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.arrays import FloatArray
-from mocap_id.store import Table
+from mocap_id.store import Column, Table
 from mocap_id.workflows.compare.difference import Difference
 from mocap_id.workflows.run_folder import RunFolder
 
@@ -36,7 +36,7 @@ def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
                 yield found
 
 
-def _groups(table: Table) -> tuple[tuple[object, ...], ...]:
+def _groups(table: Table) -> tuple[tuple[Column, ...], ...]:
     return (table.schema.columns, table.schema.repeated, *table.schema.optional)
 
 
