@@ -64,6 +64,7 @@ def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
     markers = np.concatenate(points, axis=1)
     markers = markers + rng.normal(scale=3e-4, size=markers.shape)
     markers[200:230, 6] = np.nan
+    markers[300:310, -1] = np.nan  # the last column of a file, where a blank is easily lost
     labels = ("B 1", "B2", "B3", "B4", "L1", "L2", "L3", "L4", "M1", "M2", "M3", "M4")
     return labels, markers, plate(load)
 

@@ -9,6 +9,7 @@ import pytest
 from mocap_id import recording
 from mocap_id.recording.angle_table import read_angles
 from mocap_id.workflows.export.forces import _acting
+from mocap_id.workflows.export.motions import known_rows
 from mocap_id.workflows.export.names import legal
 
 
@@ -71,6 +72,25 @@ def test_forces_read_back_as_the_same_wrench(exported) -> None:
     np.testing.assert_allclose(plate.force[:, 0], dynamics["Fx"], atol=1e-6)
     np.testing.assert_allclose(plate.force[:, 2], dynamics["Fy"], atol=1e-6)
     np.testing.assert_allclose(-plate.moment[:, 1], dynamics["tauz"], atol=1e-6)  # the plane's z is the reader's -y
+
+
+def test_a_row_that_is_not_known_is_left_out_and_said() -> None:
+    values = np.ones((6, 2))
+    values[[0, 3], [1, 0]] = np.nan
+    known, notes = known_rows("a.mot", values)
+    assert known.tolist() == [False, True, True, False, True, True]
+    assert "unknown: 2" in notes[0]
+    assert "1 of them" in notes[1]
+    assert known_rows("a.mot", np.ones((3, 1)))[1] == ()
+    assert not known_rows("a.mot", np.full((3, 1), np.nan))[0].any()
+
+
+def test_no_exported_table_holds_a_nan(exported) -> None:
+    """OpenSim's tools take the first one for the table's end."""
+    for done in (exported(), exported(False)):
+        tables = [path for path in done.exported.files if path.suffix in (".mot", ".sto")]
+        assert len(tables) >= 3
+        assert not [path.name for path in tables if "nan" in path.read_text("utf-8").partition("endheader")[2]]
 
 
 def test_force_point_and_moment_make_up_the_wrench_whatever_the_load() -> None:

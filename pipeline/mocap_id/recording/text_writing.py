@@ -50,13 +50,15 @@ def trc_text(
         "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, markers + 1)),
         "",
     ]
-    rows = [
-        f"{frame}\t{at:.9g}\t" + "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
-        for frame, at, row in zip(
-            frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True
-        )
-    ]
+    numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True)
+    rows = [f"{frame}\t{at:.9g}\t{_cells(row)}" for frame, at, row in numbers]
     return "\n".join([*header, *rows, ""])
+
+
+def _cells(row: Sequence[float]) -> str:
+    """A frame's coordinates; behind a blank last one stands another tab, without which OpenSim misses a column."""
+    cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
+    return f"{cells}\t" if row and isnan(row[-1]) else cells
 
 
 def motion_text(
@@ -71,7 +73,7 @@ def motion_text(
     columns : sequence of str, length C
         All but time.
     values : (T, C) array
-        NaN is written as ``nan``.
+        NaN is written as ``nan``, where OpenSim's own tools stop reading.
     time : (T,) array
         s.
     in_degrees : bool

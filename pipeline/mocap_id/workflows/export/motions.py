@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording import motion_text
 from mocap_id.reporting.views import Motion, Skeleton
 from mocap_id.workflows.export.names import coordinate_names, joint_names
 from mocap_id.workflows.export.parts import Parts
 from mocap_id.workflows.run_folder import RunFolder
 
-WRENCH = ("Fx", "Fy", "tauz", "cop_x")
+WRENCH = ("Fx", "Fy", "tauz")
 
 
 def angles_file(run: RunFolder) -> str:
@@ -78,28 +78,28 @@ def torques(run: RunFolder) -> Parts:
     return parts + Parts(notes=notes)
 
 
-def known_rows(file: str, values: FloatArray) -> tuple[slice, tuple[str, ...]]:
-    """Rows from the first to the last that is known, and a sentence where some between them are not."""
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if not len(known):
-        return slice(0, len(values)), (f"{file}: no row is known as a whole; unknown cells are nan",)
-    rows = slice(int(known[0]), int(known[-1]) + 1)
-    lost, between = len(values) - (rows.stop - rows.start), rows.stop - rows.start - len(known)
+def known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...]]:
+    """Rows (T,) whose cells are all known, and a sentence on the others.
+
+    OpenSim's tools read a table up to its first `nan` and take that for its end without a word, so no such row is
+    written; between the rows around a gap they interpolate.
+    """
+    known: BoolArray = np.isfinite(values).all(axis=1)
+    inside = np.flatnonzero(known)
+    within = int(np.sum(~known[inside[0] : inside[-1]])) if len(inside) else 0
     said = []
-    if lost:
-        said.append(f"rows left out at its ends, where values are unknown: {lost}")
-    if between:
-        said.append(f"rows that hold nan: {between}; choose a time range without them in OpenSim")
-    return rows, tuple(f"{file}: {sentence}" for sentence in said)
+    if not known.all():
+        said.append(f"{file}: rows left out, because a value in them is unknown: {int(np.sum(~known))}")
+    if within:
+        said.append(f"{file}: {within} of them lie between others, and OpenSim interpolates over them")
+    return known, tuple(said)
 
 
 def _table(
     file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> Parts:
-    told = np.isfinite(values).any(axis=0)  # a centre of pressure is unknown whenever the plate is unloaded
-    decisive = values[:, told & ~np.char.startswith(np.array(columns), "cop_x")]
-    rows, notes = known_rows(file, decisive if decisive.size else values)
-    text = motion_text(title, columns, values[rows], time=time[rows], in_degrees=in_degrees)
+    known, notes = known_rows(file, values)
+    text = motion_text(title, columns, values[known], time=time[known], in_degrees=in_degrees)
     return Parts({file: text.encode()}, notes)
 
 
