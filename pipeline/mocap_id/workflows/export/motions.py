@@ -84,7 +84,7 @@ def known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...
     OpenSim's tools read a table up to its first `nan` and take that for its end without a word, so no such row is
     written; between the rows around a gap they interpolate.
     """
-    known: BoolArray = np.isfinite(values).all(axis=1)
+    known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
     inside = np.flatnonzero(known)
     within = int(np.sum(~known[inside[0] : inside[-1]])) if len(inside) else 0
     said = []
