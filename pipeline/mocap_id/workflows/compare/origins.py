@@ -12,10 +12,11 @@ _SHOWN = 12  # digits of a hash
 
 
 def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Versions, the user's files, and settings, stage by stage."""
-    yield from choices("versions", _versions(a), _versions(b))
+    """Versions, the user's files, and settings, of the stages that both have been through."""
+    both = _stages(a) & _stages(b)
+    yield from choices("versions", _versions(a, both), _versions(b, both))
     yield from choices("inputs", _inputs(a), _inputs(b))
-    yield from choices("settings", _settings(a), _settings(b))
+    yield from choices("settings", _settings(a, both), _settings(b, both))
 
 
 def artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
@@ -27,9 +28,15 @@ def _contents(run: RunFolder) -> dict[str, Value]:
     return {file: about.content[:_SHOWN] for file, about in run.provenance.items()}
 
 
-def _versions(run: RunFolder) -> dict[str, Value]:
+def _stages(run: RunFolder) -> set[str]:
+    return {about.origin.stage for about in run.provenance.values()}
+
+
+def _versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
     found: dict[str, Value] = {}
     for file, about in run.provenance.items():
+        if about.origin.stage not in stages:
+            continue
         found["mocap-id"] = about.origin.product
         found[f"{about.origin.stage} (stage)"] = about.origin.stage_version
         found[f"{file} (schema)"] = about.schema_version
@@ -46,5 +53,6 @@ def _inputs(run: RunFolder) -> dict[str, Value]:
     }
 
 
-def _settings(run: RunFolder) -> dict[str, Value]:
-    return {key: value for about in run.provenance.values() for key, value in flat(dict(about.origin.parameters))}
+def _settings(run: RunFolder, stages: set[str]) -> dict[str, Value]:
+    asked = (about.origin.parameters for about in run.provenance.values() if about.origin.stage in stages)
+    return {key: value for parameters in asked for key, value in flat(dict(parameters))}
