@@ -15,6 +15,7 @@ from mocap_id_cli.running import run, stage_command
 from mocap_id_cli.simulating import simulating
 from mocap_id_cli.studying import study
 from mocap_id_cli.transferring import transfer
+from mocap_id_cli.workspace import workspace
 
 
 def build() -> typer.Typer:
@@ -31,6 +32,7 @@ def build() -> typer.Typer:
     for stage in STAGES:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
+    app.command("workspace")(workspace)
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)

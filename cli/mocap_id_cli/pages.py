@@ -30,6 +30,7 @@ _COMMANDS = (
     "init",
     "study",
     "transfer",
+    "workspace",
     "inspect",
     *_SIMULATE,
     "schema",
