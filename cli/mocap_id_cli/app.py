@@ -10,6 +10,7 @@ from mocap_id import __version__
 from mocap_id.stages import STAGES
 from mocap_id_cli.initialising import init
 from mocap_id_cli.inspecting import inspect
+from mocap_id_cli.prescribing import prescribe
 from mocap_id_cli.reference import schema, stages
 from mocap_id_cli.running import run, stage_command
 from mocap_id_cli.simulating import simulating
@@ -33,6 +34,7 @@ def build() -> typer.Typer:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
     app.command("workspace")(workspace)
+    app.command("prescribe")(prescribe)
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)

@@ -31,6 +31,7 @@ _COMMANDS = (
     "study",
     "transfer",
     "workspace",
+    "prescribe",
     "inspect",
     *_SIMULATE,
     "schema",

@@ -206,3 +206,13 @@ def _branch(search: _Search, start: FloatArray, worth: float, boxes: int) -> tup
     worth = search.worth(best) if worth > -np.inf else worth
     bound = max(worth + (slack if search.boxes > 1 else 0.0), -queue[0][0] if queue else -np.inf)
     return best, worth, bound
+
+
+def holds(postures: Postures, places: Sequence[Place], torque: FloatArray, springs: Springs) -> BoolArray:
+    """Which postures (N,) can be held with springs that were found."""
+    needed = postures.gravity.copy()
+    for s, place in enumerate(places):
+        if springs.stiffness[s] > 0:
+            pull = springs.stiffness[s] * (postures.stretch[:, s] - springs.rest[s])
+            needed[:, list(place.joints)] += pull[:, None]
+    return np.asarray(np.all((needed >= torque[:, 0]) & (needed <= torque[:, 1]), axis=1))
