@@ -97,8 +97,8 @@ def _several(found: workflow.Prescribed) -> Iterator[str]:
     springs, name = found.several, found.config.wishes.prescription
     assert springs is not None
     yield (
-        f"{name}: without springs {springs.without:.4f} m² of {springs.reachable:.4f} m² within reach can be held, with "
-        f"them {springs.area:.4f} m²"
+        f"{name}: without springs {springs.without:.4f} m² of {springs.reachable:.4f} m² within reach can be held, "
+        f"with them {springs.area:.4f} m²"
     )
     if not springs.helps:
         yield "no springs help"

@@ -42,7 +42,7 @@ class JointWish(Settings):
     """What one joint may do, and what the person can."""
 
     limits_deg: _Pair | None = Field(None, description="smallest and largest angle; default: those of the trial")
-    strength_Nm: _Pair | None = Field(None, description="least and largest torque of the person, N·m")
+    strength_Nm: _Pair | None = Field(None, description="least and largest torque of the person, N·m")  # noqa: N815
     strength_share: float | _Pair | None = Field(
         None, description="the same by the largest moment of gravity about the joint: 0.2, or [-0.2, 0.5]"
     )
@@ -78,7 +78,7 @@ class LevelSet(Settings):
 class SearchGrid(Settings):
     """All springs of a grid by their level sets (thesis figure 7.9)."""
 
-    stiffness_mNm_per_deg: tuple[float, float, float] = Field((5, 100, 5), description="first, last, step, mN·m/deg")
+    stiffness_mNm_per_deg: tuple[float, float, float] = Field((5, 100, 5), description="first, last, step, mN·m/deg")  # noqa: N815
     rest_deg: tuple[float, float, float] = Field((180, 360, 10), description="first, last, step")
     horizon_s: float = Field(2.0, gt=0, description="s")
     angles: int = Field(101, ge=21, le=501, description="nodes over the angle")

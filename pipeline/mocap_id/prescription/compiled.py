@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile a function of numbers and arrays; functions that call each other live in one file, which numba watches."""
+    """Compile a function of numbers and arrays; those that call each other live in one file, which numba watches."""
     try:
         return cast(Callable[P, T], numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:  # no folder to keep the code in: compiled anew in every run

@@ -44,8 +44,8 @@ class Weights:
     def torques(self, q: FloatArray) -> FloatArray:
         """Torques (..., n), N·m, by the segment before each joint, that hold postures (..., n), rad.
 
-        The moment of what hangs beyond a joint: g Σ (m (x - x_joint) + mx cos α - my sin α), over the segments from there
-        to the tip at angles α.
+        The moment of what hangs beyond a joint: g Σ (m (x - x_joint) + mx cos α - my sin α), over the segments from
+        there to the tip at angles α.
         """
         angle, origin = segment_poses(q, self.centres)
         lever = rotate(angle[..., 1:], self.masses[:, 1:])[..., 0]  # (..., n)

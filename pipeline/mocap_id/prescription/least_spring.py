@@ -1,8 +1,9 @@
 """The softest spring that lets a person hold every angle of an interval (thesis 9.6).
 
-Whether a rest angle exists for a stiffness k is three inequalities, each of a largest or smallest of functions that are linear
-in k: max w - min w ≤ span, max w - τ_high ≤ k θ_most and min w - τ_low ≥ k θ_least for w = g + kθ. They are convex in k, so
-the stiffnesses that will do are an interval, and its lower end is found by bisection, with nothing missed.
+Whether a rest angle exists for a stiffness k is three inequalities, each of a largest or smallest of functions that are
+linear in k: max w - min w ≤ span, max w - τ_high ≤ k θ_most and min w - τ_low ≥ k θ_least for w = g + kθ. They are
+convex in k, so the stiffnesses that will do are an interval, and its lower end is found by bisection, with nothing
+missed.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ _STEPS = 200
 def least_spring(
     joint: OneJoint, interval: tuple[float, float], rest: tuple[float, float], stiffest: float | None = None
 ) -> tuple[float, float] | None:
-    """Stiffness, N·m/rad, and rest angle, rad, of the softest spring; (0, NaN) where none is needed, None where none will do.
+    """Stiffness, N·m/rad, and rest angle, rad, of the softest spring.
+
+    (0, NaN) where none is needed, None where none will do.
 
     Parameters
     ----------

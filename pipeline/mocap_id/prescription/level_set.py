@@ -67,8 +67,10 @@ class Dynamics:
         return float(root[np.abs(root - middle).argmin()])
 
     def fastest(self) -> float:
-        """A speed, rad/s, that nothing reaches from rest at the equilibrium: all torque in one direction over all angles,
-        and the deepest fall of the potential, gone into speed."""
+        """A speed, rad/s, that nothing reaches from rest at the equilibrium.
+
+        All torque along all angles, there and back, and the deepest fall of the potential have gone into it.
+        """
         grid = np.linspace(self.joint.lower, self.joint.upper, 721)
         force = self.joint.torque(grid, self.stiffness, self.rest)
         potential = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(grid))])
@@ -177,7 +179,7 @@ def reach(dynamics: Dynamics, times: Sequence[float], scheme: Scheme = Scheme(),
     return solve(dynamics, grid, around - 1.0, barrier, times, scheme, _CAP)
 
 
-def solve(
+def solve(  # noqa: PLR0917
     dynamics: Dynamics,
     grid: Grid,
     first: FloatArray,

@@ -1,11 +1,12 @@
 """One joint that gravity pulls and a spring helps: what can be held still (eq. 7.8), and how far it moves.
 
-The torque that holds the joint still is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ; for an arm that hangs down
-at θ = 0, a = mgl and b = 0. What a person can hold is where τ_H is within their limits.
+The torque that holds the joint still is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ; for an arm that hangs
+down at θ = 0, a = mgl and b = 0. What a person can hold is where τ_H is within their limits.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from math import ceil, floor
 
@@ -89,7 +90,7 @@ class OneJoint:
         slack = _SLACK * (self.torque_high - self.torque_low + self.weight)
         knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)]))
         found: list[tuple[float, float]] = []
-        for start, end in zip(knots[:-1], knots[1:], strict=True):  # the torque is monotone in between
+        for start, end in itertools.pairwise(knots):  # the torque is monotone in between
             part = self._part(float(start), float(end), stiffness, rest, slack)
             if part is None:
                 continue

@@ -1,11 +1,12 @@
 """The spring that lets a person hold most of a joint's range still (eq. 7.10, 7.11), found globally.
 
-With w(θ) = g(θ) + kθ the held angles are where w - kθ₀ is within the torque's limits. A stretch can be held for some rest
-angle when w varies in it by no more than the limits are apart, and lies where an allowed rest angle can bring it: for one
-stiffness the widest such stretch is found in one pass over a grid of angles (:mod:`mocap_id.prescription.windows`), and no
-rest angle is missed. Over the stiffness the search is branch and bound: within h of a stiffness the torques differ by h
-times a length that is known, so limits widened by as much bound what any stiffness there can do. The best one is polished
-with its turning points (eq. 7.9) by sequential quadratic programming, and what is reported is held exactly.
+With w(θ) = g(θ) + kθ the held angles are where w - kθ₀ is within the torque's limits. A stretch can be held for some
+rest angle when w varies in it by no more than the limits are apart, and lies where an allowed rest angle can bring it:
+for one stiffness the widest such stretch is found in one pass over a grid of angles
+(:mod:`mocap_id.prescription.windows`), and no rest angle is missed. Over the stiffness the search is branch and bound:
+within h of a stiffness the torques differ by h times a length that is known, so limits widened by as much bound what
+any stiffness there can do. The best one is polished with its turning points (eq. 7.9) by sequential quadratic
+programming, and what is reported is held exactly.
 """
 
 from __future__ import annotations

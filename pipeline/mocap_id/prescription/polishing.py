@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.one_joint import OneJoint
 
-
 _WITHIN = 1e-7  # of the weight: the solver's constraints hold to less than that
 
 
-def polished(
+def polished(  # noqa: PLR0917
     joint: OneJoint,
     start: tuple[float, float, float, float],
     required: Sequence[float],
@@ -65,7 +64,10 @@ def polished(
         return np.concatenate([value - least, most - value, [x[3] - x[2] * rest[0], x[2] * rest[1] - x[3]]])
 
     first = np.array([low, high, stiffness / weight, stiffness * at / weight])
-    bounds = [(joint.lower, joint.upper)] * 2 + [(0.0, stiffest / weight), (None, None)]
+    bounds = Bounds(
+        np.array([joint.lower, joint.lower, 0.0, -np.inf]),
+        np.array([joint.upper, joint.upper, stiffest / weight, np.inf]),
+    )
     found = minimize(
         lambda x: x[0] - x[1] + penalty * x[2],
         first,

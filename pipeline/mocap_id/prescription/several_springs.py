@@ -1,11 +1,11 @@
 """The springs that give several joints most of their functional workspace (eq. 7.6, 7.10, 7.11).
 
-The workspace is counted in cells of the plane: a cell counts when a sampled posture in it can be held with torques within the
-person's limits. Strategy: best-first branch and bound over boxes of stiffnesses and rest angles. For a box, each posture's
-torques lie within intervals (products of intervals are exact at their corners), so the cells that any springs of the box
-could bring are bounded; a box's middle gives springs that are real. The best springs are improved by a pattern search now and
-then. The search ends when no box promises more than the tolerance, or after a number of boxes: how much better any springs
-might be is told as the gap, for these postures.
+The workspace is counted in cells of the plane: a cell counts when a sampled posture in it can be held with torques
+within the person's limits. Strategy: best-first branch and bound over boxes of stiffnesses and rest angles. For a box,
+each posture's torques lie within intervals (products of intervals are exact at their corners), so the cells that any
+springs of the box could bring are bounded; a box's middle gives springs that are real. The best springs are improved by
+a pattern search now and then. The search ends when no box promises more than the tolerance, or after a number of boxes:
+how much better any springs might be is told as the gap, for these postures.
 """
 
 from __future__ import annotations

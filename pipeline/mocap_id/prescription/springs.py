@@ -15,7 +15,7 @@ from mocap_id.prescription.reach import PlanarArm
 from mocap_id.prescription.sampling import sobol
 
 _CELLS = 8  # postures to a cell, about: few cells are missed
-_NEAR = 1e-9  # m
+_REACHED = 1e-4  # m
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Postures:
     tips: FloatArray
 
 
-def postures(
+def postures(  # noqa: PLR0917
     arm: PlanarArm,
     weights: Weights,
     limits: Limits,
@@ -129,14 +129,12 @@ def _reaching(arm: PlanarArm, limits: Limits, point: FloatArray, starts: FloatAr
         move = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(normal, off[..., None])
         q = np.clip(q + move[..., 0], limits.lower, limits.upper)
     there = q[np.linalg.norm(arm.tips(q) - point, axis=1) < _REACHED]
-    return there[np.sort(np.unique(np.round(there, 6), axis=0, return_index=True)[1])]
-
-
-_REACHED = 1e-4
+    apart = np.unique(np.round(there, 6), axis=0, return_index=True)[1]
+    return np.asarray(there[np.sort(apart)])
 
 
 @compiled
-def counted(
+def counted(  # noqa: PLR0917
     gravity: FloatArray,
     stretch: FloatArray,
     cell: IntArray,

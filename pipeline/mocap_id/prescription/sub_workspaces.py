@@ -1,7 +1,7 @@
-"""Tasks as a graph of sub-workspaces (thesis 9.6): a node is what a spring setting lets a person hold, an edge an overlap.
+"""Tasks as a graph of sub-workspaces (thesis 9.6): a node is what a spring lets a person hold, an edge an overlap.
 
-Where two sub-workspaces overlap a device can change from one setting to the other while the person holds still, with the
-person's own torque either way.
+Where two sub-workspaces overlap a device can change from one setting to the other while the person holds still, with
+the person's own torque either way.
 """
 
 from __future__ import annotations

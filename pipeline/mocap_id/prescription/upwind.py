@@ -1,9 +1,10 @@
 """The compiled steps of the level-set equation of a joint (eq. 7.13 to 7.20, corrected).
 
-χ_t + max[0, H(x, ∇χ)] = 0 with H = x₂ p₁ + max over the torques of p₂ (drift + torque / I). The set χ ≤ 0 is what was reached;
-it can only grow. Derivatives come from one side (first order, or second order with limited differences, ENO), time is
-stepped by Euler's or Heun's method (both keep the total variation from growing). The numerical Hamiltonian is Godunov's, which
-is exact for a plane front, or the local Lax–Friedrichs one of eq. 7.15 with the whole of H's dissipation.
+χ_t + max[0, H(x, ∇χ)] = 0 with H = x₂ p₁ + max over the torques of p₂ (drift + torque / I). The set χ ≤ 0 is what was
+reached; it can only grow. Derivatives come from one side (first order, or second order with limited differences, ENO),
+time is stepped by Euler's or Heun's method (both keep the total variation from growing). The numerical Hamiltonian is
+Godunov's, which is exact for a plane front, or the local Lax–Friedrichs one of eq. 7.15 with the whole of H's
+dissipation.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def _limited(a: float, b: float) -> float:  # pragma: no cover
 
 
 @compiled
-def advance(
+def advance(  # noqa: PLR0917
     padded: FloatArray,
     out: FloatArray,
     velocity: FloatArray,
@@ -128,7 +129,7 @@ def advance(
 
 
 @compiled
-def march(
+def march(  # noqa: PLR0917
     padded: FloatArray,
     arrival: FloatArray,
     barrier: FloatArray,
@@ -146,7 +147,8 @@ def march(
 ) -> int:  # pragma: no cover
     """Advance χ in place from one time to another; the number of steps.
 
-    A step is as long as the front's own rates allow. It is cut where it turns out too long for what the front came upon.
+    A step is as long as the front's own rates allow. It is cut where it turns out too long for what the front came
+    upon.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from mocap_id.prescription.compiled import compiled
 
 
 @compiled
-def widest_window(
+def widest_window(  # noqa: PLR0917
     curve: FloatArray, span: float, floor: float, ceiling: float, first: int, last: int
 ) -> tuple[int, int]:  # pragma: no cover
     """Widest run of samples whose largest and smallest differ by at most ``span``, none outside floor and ceiling.
@@ -61,7 +61,7 @@ def widest_window(
 
 
 @compiled
-def widest_by_stiffness(
+def widest_by_stiffness(  # noqa: PLR0917
     gravity: FloatArray,
     angle: FloatArray,
     stiffness: FloatArray,

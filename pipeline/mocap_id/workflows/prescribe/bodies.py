@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -115,11 +116,11 @@ def _of_trial(config: PrescriptionConfig, progress: runner.Progress) -> Body:
 
 
 def _values(tree: Tree, group: str) -> FloatArray:
-    branch = tree.data[group]
+    branch: Any = tree.data[group]
     return np.asarray(branch["value"])
 
 
-def _body(
+def _body(  # noqa: PLR0917
     config: PrescriptionConfig,
     names: tuple[str, ...],
     arm: PlanarArm,

@@ -106,7 +106,7 @@ def _ladder(given: tuple[float, float, float]) -> FloatArray:
     first, last, step = given
     if not step > 0 or last < first:
         raise ValueError(f"the search's grid {list(given)} is empty: expected first, last, step with a step above 0")
-    return first + step * np.arange(int(np.floor((last - first) / step + 1e-9)) + 1)
+    return np.asarray(first, dtype=np.float64) + step * np.arange(int(np.floor((last - first) / step + 1e-9)) + 1)
 
 
 def _key(joint: OneJoint, inertia: float, grid: SearchGrid) -> str:

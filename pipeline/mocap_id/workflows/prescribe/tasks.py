@@ -25,8 +25,8 @@ _SIDE = 3  # points along a side of a task's box
 def task_graph(tasks: Sequence[Task], found: Prescribed) -> tuple[Graph | None, FloatArray | None]:
     """The graph, and the postures (N, n), rad, that it is about; None without tasks.
 
-    Tasks of one group share a node. A node's springs are the softest that hold all its tasks; it contains everything else
-    that they let the person hold.
+    Tasks of one group share a node. A node's springs are the softest that hold all its tasks; it contains everything
+    else that they let the person hold.
 
     Raises
     ------
