@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
@@ -68,12 +69,13 @@ def polished(  # noqa: PLR0917
         np.array([joint.lower, joint.lower, 0.0, -np.inf]),
         np.array([joint.upper, joint.upper, stiffest / weight, np.inf]),
     )
+    within: Any = {"type": "ineq", "fun": margins}
     found = minimize(
         lambda x: x[0] - x[1] + penalty * x[2],
         first,
         method="SLSQP",
         bounds=bounds,
-        constraints={"type": "ineq", "fun": margins},
+        constraints=within,
         options={"ftol": 1e-12, "maxiter": 100},
     )
     if not np.isfinite(found.x).all() or found.x[2] <= 0:
