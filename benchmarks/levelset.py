@@ -65,9 +65,7 @@ def theirs(dynamics: Dynamics, grid: Grid, first: Any) -> Callable[[], Any]:
     lattice = hj.Grid.from_lattice_parameters_and_boundary_conditions(
         hj.sets.Box(*corners), (len(grid.angle), len(grid.velocity))
     )
-    settings = hj.SolverSettings.with_accuracy(
-        "medium", hamiltonian_postprocessor=hj.solver.backwards_reachable_tube
-    )
+    settings = hj.SolverSettings.with_accuracy("medium", hamiltonian_postprocessor=hj.solver.backwards_reachable_tube)
     start, motion = jnp.array(first), Reversed()
     return lambda: np.asarray(hj.step(settings, motion, lattice, 0.0, start, -HORIZON, progress_bar=False))
 
@@ -97,7 +95,9 @@ def main() -> None:
     print(f"  mocap-id, where the front is   {band:.3f} s")
     print(f"  mocap-id, the whole grid       {whole:.3f} s")
     print(f"  hj_reachability, the same      {other:.3f} s")
-    print(f"  theirs by ours: {other / band:.1f} and {other / whole:.1f}; the sets differ in {100 * apart:.1f} % of their states")
+    print(
+        f"  theirs by ours: {other / band:.1f} and {other / whole:.1f}; the sets differ in {100 * apart:.1f} % of their states"
+    )
 
 
 if __name__ == "__main__":

@@ -104,7 +104,7 @@ def test_the_front_is_where_bang_bang_trajectories_end() -> None:
 
 def test_table_7_2() -> None:
     dynamics, times = arm(), (1.0, 2.0, 3.0, 4.0)
-    reached = reach(dynamics, times)
+    reached = reach(dynamics, times, Scheme(81, 81))
     held = dynamics.joint.held(STIFFNESS, REST)
     bounds = [reached_and_held(dynamics, reached, k) for k in range(len(times))]
     lower, upper = np.degrees([part[0][0] for part in bounds]), np.degrees([part[-1][1] for part in bounds])
@@ -112,7 +112,7 @@ def test_table_7_2() -> None:
     assert lower == pytest.approx(static[0], abs=0.1)
     assert np.all(np.diff(upper) >= 0)
     assert upper[0] < static[1] - 30
-    assert upper[-1] == pytest.approx(static[1], abs=2.0)
+    assert upper[-1] == pytest.approx(static[1], abs=3.0)
     assert np.all(upper <= static[1] + 1e-6)
 
 
@@ -147,7 +147,8 @@ def test_a_damper_slows_the_front() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"), [({"inertia": 0.0}, "inertia"), ({"stiffness": -1.0}, "stiffness"), ({"damping": -1.0}, "damping")]
+    ("changed", "told"),
+    [({"inertia": 0.0}, "inertia"), ({"stiffness": -1.0}, "stiffness"), ({"damping": -1.0}, "damping")],
 )
 def test_dynamics_that_cannot_be(changed: dict[str, float], told: str) -> None:
     with pytest.raises(ValueError, match=told):
@@ -155,7 +156,9 @@ def test_dynamics_that_cannot_be(changed: dict[str, float], told: str) -> None:
 
 
 def test_a_map_resumes_where_it_was_left(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    grid = SearchGrid(stiffness_mNm_per_deg=(25, 75, 25), rest_deg=(200, 320, 60), horizon_s=0.5, angles=41, velocities=41)
+    grid = SearchGrid(
+        stiffness_mNm_per_deg=(25, 75, 25), rest_deg=(200, 320, 60), horizon_s=0.5, angles=41, velocities=41
+    )
     told: list[str] = []
 
     def stopped(line: str) -> None:

@@ -46,8 +46,8 @@ def test_a_search_in_two_numbers_finds_what_trying_everything_finds() -> None:
     sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
     found = prescribe_several(sampled, places, STRENGTH)
     most = 0
-    for stiffness in np.linspace(0, 8, 81):
-        for rest in np.linspace(-2 * np.pi, 2 * np.pi, 181):
+    for stiffness in np.linspace(0, 8, 41):
+        for rest in np.linspace(-2 * np.pi, 2 * np.pi, 91):
             needed = sampled.gravity.copy()
             needed[:, 0] += stiffness * (sampled.stretch[:, 0] - rest)
             held = np.all(np.abs(needed) <= STRENGTH[:, 1], axis=1)
