@@ -2,10 +2,10 @@
 
     python benchmarks/levelset.py [NODES]
 
-It needs `hj_reachability` (with jax, on the CPU), which is not among this program's dependencies. Both solve the tube of
-states that the joint of docs/prescribe.md reaches within 2 s, with the second-order scheme of each. The first solve of
-either, which compiles, does not count. What is printed is the least of several times, their ratio, and by how much the two
-sets differ.
+It needs `hj_reachability` (with jax, on the CPU), which is not among this program's dependencies. Both solve the tube
+of states that the joint of docs/prescribe.md reaches within 2 s, with the second-order scheme of each. The first solve
+of either, which compiles, does not count. What is printed is the least of several times, their ratio, and by how much
+the two sets differ.
 """
 
 from __future__ import annotations
@@ -95,9 +95,8 @@ def main() -> None:
     print(f"  mocap-id, where the front is   {band:.3f} s")
     print(f"  mocap-id, the whole grid       {whole:.3f} s")
     print(f"  hj_reachability, the same      {other:.3f} s")
-    print(
-        f"  theirs by ours: {other / band:.1f} and {other / whole:.1f}; the sets differ in {100 * apart:.1f} % of their states"
-    )
+    print(f"  theirs by ours: {other / band:.1f} and {other / whole:.1f}")
+    print(f"  the sets differ in {100 * apart:.1f} % of their states")
 
 
 if __name__ == "__main__":

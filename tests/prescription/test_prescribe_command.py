@@ -79,12 +79,24 @@ def test_the_example_writes_everything(tmp_path: Path) -> None:
 
 def test_two_joints_with_tasks(tmp_path: Path) -> None:
     tasks = "tasks: [{name: near, point_m: [-0.2, 1.25]}, {name: far, point_m: [-0.45, 1.3]}]\n"
-    found = prescribed(tmp_path, CHAIN + tasks)
+    found = prescribed(tmp_path, CHAIN + tasks + "postures: 1024\nboxes: 3000\n")
     assert found["helps"]
     assert found["functional_workspace_m2"] > 2 * found["functional_workspace_without_m2"]
     assert found["functional_workspace_m2"] + found["gap_m2"] <= found["reachable_m2"] + 0.01
     assert [node["name"] for node in found["sub_workspaces"]["nodes"]] == ["near", "far"]
     assert all(node["springs"] is not None for node in found["sub_workspaces"]["nodes"])
+
+
+@pytest.mark.parametrize("body", [ARM + JOINTS, CHAIN])
+def test_without_springs_it_tells_what_can_be_held(body: str, tmp_path: Path) -> None:
+    found = prescribed(tmp_path, body + "springs: []\npostures: 512\n")
+    assert not found["helps"]
+    assert found["springs"] == []
+    if "range_deg" in found:
+        assert found["range_deg"] == found["range_without_deg"]
+    else:
+        assert found["functional_workspace_m2"] == found["functional_workspace_without_m2"] > 0
+        assert found["gap_m2"] == 0
 
 
 MISTAKES = {
@@ -166,7 +178,7 @@ def test_a_trial_without_dynamics_has_a_workspace_alone(reaching_arm: Path, tmp_
 @pytest.mark.recordings
 def test_two_sessions_over_each_other(reaching_arm: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = call("workspace", reaching_arm, "--compare", reaching_arm, "--out", out, "--json", "-q")
+    result = call("workspace", reaching_arm, "--compare", reaching_arm, "--samples", 2000, "--out", out, "--json", "-q")
     assert result.exit_code == 0, result.exception
     found = json.loads(result.stdout)
     assert found["change"]["gained"] == found["change"]["lost"] == 0

@@ -117,6 +117,8 @@ class PrescriptionFile(Settings):
     level_set: LevelSet | None = Field(None, description="the reachable set over time, of one joint")
     search: SearchGrid | None = Field(None, description="a map of springs by level sets, of one joint")
     tasks: tuple[Task, ...] = Field((), max_length=50, description="tasks to make a graph of sub-workspaces from")
+    postures: int = Field(4096, ge=256, le=1 << 17, description="of several joints: postures that are sampled")
+    boxes: int = Field(20_000, ge=1, description="of several joints: boxes of springs looked at before the search ends")
     seed: int = Field(0, ge=0, description="of the sampled postures")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.upwind import march
+from mocap_id.prescription.upwind import Method, Motion, march
 
 CFL = 0.8
 """Share of the largest stable step."""
@@ -201,26 +201,13 @@ def solve(  # noqa: PLR0917
     drift = dynamics.drift(grid.angle[:, None], grid.velocity)
     low = np.ascontiguousarray(drift + dynamics.joint.torque_low / dynamics.inertia)
     high = np.ascontiguousarray(drift + dynamics.joint.torque_high / dynamics.inertia)
+    motion = Motion(grid.velocity, low, high, grid.steps, np.minimum(barrier, cap))
+    method = Method(CFL, cap, scheme.second_order, scheme.friedrichs, scheme.grows_only)
     padded = np.pad(np.minimum(np.maximum(first, barrier), cap), _PAD)
     arrival = np.where(padded[_PAD:-_PAD, _PAD:-_PAD] <= 0, 0.0, np.inf)
     values = []
     for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
-        march(
-            padded,
-            arrival,
-            np.minimum(barrier, cap),
-            grid.velocity,
-            low,
-            high,
-            grid.steps,
-            begin,
-            end,
-            CFL,
-            cap,
-            scheme.second_order,
-            scheme.friedrichs,
-            scheme.grows_only,
-        )
+        march(padded, arrival, motion, method, begin, end)
         values.append(padded[_PAD:-_PAD, _PAD:-_PAD].copy())
     return Reached(grid, tuple(times), np.stack(values), arrival)
 

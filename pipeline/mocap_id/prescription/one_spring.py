@@ -40,7 +40,7 @@ class Wishes:
     rest : (low, high)
         Rest angles that are allowed, rad.
     stiffest : float, optional
-        Largest stiffness, N·m/rad; by default only what could not bring anything is left out.
+        Largest stiffness, N·m/rad; by default only what could not bring anything is left out; 0 for no spring.
     penalty : float
         δ: of the stiffness over mgl, rad.
     """
@@ -104,7 +104,7 @@ def prescribe(joint: OneJoint, wishes: Wishes = Wishes()) -> Prescription:
             )
     without = _containing(joint, 0.0, 0.0, wishes.required)
     none = -np.inf if without is None else without[1] - without[0]
-    best, bound = _search(joint, wishes, none)
+    best, bound = _search(joint, wishes, none) if wishes.stiffest != 0 else (None, none)
     free = joint.widest(0.0, 0.0)
     if without is not None and (best is None or _worth(joint, wishes, best) <= none + _HELPS):
         return Prescription(0.0, np.nan, without, free, max(bound - none, 0.0), False)

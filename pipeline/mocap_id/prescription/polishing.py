@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,36 @@ def polished(  # noqa: PLR0917
         Of the optimum, or of the start where none was found; whether they hold more is for the caller to see.
     """
     low, high, stiffness, at = start
+    weight = joint.weight
+    first = np.array([low, high, stiffness / weight, stiffness * at / weight])
+    bounds = Bounds(
+        np.array([joint.lower, joint.lower, 0.0, -np.inf]),
+        np.array([joint.upper, joint.upper, stiffest / weight, np.inf]),
+    )
+    within: Any = {"type": "ineq", "fun": _margins(joint, start, required, rest)}
+    options: Any = {"ftol": 1e-12, "maxiter": 100}
+
+    def cost(x: FloatArray) -> float:
+        return float(x[0] - x[1] + penalty * x[2])
+
+    found = minimize(
+        cost,
+        first,
+        method="SLSQP",
+        bounds=bounds,
+        constraints=within,
+        options=options,
+    )
+    if not np.isfinite(found.x).all() or found.x[2] <= 0:
+        return stiffness, at
+    return float(found.x[2] * weight), float(np.clip(found.x[3] / found.x[2], *rest))
+
+
+def _margins(
+    joint: OneJoint, start: tuple[float, float, float, float], required: Sequence[float], rest: tuple[float, float]
+) -> Callable[[FloatArray], FloatArray]:
+    """How far a range's ends, stiffness and shift are from breaking each limit; stiffness and shift by the weight."""
+    low, high, stiffness, _ = start
     weight, phase = joint.weight, float(np.arctan2(joint.cosine, joint.sine))
     inside = joint.turning_points(stiffness)
     inside = inside[(inside > low) & (inside < high)]
@@ -64,20 +94,4 @@ def polished(  # noqa: PLR0917
         value = torques(x)
         return np.concatenate([value - least, most - value, [x[3] - x[2] * rest[0], x[2] * rest[1] - x[3]]])
 
-    first = np.array([low, high, stiffness / weight, stiffness * at / weight])
-    bounds = Bounds(
-        np.array([joint.lower, joint.lower, 0.0, -np.inf]),
-        np.array([joint.upper, joint.upper, stiffest / weight, np.inf]),
-    )
-    within: Any = {"type": "ineq", "fun": margins}
-    found = minimize(
-        lambda x: x[0] - x[1] + penalty * x[2],
-        first,
-        method="SLSQP",
-        bounds=bounds,
-        constraints=within,
-        options={"ftol": 1e-12, "maxiter": 100},
-    )
-    if not np.isfinite(found.x).all() or found.x[2] <= 0:
-        return stiffness, at
-    return float(found.x[2] * weight), float(np.clip(found.x[3] / found.x[2], *rest))
+    return margins

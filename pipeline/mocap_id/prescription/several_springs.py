@@ -64,9 +64,10 @@ class _Search:
     def __init__(self, postures: Postures, places: Sequence[Place], torque: FloatArray, penalty: float) -> None:
         joints = postures.gravity.shape[1]
         self.postures, self.torque, self.penalty = postures, torque, penalty
-        self.across: BoolArray = np.array([[j in place.joints for j in range(joints)] for place in places])
-        self.low = np.array([[0.0, place.rest[0]] for place in places])
-        self.high = np.array([[place.stiffest, place.rest[1]] for place in places])
+        across = [[j in place.joints for j in range(joints)] for place in places]
+        self.across: BoolArray = np.array(across, dtype=np.bool_).reshape(-1, joints)
+        self.low = np.array([[0.0, place.rest[0]] for place in places]).reshape(-1, 2)
+        self.high = np.array([[place.stiffest, place.rest[1]] for place in places]).reshape(-1, 2)
         self.boxes = 0
 
     def cells(self, low: FloatArray, high: FloatArray) -> int:
@@ -134,7 +135,7 @@ def prescribe_several(
     ----------
     postures : Postures
     places : sequence of Place
-        Where springs may be.
+        Where springs may be; without any it is told what can be held.
     torque : (n, 2) array
         The person's limits, N·m.
     penalty : float
@@ -151,7 +152,7 @@ def prescribe_several(
     nothing = np.stack([np.zeros(len(places)), 0.5 * (search.low + search.high)[:, 1]], axis=1)
     none = search.worth(nothing)
     free = _free_cells(search, nothing)
-    best, worth, bound = _branch(search, nothing, none, boxes)
+    best, worth, bound = _branch(search, nothing, none, boxes) if places else (nothing, none, none)
     if worth == -np.inf:
         why = "none were found that do" if bound > -np.inf else "none do"
         raise ValueError(f"no springs let the person hold every required point: {why}")

@@ -111,7 +111,9 @@ def postures(  # noqa: PLR0917
         parts.append(found)
         owners.append(np.full(len(found), cells + k, dtype=np.int64))
     q = np.concatenate(parts)
-    stretch = np.stack([q[:, list(place.joints)].sum(axis=1) for place in places], axis=1)
+    stretch = np.zeros((len(q), len(places)))
+    for s, place in enumerate(places):
+        stretch[:, s] = q[:, list(place.joints)].sum(axis=1)
     return Postures(weights.torques(q), stretch, np.concatenate(owners), cells, len(required), side**2, q, arm.tips(q))
 
 

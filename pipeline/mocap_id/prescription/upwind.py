@@ -9,12 +9,32 @@ dissipation.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.compiled import compiled
 
-_PAD = 2
+
+class Motion(NamedTuple):
+    """How a state moves, on a grid of N angles and M velocities."""
+
+    velocity: FloatArray  # (M,) rad/s
+    slowest: FloatArray  # (N, M) least acceleration, rad/s²
+    fastest: FloatArray  # (N, M) largest acceleration, rad/s²
+    steps: FloatArray  # (2,) of the grid, rad and rad/s
+    barrier: FloatArray  # (N, M) χ is never less: positive where the joint cannot go
+
+
+class Method(NamedTuple):
+    """How the equation is solved."""
+
+    cfl: float  # share of the largest stable step
+    cap: float  # largest value of χ
+    second_order: bool  # limited second differences, and Heun's steps
+    friedrichs: bool  # Lax–Friedrichs
+    grows_only: bool  # max[0, H] rather than H
 
 
 @compiled
@@ -42,18 +62,42 @@ def _limited(a: float, b: float) -> float:  # pragma: no cover
 
 
 @compiled
-def advance(  # noqa: PLR0917
-    padded: FloatArray,
-    out: FloatArray,
-    velocity: FloatArray,
-    slowest: FloatArray,
-    fastest: FloatArray,
-    steps: FloatArray,
-    dt: float,
-    cap: float,
-    second_order: bool,
-    friedrichs: bool,
-    grows_only: bool,
+def _sides(
+    before: float, left: float, right: float, after: float, second_order: bool
+) -> tuple[float, float]:  # pragma: no cover
+    """Derivatives from the left and the right, from four differences in a row."""
+    if not second_order:
+        return left, right
+    bend = right - left
+    return left + 0.5 * _limited(bend, left - before), right - 0.5 * _limited(bend, after - right)
+
+
+@compiled
+def _friedrichs(
+    x2: float, low: float, high: float, p1: tuple[float, float], p2: tuple[float, float]
+) -> float:  # pragma: no cover
+    """H by eq. 7.15, with the α of eq. 7.20."""
+    middle = 0.5 * (p2[0] + p2[1])
+    h = 0.5 * x2 * (p1[0] + p1[1]) + (middle * high if middle > 0 else middle * low)
+    return h - 0.5 * abs(x2) * (p1[1] - p1[0]) - 0.5 * max(abs(low), abs(high)) * (p2[1] - p2[0])
+
+
+@compiled
+def _godunov(
+    x2: float, low: float, high: float, p1: tuple[float, float], p2: tuple[float, float]
+) -> float:  # pragma: no cover
+    """H of the front that the two sides make: each term from where it comes."""
+    h = x2 * p1[0] if x2 > 0 else x2 * p1[1]
+    if low > 0:
+        return h + (p2[0] * high if p2[0] > 0 else p2[0] * low)
+    if high < 0:
+        return h + (p2[1] * high if p2[1] > 0 else p2[1] * low)
+    return h + max(max(p2[0], 0.0) * high, min(p2[1], 0.0) * low)
+
+
+@compiled
+def advance(
+    padded: FloatArray, out: FloatArray, motion: Motion, method: Method, dt: float
 ) -> float:  # pragma: no cover
     """One Euler step; the largest rate at which anything crosses a node, 1/s.
 
@@ -65,63 +109,29 @@ def advance(  # noqa: PLR0917
         χ with two values beyond every edge.
     out : (N + 4, M + 4) array
         Its inner part is written.
-    velocity : (M,) array
-        x₂, rad/s.
-    slowest, fastest : (N, M) arrays
-        Least and largest acceleration, rad/s².
-    steps : (2,) array
-        Of the grid, rad and rad/s.
+    motion : Motion
+    method : Method
     dt : float
         s.
-    cap : float
-        Largest value of χ.
-    second_order, friedrichs, grows_only : bool
-        Limited second differences; Lax–Friedrichs; max[0, H] rather than H.
     """
-    rows, columns = slowest.shape
-    by1, by2 = 1.0 / steps[0], 1.0 / steps[1]
+    by1, by2, cap = 1.0 / motion.steps[0], 1.0 / motion.steps[1], method.cap
+    velocity, slowest, fastest = motion.velocity, motion.slowest, motion.fastest
+    second_order, friedrichs, grows_only = method.second_order, method.friedrichs, method.grows_only
     rate = 0.0
-    for i in range(rows):
-        a = i + 2
-        for j in range(columns):
-            b = j + 2
-            here = padded[a, b]
-            if (
-                here >= cap
-                and padded[a - 1, b] >= cap
-                and padded[a + 1, b] >= cap
-                and padded[a, b - 1] >= cap
-                and padded[a, b + 1] >= cap
-            ):
+    for a in range(2, padded.shape[0] - 2):
+        for b in range(2, padded.shape[1] - 2):
+            here, west, east = padded[a, b], padded[a - 1, b], padded[a + 1, b]
+            south, north = padded[a, b - 1], padded[a, b + 1]
+            if here >= cap and west >= cap and east >= cap and south >= cap and north >= cap:
                 out[a, b] = here
                 continue
-            left, right = (here - padded[a - 1, b]) * by1, (padded[a + 1, b] - here) * by1
-            down, up = (here - padded[a, b - 1]) * by2, (padded[a, b + 1] - here) * by2
-            if second_order:
-                bend = right - left
-                before, after = left - (padded[a - 1, b] - padded[a - 2, b]) * by1, 0.0
-                after = (padded[a + 2, b] - padded[a + 1, b]) * by1 - right
-                left += 0.5 * _limited(bend, before)
-                right -= 0.5 * _limited(bend, after)
-                bend = up - down
-                before = down - (padded[a, b - 1] - padded[a, b - 2]) * by2
-                after = (padded[a, b + 2] - padded[a, b + 1]) * by2 - up
-                down += 0.5 * _limited(bend, before)
-                up -= 0.5 * _limited(bend, after)
-            x2, low, high = velocity[j], slowest[i, j], fastest[i, j]
+            before, after = (west - padded[a - 2, b]) * by1, (padded[a + 2, b] - east) * by1
+            p1 = _sides(before, (here - west) * by1, (east - here) * by1, after, second_order)
+            before, after = (south - padded[a, b - 2]) * by2, (padded[a, b + 2] - north) * by2
+            p2 = _sides(before, (here - south) * by2, (north - here) * by2, after, second_order)
+            x2, low, high = velocity[b - 2], slowest[a - 2, b - 2], fastest[a - 2, b - 2]
             rate = max(rate, abs(x2) * by1 + max(abs(low), abs(high)) * by2)
-            if friedrichs:
-                p1, p2 = 0.5 * (left + right), 0.5 * (down + up)
-                h = x2 * p1 + (p2 * high if p2 > 0 else p2 * low)
-                h -= 0.5 * abs(x2) * (right - left) + 0.5 * max(abs(low), abs(high)) * (up - down)
-            else:
-                h = x2 * left if x2 > 0 else x2 * right
-                if low > 0:
-                    h += down * high if down > 0 else down * low
-                elif high < 0:
-                    h += up * high if up > 0 else up * low
-                else:
-                    h += max(max(down, 0.0) * high, min(up, 0.0) * low)
+            h = _friedrichs(x2, low, high, p1, p2) if friedrichs else _godunov(x2, low, high, p1, p2)
             if grows_only and h < 0:
                 h = 0.0
             out[a, b] = here - dt * h
@@ -129,71 +139,53 @@ def advance(  # noqa: PLR0917
 
 
 @compiled
+def _take(  # noqa: PLR0917
+    padded: FloatArray, new: FloatArray, arrival: FloatArray, motion: Motion, time: float, dt: float, heun: bool
+) -> None:  # pragma: no cover
+    """Put the new values in place, above the barrier, and note what was reached for the first time."""
+    for i in range(arrival.shape[0]):
+        for j in range(arrival.shape[1]):
+            before = padded[i + 2, j + 2]
+            after = 0.5 * (before + new[i + 2, j + 2]) if heun else new[i + 2, j + 2]
+            after = max(after, motion.barrier[i, j])
+            if after <= 0.0 and before > 0.0 and arrival[i, j] == np.inf:
+                arrival[i, j] = time + dt * before / (before - after)
+            padded[i + 2, j + 2] = after
+
+
+@compiled
 def march(  # noqa: PLR0917
-    padded: FloatArray,
-    arrival: FloatArray,
-    barrier: FloatArray,
-    velocity: FloatArray,
-    slowest: FloatArray,
-    fastest: FloatArray,
-    steps: FloatArray,
-    start: float,
-    end: float,
-    cfl: float,
-    cap: float,
-    second_order: bool,
-    friedrichs: bool,
-    grows_only: bool,
+    padded: FloatArray, arrival: FloatArray, motion: Motion, method: Method, start: float, end: float
 ) -> int:  # pragma: no cover
     """Advance χ in place from one time to another; the number of steps.
 
-    A step is as long as the front's own rates allow. It is cut where it turns out too long for what the front came
-    upon.
+    A step is as long as the front's own rates allow; where what the front comes upon is faster, it is cut.
 
     Parameters
     ----------
-    padded, velocity, slowest, fastest, steps, second_order, friedrichs, grows_only
+    padded : (N + 4, M + 4) array
         As for :func:`advance`.
     arrival : (N, M) array
         When each state was first reached, s; infinite before.
-    barrier : (N, M) array
-        χ is never less: positive where the joint cannot go.
+    motion : Motion
+    method : Method
     start, end : float
         s.
-    cfl : float
-        Share of the largest stable step.
-    cap : float
-        As for :func:`advance`.
     """
-    rows, columns = slowest.shape
     first, second = padded.copy(), padded.copy()
-    time, taken, rate = start, 0, 0.0
+    time, taken = start, 0
     fill_edges(padded)
-    rate = advance(padded, first, velocity, slowest, fastest, steps, 0.0, cap, second_order, friedrichs, grows_only)
-    while time < end:
-        dt = end - time if rate == 0.0 else min(end - time, cfl / rate)
+    rate = advance(padded, first, motion, method, 0.0)
+    while end - time > 1e-12 * end:
+        dt = end - time if rate == 0.0 else min(end - time, method.cfl / rate)
         fill_edges(padded)
-        found = advance(padded, first, velocity, slowest, fastest, steps, dt, cap, second_order, friedrichs, grows_only)
-        if second_order:
+        rate = advance(padded, first, motion, method, dt)
+        if method.second_order:
             fill_edges(first)
-            later = advance(
-                first, second, velocity, slowest, fastest, steps, dt, cap, second_order, friedrichs, grows_only
-            )
-            found = max(found, later)
-        if found * dt > 1.0:
-            rate = found
+            rate = max(rate, advance(first, second, motion, method, dt))
+        if rate * dt > 1.0:
             continue
-        rate = found
-        for i in range(rows):
-            for j in range(columns):
-                before = padded[i + 2, j + 2]
-                after = 0.5 * (before + second[i + 2, j + 2]) if second_order else first[i + 2, j + 2]
-                after = max(after, barrier[i, j])
-                if after <= 0.0 and before > 0.0 and arrival[i, j] == np.inf:
-                    arrival[i, j] = time + dt * before / (before - after)
-                padded[i + 2, j + 2] = after
+        _take(padded, second if method.second_order else first, arrival, motion, time, dt, method.second_order)
         time += dt
         taken += 1
-        if end - time < 1e-12 * end:
-            break
     return taken

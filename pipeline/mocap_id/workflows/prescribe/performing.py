@@ -14,7 +14,7 @@ from mocap_id.config.prescription import LevelSet, PrescriptionConfig, SpringWis
 from mocap_id.errors import ConfigError
 from mocap_id.prescription.level_set import Dynamics, Reached, Scheme, reach, reached_and_held
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.one_spring import Prescription, Wishes, prescribe
+from mocap_id.prescription.one_spring import REST, Prescription, Wishes, prescribe
 from mocap_id.prescription.several_springs import Springs, prescribe_several
 from mocap_id.prescription.springs import Place, Postures, postures
 from mocap_id.prescription.sub_workspaces import Graph
@@ -149,12 +149,12 @@ def _one(result: Prescribed, folder: Path | None, tell: Tell) -> Prescribed:
     wishes = result.config.wishes
     joint = result.body.one_joint()
     spring = wishes.springs[0] if wishes.springs else None
-    if wishes.springs is not None and len(wishes.springs) != 1:
+    if wishes.springs is not None and len(wishes.springs) > 1:
         raise ValueError(f"one joint takes one spring, and {len(wishes.springs)} are described under `springs:`")
     asked = Wishes(
         required=tuple(np.radians(wishes.required_deg).tolist()),
-        rest=result.places[0].rest,
-        stiffest=None if spring is None else spring.stiffest,
+        rest=result.places[0].rest if result.places else REST,
+        stiffest=0.0 if wishes.springs == () else None if spring is None else spring.stiffest,
         penalty=wishes.penalty,
     )
     found = prescribe(joint, asked)
@@ -192,6 +192,6 @@ def _several(result: Prescribed) -> Prescribed:
     wishes, found = result.config.wishes, result.body
     assert found.weights is not None
     required = np.array(wishes.required_m, dtype=np.float64).reshape(-1, 2)
-    sampled = postures(found.arm, found.weights, found.limits, result.places, required, seed=wishes.seed)
-    springs = prescribe_several(sampled, result.places, found.strength, wishes.penalty)
+    sampled = postures(found.arm, found.weights, found.limits, result.places, required, wishes.postures, wishes.seed)
+    springs = prescribe_several(sampled, result.places, found.strength, wishes.penalty, wishes.boxes)
     return replace(result, postures=sampled, several=springs)

@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.prescription import Task
 from mocap_id.prescription.least_spring import least_spring
+from mocap_id.prescription.one_spring import REST
 from mocap_id.prescription.several_springs import holds, prescribe_several
 from mocap_id.prescription.springs import postures
 from mocap_id.prescription.sub_workspaces import Graph, Node, graph
@@ -57,8 +58,8 @@ def _angle_node(name: str, tasks: Sequence[Task], found: Prescribed, angles: Flo
         raise ValueError(
             f"the tasks of `{name}`, {np.degrees(low):.1f}° to {np.degrees(high):.1f}°, go beyond the joint's limits"
         )
-    place = found.places[0]
-    spring = least_spring(joint, (low, high), place.rest, place.stiffest)
+    allowed, stiffest = (found.places[0].rest, found.places[0].stiffest) if found.places else (REST, 0.0)
+    spring = least_spring(joint, (low, high), allowed, stiffest)
     members = tuple(task.name for task in tasks)
     if spring is None:
         return Node(name, members, None, None, np.zeros(len(angles), dtype=bool))
@@ -73,10 +74,10 @@ def _tip_node(name: str, tasks: Sequence[Task], found: Prescribed, free: BoolArr
     body, members = found.body, tuple(task.name for task in tasks)
     assert body.weights is not None and found.postures is not None
     points = np.concatenate([_points(task) for task in tasks])
-    seed = found.config.wishes.seed
-    sampled = postures(body.arm, body.weights, body.limits, found.places, points, seed=seed)
+    wishes = found.config.wishes
+    sampled = postures(body.arm, body.weights, body.limits, found.places, points, wishes.postures, wishes.seed)
     try:
-        springs = prescribe_several(sampled, found.places, body.strength, _LEAST_FIRST)
+        springs = prescribe_several(sampled, found.places, body.strength, _LEAST_FIRST, wishes.boxes)
     except ValueError:
         return Node(name, members, None, None, np.zeros(int(free.sum()), dtype=bool))
     held = holds(found.postures, found.places, body.strength, springs)[free]

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from mocap_id import __version__
+from mocap_id.prescription.several_springs import holds
 from mocap_id.prescription.sub_workspaces import Graph
-from mocap_id.reporting.reach import heat, ranges, timed
+from mocap_id.reporting.reach import functional, heat, ranges, timed
 from mocap_id.reporting.reach.drawing import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.prescribe.performing import Prescribed, Timed
@@ -69,6 +71,8 @@ def write(folder: Path, found: Prescribed) -> tuple[str, ...]:
         contents["range.svg"] = drawn(
             "range", f"range with and without a spring: {name}", lambda: ranges.draw(joint, one)
         )
+    if found.postures is not None and found.several is not None:
+        contents["functional.svg"] = drawn("functional", f"what can be held: {name}", lambda: _held(found))
     if over is not None:
         contents["level_set.svg"] = drawn(
             "level-set",
@@ -87,6 +91,15 @@ def write(folder: Path, found: Prescribed) -> tuple[str, ...]:
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)
     return tuple(contents)
+
+
+def _held(found: Prescribed) -> Figure:
+    springs, sampled, strength = found.several, found.postures, found.body.strength
+    assert springs is not None and sampled is not None
+    none = holds(sampled, (), strength, springs)
+    return functional.draw(
+        sampled.tips, none, holds(sampled, found.places, strength, springs), found.body.arm.centres[0]
+    )
 
 
 def _one(found: Prescribed) -> dict[str, Any]:
