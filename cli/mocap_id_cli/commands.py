@@ -100,6 +100,16 @@ COMMANDS = (
         partial(_found, "doctoring", "doctor"),
     ),
     Entry(
+        "workspace",
+        "What the tip of the chain can reach within the joint limits that were seen: area, or volume in space.",
+        partial(_found, "workspace", "workspace"),
+    ),
+    Entry(
+        "prescribe",
+        "The springs that let a weak person hold most of a joint's, or a chain's, range.",
+        partial(_found, "prescribing", "prescribe"),
+    ),
+    Entry(
         "inspect",
         "Print what a recording holds: markers, rates, gaps, force plates, oddities.",
         partial(_found, "inspecting", "inspect"),
