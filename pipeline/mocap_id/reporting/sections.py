@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mocap_id.reporting import readings, rising, tables
+from mocap_id.reporting.encoder import encoder_table
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.shape import BaseEntry, Summary
@@ -41,7 +42,9 @@ def sections(material: Material, summary: Summary) -> list[Section]:
         Section(
             "skeleton", skeleton, "planar.parquet", ("skeleton",), (tables.joints(summary), tables.lengths(summary))
         ),
-        Section("states", "Joint states", "states.parquet", ("states",), (_noise(material, summary),)),
+        Section(
+            "states", "Joint states", "states.parquet", ("states",), (_noise(material, summary), encoder_table(summary))
+        ),
         Section(
             "repetitions",
             "Repetitions",
@@ -164,7 +167,7 @@ def _clock(summary: Summary) -> tables.Grid:
 
 def _identification(material: Material) -> tables.Grid:
     """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice"}
+    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque"}
     return tables.facts("Identification", _but(material.facts("dynamics.h5"), shown))
 
 

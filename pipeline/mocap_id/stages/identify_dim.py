@@ -27,6 +27,7 @@ from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
 from mocap_id.stages import skin_artefact, surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.encoder_torque import torque_facts
 from mocap_id.stages.repetition_averages import averages
 from mocap_id.stages.rivals import rivals
 from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
@@ -167,7 +168,8 @@ def _identified(
     )
     frame = artefacts.dynamics_frame(result)
     facts = artefacts.dynamics_facts(result, frame, _joint_names(context)) | {
-        "external": surroundings.facts(prepared, found.fit)
+        "external": surroundings.facts(prepared, found.fit),
+        "torque": torque_facts(context, frame),
     }
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
@@ -290,10 +292,10 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=10,
-    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
+    version=11,
+    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
-    uses=("trial", "protocol", "subject", "compare"),
+    uses=("trial", "protocol", "subject", "compare", "encoder"),
     settings=IdentifyDimSettings,
     function=identify_dim,
     help="Identify the inertial parameters from joint angles and the wrench of the ground.",
