@@ -40,7 +40,8 @@ def dense(
         equations.append(wide)
         targets.append(target)
 
-    add(0, np.diag(1 / np.array(START_SD)), np.zeros(3))
+    start = 1 / np.array(START_SD)
+    add(0, np.diag(start), start * [values[0, 0], 0.0, 0.0])
     for k, dt in enumerate(np.diff(times)):
         step = np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
         shape = [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]

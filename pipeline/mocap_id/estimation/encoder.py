@@ -19,8 +19,11 @@ from mocap_id.estimation.compiling import compiled
 
 SIZE = 3
 """Derivatives in the state: angle, velocity, acceleration."""
-START_SD = (1e3, 1e2, 1e3)
-"""What is known before the first sample: rad, rad/s, rad/s^2."""
+START_SD = (1.0, 30.0, 1e3)
+"""What is known before the first sample, about whose position the angle is counted: rad, rad/s, rad/s^2.
+
+No more than it takes: the first update takes the difference of this variance and nearly as much.
+"""
 POSITION_SD_FLOOR, VELOCITY_SD_FLOOR = 1e-7, 1e-6
 """Least noise that is believed, rad and rad/s: records rounded or made by a computer hold less."""
 
@@ -98,7 +101,7 @@ def fuse(
     order = np.argsort(every, kind="stable")
     measured = order < len(time)
     values = np.zeros((len(every), 2))
-    values[measured] = np.column_stack([position, velocity])
+    values[measured] = np.column_stack([position - position[0], velocity])
     mean, sd, likelihood = _smooth(
         every[order],
         measured,
@@ -107,6 +110,7 @@ def fuse(
         noise.density,
         np.square(START_SD),
     )
+    mean[:, 0] += position[0]
     kept = measured if at is None else ~measured
     return Fused(every[order][kept], mean[kept], sd[kept], noise, float(likelihood))
 
@@ -137,7 +141,7 @@ def estimate_noise(
     ceiling = np.array([10.0, 100.0, _DENSITY_BOUNDS[1]])
     start = np.clip(_rough(time, position, velocity), 2 * floor, 0.5 * ceiling)
     open_ = np.isnan(given)
-    measured, values = np.ones(len(time), dtype=np.bool_), np.column_stack([position, velocity])
+    measured, values = np.ones(len(time), dtype=np.bool_), np.column_stack([position - position[0], velocity])
 
     def noise(logs: FloatArray) -> FloatArray:
         full = given.copy()
