@@ -15,6 +15,7 @@ from mocap_id_cli.running import run, stage_command
 from mocap_id_cli.simulating import simulating
 from mocap_id_cli.studying import study
 from mocap_id_cli.transferring import transfer
+from mocap_id_cli.validating import validating
 
 
 def build() -> typer.Typer:
@@ -35,6 +36,7 @@ def build() -> typer.Typer:
     app.command("study")(study)
     app.command("inspect")(inspect)
     app.add_typer(simulating(), name="simulate")
+    app.add_typer(validating(), name="validate")
     app.command("schema")(schema)
     app.command("stages")(stages)
     return app

@@ -13,7 +13,7 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.consistent import Consistency
-from mocap_id.dynamics.excitation import excitation
+from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.judge import judge
@@ -67,6 +67,12 @@ class IdentifyDimSettings(Settings):
     grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
     still_arc_deg: float = Field(3.0, ge=0, description="if no joint turns more, only the mass is known, degrees")
+    weak_share: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="a parameter is weak above this standard deviation, of its size; default: a robot's 0.05, else 0.2",
+    )
     gravity: float = Field(9.81, gt=0, description="m/s^2")
 
 
@@ -158,7 +164,7 @@ def _identified(
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
-        told=excitation(prepared, found),
+        told=excitation(prepared, found, _weak(context)),
         model=model,
         grid=grid,
         rivals=bodies,
@@ -174,6 +180,12 @@ def _identified(
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+
+
+def _weak(context: Context) -> float:
+    """Standard deviation by size above which a parameter is weak: a robot's are wanted to per cents."""
+    given: float | None = context.settings.weak_share
+    return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
 
 
 def _joint_names(context: Context) -> list[str]:

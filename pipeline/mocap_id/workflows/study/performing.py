@@ -57,9 +57,11 @@ class Performed:
 _LOGGERS = ("mocap_id", "py.warnings")
 _PATIENCE = 20.0  # s, for a process that was told to end
 Tell: TypeAlias = Callable[[Performed], None]
+How: TypeAlias = Callable[[Trial], Performed]
+"""A function of a module, which other processes can find."""
 
 
-def perform_all(trials: Sequence[Trial], jobs: int, tell: Tell) -> tuple[Performed, ...]:
+def perform_all(trials: Sequence[Trial], jobs: int, tell: Tell, how: How | None = None) -> tuple[Performed, ...]:
     """Run every trial that is not up to date.
 
     Parameters
@@ -69,14 +71,16 @@ def perform_all(trials: Sequence[Trial], jobs: int, tell: Tell) -> tuple[Perform
         How many at a time, each in a process of its own; 1 for none beside this one.
     tell : callable
         Told of each trial once it is done, in the order in which they end.
+    how : callable, optional
+        Runs one trial; :func:`perform` by default.
 
     Returns
     -------
     tuple of Performed
         In the order of the trials.
     """
-    found = {}
-    for done in map(perform, trials) if jobs <= 1 or len(trials) <= 1 else _side_by_side(trials, jobs):
+    found, how = {}, how or perform
+    for done in map(how, trials) if jobs <= 1 or len(trials) <= 1 else _side_by_side(trials, jobs, how):
         tell(done)
         found[done.trial] = done
     return tuple(found[trial.name] for trial in trials)
@@ -105,13 +109,13 @@ def perform(trial: Trial) -> Performed:
     )
 
 
-def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
+def _side_by_side(trials: Sequence[Trial], jobs: int, how: How) -> Iterator[Performed]:
     # New interpreters, not copies of this one, whose libraries have threads by now.
     context, levels = multiprocessing.get_context("spawn"), {name: logging.getLogger(name).level for name in _LOGGERS}
     pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _begin, (levels,))
     try:
         with _no_ctrl_c():
-            asked = {pool.submit(_perform_until_told, trial): trial for trial in trials}
+            asked = {pool.submit(_perform_until_told, how, trial): trial for trial in trials}
         for future in as_completed(asked):
             try:
                 yield future.result()
@@ -150,11 +154,11 @@ class _Told(BaseException):
     """The process was told to end."""
 
 
-def _perform_until_told(trial: Trial) -> Performed:
-    """:func:`perform` in a process of its own, which takes its half-written files away when it is told to end."""
+def _perform_until_told(how: How, trial: Trial) -> Performed:
+    """``how`` in a process of its own, which takes its half-written files away when it is told to end."""
     signal.signal(signal.SIGTERM, _tell)
     try:
-        return perform(trial)
+        return how(trial)
     except _Told:
         os._exit(128 + signal.SIGTERM)
     finally:
