@@ -18,7 +18,7 @@ _NAMES = {
     "condition": "condition", "mass": "m₁+m₂", "mx1": "mx₁+Tₓm₂", "mx2": "mx₂", "my2": "my₂", "Izz2": "Izz₂",
     "torque": "ε_τ", "Fx": "ε_Fx", "Fy": "ε_Fy", "tauz": "ε_τz",
 }  # fmt: skip
-_DECIMALS = {"mm": 1, "deg": 2, "deg/s": 1, "1": 1}
+_DECIMALS = {"mm": 2, "deg": 3, "deg/s": 2, "1": 1, "kg·m²": 4}
 _SOURCES = {"this": "this program", "thesis": "thesis"}
 
 
@@ -45,7 +45,7 @@ def table(shown: Shown) -> Grid:
 def _column(name: str, unit_: str) -> tuple[str, str, float, int]:
     """A quantity's name, its title with the unit, factor from SI, and decimals."""
     if name.endswith("_r2"):
-        return name, f"{_NAMES[name[:-3]]} r²", 1.0, 4
+        return name, f"{_NAMES[name[:-3]]} r²", 1.0, 5
     shown, factor = _UNITS.get(unit_, (unit(unit_), 1.0))
     title = _NAMES[name] + ("" if unit_ == "1" else f" ({shown})")
     return name, title, factor, _DECIMALS.get(shown, 3)

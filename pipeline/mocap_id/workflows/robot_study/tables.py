@@ -10,7 +10,7 @@ import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.workflows.robot_study.columns import OURS, TABLES, THESIS, TRIALS, Quantity, TableSpec
-from mocap_id.workflows.robot_study.rows import Case, trial_rows
+from mocap_id.workflows.robot_study.rows import REFERENCE, Case, trial_rows
 from mocap_id.workflows.study.columns import frame
 
 _ORDER = ("shoulder", "elbow", "wrist"), ("slow", "fast")
@@ -54,7 +54,8 @@ def _averages(quantities: Sequence[Quantity], own: pd.DataFrame) -> dict[str, fl
         if one.kind == "value":
             values = _known(own[one.name])
             row[f"{one.name}_mean"] = float(np.mean(values)) if len(values) else np.nan
-            row[f"{one.name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 else np.nan
+            given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()  # not found, so without spread
+            row[f"{one.name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 and not given else np.nan
         else:
             bias, sd = _known(own[f"{one.name}_bias"]), _known(own[f"{one.name}_sd"])
             row[f"{one.name}_mean"] = float(np.mean(bias)) if len(bias) else np.nan
