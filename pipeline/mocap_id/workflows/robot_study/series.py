@@ -14,8 +14,8 @@ from mocap_id.workflows.robot_study.obtained import PARAMETERS, WRENCH, Obtained
 from mocap_id.workflows.robot_study.rows import Case, reference_series
 from mocap_id.workflows.robot_study.variants import CAMERAS, DIFFERENCES, ENCODER
 
-_PHASE = np.linspace(0.0, 100.0, 101)  # % of a repetition
-_FRAMES = 240  # of a marker's way that are drawn
+_PHASE = np.linspace(0.0, 100.0, 51)  # % of a repetition
+_FRAMES = 60  # of a marker's way that are drawn
 
 
 def choose(cases: Sequence[Case], joint: str, speed: str) -> list[Case]:
@@ -104,7 +104,7 @@ def _columns(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
 
 
 def _cut(found: Obtained, wrench: FloatArray, start: float, end: float) -> FloatArray:
-    """One repetition (101, 3), in the robot's sense of x."""
+    """One repetition (P, 3), in the robot's sense of x."""
     time = found.done.dynamics["time"].to_numpy(dtype=np.float64)
     at = start + _PHASE / 100 * (end - start)
     sense = np.array([found.gauge.sign, 1.0, found.gauge.sign])
