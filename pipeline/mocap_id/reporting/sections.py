@@ -42,9 +42,7 @@ def sections(material: Material, summary: Summary) -> list[Section]:
         Section(
             "skeleton", skeleton, "planar.parquet", ("skeleton",), (tables.joints(summary), tables.lengths(summary))
         ),
-        Section(
-            "states", "Joint states", "states.parquet", ("states",), (_noise(material, summary), encoder_table(summary))
-        ),
+        Section("states", "Joint states", "states.parquet", ("states",), _states(material, summary)),
         Section(
             "repetitions",
             "Repetitions",
@@ -136,6 +134,10 @@ def _mass_remark(mass: BaseEntry | None) -> str:
 def _condition_remark(summary: Summary) -> str:
     scaled = summary.dynamics.condition_number_scaled
     return "of the regressor" if scaled is None else f"{show(scaled)} with unit-norm columns"
+
+
+def _states(material: Material, summary: Summary) -> tuple[tables.Grid, ...]:
+    return _noise(material, summary), encoder_table(summary)
 
 
 def _noise(material: Material, summary: Summary) -> tables.Grid:
