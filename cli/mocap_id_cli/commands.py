@@ -120,6 +120,11 @@ COMMANDS = (
         partial(_called, "simulating", "simulating"),
     ),
     Entry(
+        "validate",
+        "Repeat the thesis's validation studies.",
+        partial(_called, "validating", "validating"),
+    ),
+    Entry(
         "schema",
         "Print the JSON Schema of a trial's YAML file, for editors.",
         partial(_found, "reference", "schema"),

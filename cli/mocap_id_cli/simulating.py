@@ -9,8 +9,9 @@ from typing import Annotated, cast, get_args
 import typer
 
 from mocap_id.workflows import simulate as simulation
-from mocap_id.workflows.simulate import Cohort, Kind, Options, Strategy
+from mocap_id.workflows.simulate import Cohort, Kind, Options, RobotSet, Strategy
 from mocap_id.workflows.simulate.plate import Sense
+from mocap_id.workflows.simulate.ur5 import JointName, Speed
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
 Seed = Annotated[int, typer.Option(help="Of the body, its motion and every error.")]
@@ -44,6 +45,7 @@ def simulating() -> typer.Typer:
     )
     for kind in get_args(Kind):
         app.command(kind)(trial_command(kind))
+    app.command("robot-set")(robot_set)
     app.command("cohort")(cohort)
     return app
 
@@ -74,6 +76,9 @@ def trial_command(kind: Kind) -> Callable[..., None]:
         attempts: Attempts = Options.attempts,
         hold: Hold = Options.hold,
         rail: Rail = Options.rail,
+        joint: Annotated[JointName | None, typer.Option(help="Of the thesis's robot; any robot without.")] = None,
+        speed: Annotated[Speed, typer.Option(help="Of that joint: 0.25 or 0.5 Hz.")] = Options.speed,
+        orientation: Annotated[float, typer.Option(help="Yaw of that robot, degrees.")] = Options.orientation,
     ) -> None:
         """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
         options = Options(
@@ -97,10 +102,42 @@ def trial_command(kind: Kind) -> Callable[..., None]:
             attempts=attempts,
             hold=hold,
             rail=rail,
+            joint=joint,
+            speed=speed,
+            orientation=orientation,
         )
         typer.echo(simulation.simulate(kind, folder, options))
 
     return command
+
+
+def robot_set(
+    folder: Folder,
+    *,
+    repeats: Annotated[int, typer.Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
+    seed: Annotated[int, typer.Option(help="Of all markers and errors.")] = 1,
+    repetitions: Annotated[int, typer.Option(help="Swings a trial.")] = Options.repetitions,
+    rate: Rate = 480.0,
+    analog_rate: AnalogRate = 2400.0,
+    marker_noise: MarkerNoise = Options.marker_noise,
+    occlusions: Occlusions = Options.occlusions,
+    plate_noise: PlateNoise = Options.plate_noise,
+    plate_bias: PlateBias = Options.plate_bias,
+    clock_offset: ClockOffset = Options.clock_offset,
+) -> None:
+    """Make the thesis's robot study, each joint at two speeds in two orientations, with a robot-study.yaml."""
+    options = Options(
+        seed=seed,
+        repetitions=repetitions,
+        rate=rate,
+        analog_rate=analog_rate,
+        marker_noise=marker_noise,
+        occlusions=occlusions,
+        plate_noise=plate_noise,
+        plate_bias=plate_bias,
+        clock_offset=clock_offset,
+    )
+    typer.echo(simulation.simulate_set(folder, RobotSet(repeats, options=options)))
 
 
 def cohort(

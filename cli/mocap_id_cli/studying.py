@@ -34,7 +34,7 @@ def study(
     from mocap_id.workflows import study as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    found = workflow.run(file, jobs, _teller(quiet))
+    found = workflow.run(file, jobs, teller(quiet))
     if as_json:
         typer.echo(json.dumps(found.document, indent=2, ensure_ascii=False, allow_nan=False))
     else:
@@ -43,7 +43,9 @@ def study(
         raise typer.Exit(1)
 
 
-def _teller(quiet: bool) -> Any:
+def teller(quiet: bool) -> Any:
+    """What tells of every trial on stderr."""
+
     def tell(done: Performed) -> None:
         what = _LEVELS.get(done.exit_code, "failed") or (f"{done.seconds:8.2f} s" if done.computed else "reused")
         typer.echo(f"{done.trial:<28}{what:>10}", err=True)

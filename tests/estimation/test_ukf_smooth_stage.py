@@ -77,7 +77,7 @@ def chain(moving: Moving) -> Tree:
 def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, LongTable]:
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     inputs = {"planar.parquet": table, "chain.h5": chain(moving)}
-    states, markers, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
+    states, markers, *_ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table)
     assert isinstance(markers, LongTable)
     return states, markers

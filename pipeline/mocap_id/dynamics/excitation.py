@@ -25,6 +25,7 @@ Judgement: TypeAlias = Literal["known", "weak", "not identifiable"]
 Change: TypeAlias = Literal["faster", "larger", "alone"]
 
 WEAK = 0.2  # of a parameter's size: its standard deviation
+WEAK_ROBOT = 0.05  # a robot's parameters are wanted to per cents
 LOST = 1.0
 FACTOR = 1.5  # by which a movement is made faster or larger
 _HELPS = 0.8  # of the standard deviation: more is within what the foresight is off by
@@ -85,6 +86,8 @@ class Excitation:
     advice : tuple of (Advice or None)
         The best movement for each; None where none of those that were tried takes a fifth off. Empty where every
         parameter is known: then none is looked for, which takes as long as the identification.
+    weak : float
+        Standard deviation by size above which a parameter is weak.
     """
 
     names: tuple[str, ...]
@@ -94,6 +97,7 @@ class Excitation:
     own: FloatArray
     share: FloatArray
     advice: tuple[Advice | None, ...]
+    weak: float = WEAK
 
     @property
     def doubtful(self) -> tuple[int, ...]:
@@ -101,18 +105,20 @@ class Excitation:
         return tuple(i for i, verdict in enumerate(self.verdict) if verdict != "known")
 
 
-def excitation(prepared: Prepared, found: Identification) -> Excitation:
+def excitation(prepared: Prepared, found: Identification, weak: float = WEAK) -> Excitation:
     """Judge every base parameter, and look for the movement that would tell more of it.
 
     Parameters
     ----------
     prepared : Prepared
     found : Identification
+    weak : float
+        Standard deviation by size above which a parameter is weak.
     """
     size = sizes(prepared, found)
     relative = found.base_sd / np.maximum(size, 1e-300)
     own, share = _own_parts(found.fit.design, found.fit.base)
-    verdict = tuple(_verdict(r, s) for r, s in zip(relative, share, strict=True))
+    verdict = tuple(_verdict(r, s, weak) for r, s in zip(relative, share, strict=True))
     return Excitation(
         names=base_names(prepared.base, prepared.recorded.centres),
         verdict=verdict,
@@ -121,6 +127,7 @@ def excitation(prepared: Prepared, found: Identification) -> Excitation:
         own=own,
         share=share,
         advice=() if set(verdict) == {"known"} else advise(prepared, found),
+        weak=weak,
     )
 
 
@@ -140,10 +147,10 @@ def sizes(prepared: Prepared, found: Identification) -> FloatArray:
     return np.asarray(size)
 
 
-def _verdict(relative: float, share: float) -> Judgement:
+def _verdict(relative: float, share: float, weak: float) -> Judgement:
     if not np.isfinite(relative) or relative > LOST or share < 1.0 / DEPENDENT:
         return "not identifiable"
-    return "weak" if relative > WEAK else "known"
+    return "weak" if relative > weak else "known"
 
 
 def _own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mocap_id.dynamics.excitation import LOST, WEAK, Advice, Excitation
+from mocap_id.dynamics.excitation import LOST, Advice, Excitation
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.optimality import PROVEN
 from mocap_id.dynamics.prepare import Prepared
@@ -137,7 +137,7 @@ def _weakly_known(told: Excitation, joints: Sequence[str]) -> Reason | None:
     none = f"; not identifiable, above {100 * LOST:.0f} %: {', '.join(lost)}" if lost else ""
     return Reason(
         "parameters-weak",
-        f"weakly known, with a standard deviation above {100 * WEAK:.0f} % of their size: {listed}{none}. "
+        f"weakly known, with a standard deviation above {100 * told.weak:.0f} % of their size: {listed}{none}. "
         + " ".join(_recommended(told, doubtful, joints)),
         value=float(len(doubtful)),
     )

@@ -5,6 +5,7 @@ from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.choice import GRAVITY, PlateChoice, choose_plates, doubtful, standing_mass
 from mocap_id.recording.decimation import PlateSamples, averaging_width, decimate
 from mocap_id.recording.description import describe
+from mocap_id.recording.encoder_log import EncoderLog, read_encoder
 from mocap_id.recording.force_log import ForceLog, read_force_log
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.plate_types import PlateSignals
@@ -17,6 +18,7 @@ from mocap_id.recording.writing import write_c3d, write_trc
 __all__ = [
     "GRAVITY",
     "AngleTable",
+    "EncoderLog",
     "ForceLog",
     "MotionTable",
     "Plate",
@@ -34,6 +36,7 @@ __all__ = [
     "motion_text",
     "read",
     "read_angles",
+    "read_encoder",
     "read_force_log",
     "read_table",
     "seat_wrench",

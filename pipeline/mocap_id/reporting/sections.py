@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mocap_id.reporting import readings, rising, tables
+from mocap_id.reporting.encoder import encoder_table
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.shape import BaseEntry, Summary
@@ -41,7 +42,7 @@ def sections(material: Material, summary: Summary) -> list[Section]:
         Section(
             "skeleton", skeleton, "planar.parquet", ("skeleton",), (tables.joints(summary), tables.lengths(summary))
         ),
-        Section("states", "Joint states", "states.parquet", ("states",), (_noise(material, summary),)),
+        Section("states", "Joint states", "states.parquet", ("states",), _states(material, summary)),
         Section(
             "repetitions",
             "Repetitions",
@@ -135,6 +136,10 @@ def _condition_remark(summary: Summary) -> str:
     return "of the regressor" if scaled is None else f"{show(scaled)} with unit-norm columns"
 
 
+def _states(material: Material, summary: Summary) -> tuple[tables.Grid, ...]:
+    return _noise(material, summary), encoder_table(summary)
+
+
 def _noise(material: Material, summary: Summary) -> tables.Grid:
     facts = material.facts("states.parquet")
     values = {
@@ -164,7 +169,7 @@ def _clock(summary: Summary) -> tables.Grid:
 
 def _identification(material: Material) -> tables.Grid:
     """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice"}
+    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque"}
     return tables.facts("Identification", _but(material.facts("dynamics.h5"), shown))
 
 

@@ -97,7 +97,7 @@ class JointEntry(Entry):
 
 
 class LengthEntry(Entry):
-    """Distance between the two joints of a segment."""
+    """Distance between the two joints of a segment; of a robot's base, from the plane's origin to its joint."""
 
     value: float | None
     sd: float | None
@@ -284,6 +284,22 @@ class LoadShareEntry(Entry):
     why: str | None
 
 
+class EncoderEntry(Entry):
+    """A robot's encoder beside the cameras, in the plane's sense: theirs less its, and the model's torque less its.
+
+    ``sign`` is 1 where it counts the plane's way round; a row at t is the state at t + ``clock_offset_s``.
+    """
+
+    sign: int | None
+    zero_rad: float | None
+    zero_sd_rad: float | None
+    clock_offset_s: float | None
+    clock_offset_sd_s: float | None
+    camera: dict[str, ChannelEntry] | None
+    torque: ChannelEntry | None
+    why: str | None
+
+
 class Summary(Entry):
     """The whole file."""
 
@@ -303,5 +319,6 @@ class Summary(Entry):
     five_times: FiveTimesEntry
     attempts: list[AttemptEntry] | None
     load_share: LoadShareEntry
+    encoder: EncoderEntry
     time_s: dict[str, float] | None
     why: str | None

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.arrays import FloatArray
+from mocap_id.reporting.encoder import base_length, channels, encoder
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.repetitions import attempts, five_times, load_share, repetitions
 from mocap_id.reporting.shape import (
     BaseEntry,
-    ChannelEntry,
     DynamicsEntry,
     HeldOutEntry,
     HypothesisEntry,
@@ -67,6 +67,7 @@ def summarise(material: Material) -> Summary:
         five_times=five_times(material),
         attempts=attempts(material),
         load_share=load_share(material),
+        encoder=encoder(material),
         time_s=seconds,
         why=_joined(why),
     )
@@ -178,7 +179,7 @@ def _lengths(material: Material) -> dict[str, LengthEntry] | None:
     for name, length, spread in zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True):
         value, sd = known(length), known(spread)
         entries[name] = LengthEntry(value=value, sd=sd, why=_because("the joint fit gave no finite value", value, sd))
-    return entries
+    return base_length(material, skeleton) | entries
 
 
 def _markers(material: Material) -> MarkersEntry:
@@ -211,7 +212,7 @@ def _dynamics(material: Material) -> DynamicsEntry:
         for key in ("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m")
     }
     samples = known(facts.get("samples"))
-    base, wrench = _base(material), _channels(facts.get("wrench")) or None
+    base, wrench = _base(material), channels(facts.get("wrench")) or None
     consistency = facts.get("consistency")
     mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.frame("wrench.parquet"))
     why = [
@@ -278,23 +279,13 @@ def _at(values: FloatArray, i: int) -> float | None:
     return known(values[i]) if i < len(values) else None
 
 
-def _channels(channels: Mapping[str, Mapping[str, object] | None] | None) -> dict[str, ChannelEntry]:
-    """How far a model is off in each component."""
-    entries = {}
-    for name, channel in (channels or {}).items():
-        numbers = {key: known((channel or {}).get(key)) for key in ("bias", "sd", "r2")}
-        why = _because("it could not be computed over the samples of the fit", *numbers.values())
-        entries[str(name)] = ChannelEntry(**numbers, why=why)
-    return entries
-
-
 def _rival(facts: Mapping[str, Any]) -> RivalEntry:
     height, mass, cop = (known(facts.get(key)) for key in ("height_m", "mass_kg", "cop_rms_m"))
     return RivalEntry(
         height_m=height,
         mass_kg=mass,
         assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
-        wrench=_channels(facts.get("wrench")),
+        wrench=channels(facts.get("wrench")),
         cop_rms_m=cop,
         why=_because("no samples show it off the seat", height, mass, cop),
     )
@@ -304,7 +295,7 @@ def _held_out(material: Material) -> HeldOutEntry:
     facts = material.facts("dynamics.h5")
     found = facts.get("held_out") or {}
     counts = {key: known(found.get(key)) for key in ("repetitions", "folds", "samples")}
-    model, within, reference = (_channels(found.get(key)) or None for key in ("model", "in_sample", "reference"))
+    model, within, reference = (channels(found.get(key)) or None for key in ("model", "in_sample", "reference"))
     offsets = all_known(found.get("clock_offset_s"))
     unknown = found.get("why") or facts.get("why") or material.why_missing("dynamics.h5")
     why = (

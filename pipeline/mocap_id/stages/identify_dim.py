@@ -13,7 +13,7 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.consistent import Consistency
-from mocap_id.dynamics.excitation import excitation
+from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.judge import judge
@@ -27,6 +27,7 @@ from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
 from mocap_id.stages import skin_artefact, surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.encoder_torque import torque_facts
 from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.repetition_averages import averages
 from mocap_id.stages.rivals import rivals
@@ -67,6 +68,12 @@ class IdentifyDimSettings(Settings):
     grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
     still_arc_deg: float = Field(3.0, ge=0, description="if no joint turns more, only the mass is known, degrees")
+    weak_share: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="a parameter is weak above this standard deviation, of its size; default: a robot's 0.05, else 0.2",
+    )
     gravity: float = Field(9.81, gt=0, description="m/s^2")
 
 
@@ -158,7 +165,7 @@ def _identified(
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
-        told=excitation(prepared, found),
+        told=excitation(prepared, found, _weak(context)),
         model=model,
         grid=grid,
         rivals=bodies,
@@ -168,11 +175,18 @@ def _identified(
     )
     frame = artefacts.dynamics_frame(result)
     facts = artefacts.dynamics_facts(result, frame, _joint_names(context)) | {
-        "external": surroundings.facts(prepared, found.fit)
+        "external": surroundings.facts(prepared, found.fit),
+        "torque": torque_facts(context, frame),
     }
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+
+
+def _weak(context: Context) -> float:
+    """Standard deviation by size above which a parameter is weak: a robot's are wanted to per cents."""
+    given: float | None = context.settings.weak_share
+    return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
 
 
 def _joint_names(context: Context) -> list[str]:
@@ -291,10 +305,10 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=10,
-    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
+    version=11,
+    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
-    uses=("trial", "protocol", "subject", "compare"),
+    uses=("trial", "protocol", "subject", "compare", "encoder"),
     settings=IdentifyDimSettings,
     function=identify_dim,
     help=LINEUP["identify-dim"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from mocap_id.estimation.skin import camera_sd, with_lasting_errors
 from mocap_id.kinematics import SkinModel
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
 from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.predicted_markers import beside_measured
 from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, known_skin, lasting_errors, supposed_skin
@@ -33,10 +34,10 @@ _JITTER = 0.25  # of a frame: what rounding to milliseconds does at 500 Hz
 class UkfSmoothSettings(Settings):
     """Noise, gate and engine of the filter."""
 
-    method: Literal["rts", "two-filter", "butterworth", "spline"] = Field(
+    method: Literal["rts", "two-filter", "butterworth", "spline", "encoder"] = Field(
         "rts",
-        description="filter and smoother; to compare with: the thesis's passes forwards and backwards averaged, or the "
-        "angles of single frames through a zero-phase low-pass or a quintic smoothing spline",
+        description="filter and smoother; to compare with: the thesis's passes forwards and backwards averaged, the "
+        "angles of single frames through a zero-phase low-pass or a quintic smoothing spline, or a robot's encoder",
     )
     butterworth_hz: float = Field(
         6.0, gt=0, description="cutoff of each of the two passes of `method: butterworth`, Hz; human movement: 6"
@@ -60,6 +61,15 @@ class UkfSmoothSettings(Settings):
     angle_sd_limit: float = Field(
         0.2, gt=0, description="an angle less certain than this is not given, rad (standard deviation)"
     )
+    encoder_offset_limit_s: float = Field(
+        0.5, ge=0.01, le=10, description="offsets of an encoder's clock up to ± this are tried, s"
+    )
+    encoder_position_sd: float | None = Field(
+        None, gt=0, description="standard deviation of an encoder's position, rad; estimated where not given"
+    )
+    encoder_velocity_sd: float | None = Field(
+        None, gt=0, description="standard deviation of an encoder's velocity, rad/s; estimated where not given"
+    )
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -77,15 +87,17 @@ def ukf_smooth(context: Context) -> Outputs:
     states, sd_holds = _with_sd(states, observed, skin, camera, rate=view.rate, settings=settings)
     del observed
     slips = _skin_tree(tree, states, skin, camera)
+    encoder = beside_cameras(context.trial.encoder, states, view.time, settings)
+    if settings.method == "encoder":
+        states, sd_holds = by_encoder(states, encoder), ENCODER_NOISE
     markers = beside_measured(states, view, columns, chain)
     reasons = _gaps(states, view.time, names, settings) + _for_comparison(settings)
-    if context.trial.encoder is not None:
-        reasons += (_encoder_unused(context.trial.encoder.name),)
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds}
     return (
         Table(STATES, _state_table(states, view.time), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, labels, markers),
         slips,
+        encoder,
     )
 
 
@@ -107,11 +119,17 @@ def _states(
         chain.centres,
         chain.segment[moves],
         chain.local[moves],
-        settings=FilterSettings(**settings.model_dump()),
+        settings=_of_cameras(settings),
         overwrite=True,
     )
     observed[~states.used] = np.nan  # in its place: a copy would be as large as all the rest
     return states, observed
+
+
+def _of_cameras(settings: UkfSmoothSettings) -> FilterSettings:
+    """What the markers are filtered by; an encoder is held against the smoother."""
+    given = settings.model_dump(include={field.name for field in fields(FilterSettings)})
+    return FilterSettings(**given | ({"method": "rts"} if settings.method == "encoder" else {}))
 
 
 def _with_sd(
@@ -126,7 +144,7 @@ def _with_sd(
     """States with standard deviations that hold skin where it is known, and what they hold."""
     if settings.method in FRAMEWISE:  # what such a method lets pass is not known
         return states, UNKNOWN
-    if skin is None or settings.method != "rts":
+    if skin is None or settings.method == "two-filter":
         return states, NOISE
     errors = lasting_errors(states, observed, skin, camera, rate)
     return replace(states, sd=with_lasting_errors(states, rate, errors)), SKIN
@@ -208,24 +226,22 @@ def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoot
         longest = int(np.argmax(stops - starts))
         seconds = np.count_nonzero(missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
         where = "throughout" if missing.all() else f"{len(starts)} times, longest from {time[starts[longest]]:.2f} s"
-        reasons.append(
-            Reason(
-                "gap",
-                f"the angle of the {name} is not given for {seconds:.2f} s ({where}): its markers were missing, "
-                f"or did not fit the chain, for so long that {_limit(settings)}. Fill or re-label them, or leave the "
-                "stretch out with `window:`.",
-                float(seconds),
-                0.0,
-            )
-        )
+        message = f"the angle of the {name} is not given for {seconds:.2f} s ({where}): {_limit(settings)}."
+        reasons.append(Reason("gap", message, float(seconds), 0.0))
     return tuple(reasons)
 
 
 def _limit(settings: UkfSmoothSettings) -> str:
-    """Why an angle is not given."""
+    """Why an angle is not given, and what helps."""
+    if settings.method == "encoder":
+        return "the encoder's record does not reach there. Record it longer, or leave the stretch out with `window:`"
+    limit = f"it would be uncertain by more than {settings.angle_sd_limit:g} rad (standard deviation)"
     if settings.method in FRAMEWISE:
-        return f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves the gap"
-    return f"it would be uncertain by more than {settings.angle_sd_limit:g} rad (standard deviation)"
+        limit = f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves the gap"
+    return (
+        f"its markers were missing, or did not fit the chain, for so long that {limit}. Fill or re-label them, or "
+        "leave the stretch out with `window:`"
+    )
 
 
 def _for_comparison(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
@@ -242,14 +258,6 @@ def _for_comparison(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
     )
 
 
-def _encoder_unused(name: str) -> Reason:
-    return Reason(
-        "encoder-unused",
-        f"the encoder's {name} is not read yet: states come from the markers alone.",
-        level="ok",
-    )
-
-
 def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
     """First samples, and samples after the last, of the runs of true."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int64))
@@ -258,9 +266,9 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=5,
+    version=6,
     inputs=("planar.parquet", "chain.h5"),
-    outputs=("states.parquet", "markers.parquet", "skin.h5"),
+    outputs=("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet"),
     uses=("encoder",),
     settings=UkfSmoothSettings,
     function=ukf_smooth,

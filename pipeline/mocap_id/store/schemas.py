@@ -126,6 +126,20 @@ MARKERS = TableSchema(
     ),
 )
 
+ENCODER = TableSchema(
+    "encoder.parquet",
+    1,
+    (
+        _TIME,
+        Column("theta", "float64", "rad", "the joint's angle by its encoder, in the plane's sense and from its zero"),
+        Column("dtheta", "float64", "rad/s", "velocity"),
+        Column("ddtheta", "float64", "rad/s^2", "acceleration"),
+        Column("sd_theta", "float64", "rad", "standard deviation of the angle but for a constant, from encoder noise"),
+        Column("sd_dtheta", "float64", "rad/s", "standard deviation of the velocity, likewise"),
+        Column("sd_ddtheta", "float64", "rad/s^2", "standard deviation of the acceleration, likewise"),
+    ),
+)
+
 SKIN = TreeSchema(
     "skin.h5",
     1,
@@ -255,6 +269,7 @@ SCHEMAS: dict[str, TableSchema | TreeSchema] = {
         STATES,
         MARKERS,
         SKIN,
+        ENCODER,
         EVENTS,
         DYNAMICS_TABLE,
         DYNAMICS_TREE,

@@ -57,7 +57,7 @@ def page(material: CohortMaterial) -> bytes:
             headline=_headline(material),
             lead=_lead(material),
             glance=_glance(material),
-            trials=[_told(trial) for trial in material.trials],
+            trials=[told(trial) for trial in material.trials],
             overview=tables.trials(material),
             parts=_parts(material),
             figures={entry.name: render(entry, material) for entry in FIGURES},
@@ -79,7 +79,8 @@ def _parts(material: CohortMaterial) -> tuple[Part, ...]:
     )
 
 
-def _told(trial: TrialEntry) -> Told:
+def told(trial: TrialEntry) -> Told:
+    """How a trial went, in words."""
     headline, lead = _FAILED if trial.fate == "failed" else LEVELS[trial.fate]
     words = sentence(style.printable(trial.message)) if trial.message and trial.fate == "failed" else lead
     return Told(

@@ -115,10 +115,20 @@ RECORDING: Mapping[str, Explanation] = {
         "are left out as if they had not been measured.",
         "Look at the plate's signal and its cable, or at a step beside the plate; leave that part out with `window:`.",
     ),
-    "encoder-unused": Explanation(
-        ("ok",),
-        "The encoder is not read",
-        "The configuration names an encoder's file. This version estimates the states from the markers alone.",
-        "Nothing; the file can stay named.",
+    "encoder-disagrees": Explanation(
+        ("caution",),
+        "The encoder and the cameras tell different movements",
+        "A robot's encoder and the cameras look at the same joint, so that sense, zero and clock aside their angles "
+        "agree to the noise. Here they do not. The states, unless `ukf-smooth: {method: encoder}` asks for it, are "
+        "those of the cameras; which of the two is wrong is not known.",
+        "Look whether the record is of this trial and of the joint that moves, and whether anything gives between "
+        "encoder and link.",
+    ),
+    "encoder-weak": Explanation(
+        ("caution",),
+        "The encoder's clock or sense is not certain",
+        "They are found from the one movement that encoder and cameras both saw, and it does not tell them well. What "
+        "compares the two, the torque above all, suffers; states from the cameras do not.",
+        "Let the joint rest, then swing widely and fast; or set the clocks to each other beforehand.",
     ),
 }

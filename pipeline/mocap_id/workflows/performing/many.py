@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 from mocap_id.config import Trial
 from mocap_id.workflows.performing.engine import Engine, Here, Workers
-from mocap_id.workflows.performing.one import Performed, killed, not_run, perform, perform_until_told
+from mocap_id.workflows.performing.one import How, Performed, killed, not_run, perform, perform_until_told
 
 OnError: TypeAlias = Literal["continue", "stop"]
 Tell: TypeAlias = Callable[[Performed], None]
@@ -17,7 +17,11 @@ _Done: TypeAlias = tuple[int, Performed]
 
 
 def perform_all(
-    trials: Sequence[Trial], engine: Engine, tell: Tell = lambda done: None, on_error: OnError = "continue"
+    trials: Sequence[Trial],
+    engine: Engine,
+    tell: Tell = lambda done: None,
+    on_error: OnError = "continue",
+    how: How = perform,
 ) -> tuple[Performed, ...]:
     """Run every trial that is not up to date.
 
@@ -30,6 +34,8 @@ def perform_all(
         Told of each trial once it is done, in the order in which they end.
     on_error : {"continue", "stop"}
         With ``stop`` no trial is begun after one that failed or was refused; those at work are let finish.
+    how : callable, optional
+        Runs one trial; :func:`perform` by default.
 
     Returns
     -------
@@ -37,7 +43,7 @@ def perform_all(
         In the order of the trials.
     """
     found: dict[int, Performed] = {}
-    going = _Going(trials, stop=on_error == "stop")
+    going = _Going(trials, how, stop=on_error == "stop")
     for number, done in _each(going, engine) if engine.side_by_side and len(trials) > 1 else _one_by_one(going):
         tell(done)
         found[number] = done
@@ -46,9 +52,10 @@ def perform_all(
 
 
 class _Going:
-    """The trials that are still to be begun."""
+    """The trials that are still to be begun, and how."""
 
-    def __init__(self, trials: Sequence[Trial], *, stop: bool) -> None:
+    def __init__(self, trials: Sequence[Trial], how: How, *, stop: bool) -> None:
+        self.how = how
         self._left = deque(enumerate(trials))
         self._stop = stop
 
@@ -66,7 +73,7 @@ class _Going:
 def _one_by_one(going: _Going) -> Iterator[_Done]:
     while going:
         number, trial = going.next()
-        yield number, perform(trial)
+        yield number, going.how(trial)
 
 
 def _each(going: _Going, engine: Engine) -> Iterator[_Done]:
@@ -76,7 +83,7 @@ def _each(going: _Going, engine: Engine) -> Iterator[_Done]:
         with engine.workers(len(going)) as workers:
             yield from _side_by_side(going, workers, lost)
         for number, trial in lost:  # one of those that were at work then: each by itself
-            yield number, _alone(trial)
+            yield number, _alone(going.how, trial)
 
 
 def _side_by_side(going: _Going, workers: Workers, lost: list[tuple[int, Trial]]) -> Iterator[_Done]:
@@ -86,7 +93,7 @@ def _side_by_side(going: _Going, workers: Workers, lost: list[tuple[int, Trial]]
         while going and not lost and len(asked) < workers.width:
             one = going.next()
             try:
-                asked[workers.executor.submit(perform_until_told, one[1])] = one
+                asked[workers.executor.submit(perform_until_told, going.how, one[1])] = one
             except BrokenExecutor:
                 lost.append(one)
         for future in wait(asked, return_when=FIRST_COMPLETED).done:
@@ -101,10 +108,10 @@ def _side_by_side(going: _Going, workers: Workers, lost: list[tuple[int, Trial]]
                 yield number, killed(trial)
 
 
-def _alone(trial: Trial) -> Performed:
+def _alone(how: How, trial: Trial) -> Performed:
     """A trial in a process of its own, which it may take along."""
     with Here(1).workers(1) as workers:
         try:
-            return workers.executor.submit(perform_until_told, trial).result()
+            return workers.executor.submit(perform_until_told, how, trial).result()
         except BrokenExecutor:
             return killed(trial)

@@ -6,7 +6,9 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from mocap_id import runner
 from mocap_id.config import Trial
@@ -50,6 +52,10 @@ class Performed:
     seconds: float
 
 
+How: TypeAlias = Callable[[Trial], Performed]
+"""A function of a module, which other processes can find."""
+
+
 def perform(trial: Trial) -> Performed:
     """Run one trial; its failure is an answer, not an error."""
     start, message, code = time.perf_counter(), None, 0
@@ -91,13 +97,13 @@ def killed(trial: Trial) -> Performed:
     return Performed(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
 
 
-def perform_until_told(trial: Trial) -> Performed:
-    """:func:`perform` in a process of its own, which takes its half-written files away when it is told to end."""
+def perform_until_told(how: How, trial: Trial) -> Performed:
+    """``how`` in a process of its own, which takes its half-written files away when it is told to end."""
     if threading.current_thread() is not threading.main_thread():  # of a cluster's worker, which sees to itself
-        return perform(trial)
+        return how(trial)
     before = signal.signal(signal.SIGTERM, _tell)
     try:
-        return perform(trial)
+        return how(trial)
     except _Told:
         os._exit(128 + signal.SIGTERM)
     finally:

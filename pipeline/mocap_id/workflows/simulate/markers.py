@@ -104,17 +104,17 @@ _ROBOT = (
     _Site("WRI4", 1, -0.034, 0.98, 0.070, 0.0, paired=False, hidden=True),
 )
 
-_PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
+PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
 
 
 def place(rng: np.random.Generator, body: Body) -> MarkerSet:
     """The body's markers and seven on the plate, none exactly where the plan has it."""
     person = len(body.links) > 2
     sites = tuple(one for site in (_PERSON if person else _ROBOT) for one in _sides(site))
-    on_plate = np.array([False] * len(sites) + [True] * len(_PLATE))
-    local = np.array([_local(body, site) for site in sites] + [(x, 0.004, z) for x, z in _PLATE])
+    on_plate = np.array([False] * len(sites) + [True] * len(PLATE))
+    local = np.array([_local(body, site) for site in sites] + [(x, 0.004, z) for x, z in PLATE])
     local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
-    plain = len(_PLATE)
+    plain = len(PLATE)
     return MarkerSet(
         labels=tuple(site.name for site in sites) + tuple(f"PLT{i + 1}" for i in range(plain)),
         link=np.array([site.link for site in sites] + [0] * plain),

@@ -9,6 +9,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.workflows.simulate.plate import Sense
 from mocap_id.workflows.simulate.schedule import MANNERS, Strategy
 from mocap_id.workflows.simulate.subject import Subject
+from mocap_id.workflows.simulate.ur5 import FREQUENCY, REFERENCE, JointName, Speed
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
 
@@ -55,6 +56,12 @@ class Options:
         Share of the vertical load that a hand on a rail carries while the person rises.
     clock_offset : float
         Analog sample k is taken at marker-clock time k / analog_rate + this, s.
+    joint : {"shoulder", "elbow", "wrist"} or None
+        Of the thesis's UR5, for the robot; None draws a robot and its swing.
+    speed : {"slow", "fast"}
+        Of that joint: 0.25 or 0.5 Hz.
+    orientation : float
+        Yaw of the UR5's plane, degrees.
     subject : Subject or None
         Whose sit-to-stands these are; the seed is then of the motion, of where the feet stand and of the errors alone.
 
@@ -85,6 +92,9 @@ class Options:
     attempts: int = 0
     hold: float = 0.0
     rail: float = 0.0
+    joint: JointName | None = None
+    speed: Speed = "fast"
+    orientation: float = 0.0
 
     def __post_init__(self) -> None:
         multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0
@@ -105,6 +115,9 @@ class Options:
             ("attempts", self.attempts, 0 <= self.attempts <= self.repetitions, "0 … repetitions"),
             ("hold", self.hold, 0 <= self.hold <= 10, "0 … 10 s"),
             ("rail", self.rail, 0 <= self.rail <= 0.5, "0 … 0.5"),
+            ("joint", self.joint, self.joint is None or self.joint in REFERENCE, "one of " + ", ".join(REFERENCE)),
+            ("speed", self.speed, self.speed in FREQUENCY, "one of " + ", ".join(FREQUENCY)),
+            ("orientation", self.orientation, abs(self.orientation) <= 180, "-180 … 180 degrees"),
             ("clock_offset", self.clock_offset, abs(self.clock_offset) <= 1, "-1 … 1 s"),
         )
         for name, value, fine, expected in checks:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import PlaneFrame
+from mocap_id.workflows.simulate import ur5
 from mocap_id.workflows.simulate.body import GRAVITY, Body, person, robot
 from mocap_id.workflows.simulate.forces import Exact, exact
 from mocap_id.workflows.simulate.markers import MarkerSet, place
@@ -107,7 +108,7 @@ class Scene:
 
 def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
     """Draw the body, its motion and the laboratory."""
-    body = _body(kind, options, rng)
+    body, ur5_joint = _body(kind, options, rng), options.joint if kind == "robot" else None
     motion, chair, protocol = _performance(kind, options, body, rng["motion"])
     plate = draw_plate(
         rng["plate"],
@@ -117,14 +118,15 @@ def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
         noise=options.plate_noise,
         bias=options.plate_bias,
     )
-    markers = place(rng["markers"], body)
+    markers = place(rng["markers"], body) if ur5_joint is None else ur5.place(rng["markers"], ur5_joint)
+    drawn = float(rng["place"].uniform(-np.pi, np.pi))
     scene = Scene(
         body=body,
         motion=motion,
         chair=chair,
         markers=replace(markers, softness=markers.softness * options.soft_tissue),
         plate=plate,
-        plane=PlaneFrame(float(rng["place"].uniform(-np.pi, np.pi)), plate.centre),
+        plane=PlaneFrame(drawn if ur5_joint is None else np.radians(options.orientation), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
         protocol=protocol,
         rail=Rail(options.rail, chair.schedule) if options.rail > 0 and chair is not None else None,
@@ -134,9 +136,21 @@ def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
 
 def _body(kind: Kind, options: Options, rng: Streams) -> Body:
     if kind == "robot":
-        return robot(rng["body"])
+        return robot(rng["body"]) if options.joint is None else ur5.ur5(options.joint, options.speed)
     subject = options.subject
     return person(rng["body"]) if subject is None else person(rng["body"], subject, rng["feet"])
+
+
+def _swing(options: Options, rng: np.random.Generator) -> Swing:
+    if options.joint is not None:
+        return ur5.swing(options.speed, options.repetitions)
+    return Swing(
+        frequency=float(rng.uniform(0.4, 0.5)),
+        amplitude=float(rng.uniform(0.75, 1.0)),
+        centre=float(rng.uniform(-0.4, 0.4)),
+        periods=options.repetitions,
+        lead=1.0,
+    )
 
 
 def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
@@ -160,13 +174,7 @@ def _performance(
     kind: Kind, options: Options, body: Body, rng: np.random.Generator
 ) -> tuple[Motion, Chair | None, Mapping[str, Any]]:
     if kind == "robot":
-        swing = Swing(
-            frequency=float(rng.uniform(0.4, 0.5)),
-            amplitude=float(rng.uniform(0.75, 1.0)),
-            centre=float(rng.uniform(-0.4, 0.4)),
-            periods=options.repetitions,
-            lead=1.0,
-        )
+        swing = _swing(options, rng)
         told = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
         return swing.motion(), None, told
     played = perform(rng, body, options)

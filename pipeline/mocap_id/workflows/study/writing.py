@@ -26,13 +26,15 @@ DOCUMENT = "study.json"
 PAGE = "cohort.html"
 
 
-def table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
+def table_files(
+    frames: Mapping[str, pd.DataFrame], schemas: Mapping[str, TableSchema] = TABLES, kind: str = "study"
+) -> dict[str, bytes]:
     """CSV and Parquet of each table; in CSV what is missing is empty, in Parquet NaN."""
     files = {}
     for name, frame in frames.items():
-        whole = conform(Table(TABLES[name], frame))
+        whole = conform(Table(schemas[name], frame))
         files[f"{name}.csv"] = _csv(whole)
-        files[f"{name}.parquet"] = parquet(whole, TABLES[name])
+        files[f"{name}.parquet"] = parquet(whole, schemas[name], kind)
     return files
 
 
@@ -52,7 +54,7 @@ def document(
             subject: [case.trial.name for case in cases if case.subject == subject] for subject in study.subjects
         },
         "trials": [_trial(case) for case in cases],
-        "tables": {name: _table(TABLES[name], frame) for name, frame in frames.items()},
+        "tables": {name: table_document(TABLES[name], frame) for name, frame in frames.items()},
         "key": key,
         "files": {file: hash_bytes(content) for file, content in files.items()},
     }
@@ -81,7 +83,8 @@ def _trial(case: Case) -> dict[str, Any]:
     }
 
 
-def _table(schema: TableSchema, frame: pd.DataFrame) -> dict[str, Any]:
+def table_document(schema: TableSchema, frame: pd.DataFrame) -> dict[str, Any]:
+    """Rows of a table, and units and meanings of its columns."""
     return {
         "rows": len(frame),
         "columns": [

@@ -1,0 +1,129 @@
+"""A robot's own record of its joint: CSV with the time, position, velocity and perhaps the torque."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.recording.tables import read_text
+
+TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
+
+_LEAST_ROWS = 20
+_SPAN = 0.1  # s, over which the velocity must add up to the change of position
+_AGREES = (0.8, 1.25)  # of the change of position by the velocity's own
+_MOVES = 0.05  # rad: less movement tells nothing
+DEGREES = 180.0 / np.pi
+
+
+@dataclass(frozen=True)
+class EncoderLog:
+    """What an encoder logged, on its own clock.
+
+    Parameters
+    ----------
+    time : (K,) array
+        Increasing, s.
+    position, velocity : (K,) arrays
+        rad, rad/s.
+    torque : (K,) array or None
+        N·m; NaN where a cell is empty. None where the file has none.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    torque: FloatArray | None
+
+    @property
+    def rate(self) -> float:
+        """Rows a second."""
+        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+
+def read_encoder(path: Path) -> EncoderLog:
+    """Read an encoder's CSV.
+
+    Columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and perhaps ``torque_Nm``: their names hold their
+    units, so that none is guessed.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing, no such table, has other columns or empty cells, its times do not increase, or its
+        velocity is not the change of its position.
+    """
+    table = _table(path)
+    time, position, velocity = (table[name].to_numpy(dtype=np.float64) for name in (TIME, POSITION, VELOCITY))
+    _check_whole(path, table)
+    _check_times(path, time)
+    _check_derivative(path, time, position, velocity)
+    torque = table[TORQUE].to_numpy(dtype=np.float64) if TORQUE in table.columns else None
+    return EncoderLog(time, position, velocity, torque)
+
+
+def _table(path: Path) -> pd.DataFrame:
+    text = read_text(path)
+    try:
+        table = pd.read_csv(io.StringIO(text), skipinitialspace=True)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+        raise RecordingError(f"{path}: no CSV table ({str(error).splitlines()[0]})") from None
+    names = [str(name).strip() for name in table.columns]
+    if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
+        raise RecordingError(
+            f"{path}: has the columns {', '.join(names)}, expected {TIME}, {POSITION}, {VELOCITY} and perhaps "
+            f"{TORQUE}: convert other units, which the names tell (degrees to radians), and leave everything else out"
+        )
+    table.columns = pd.Index(names)
+    try:
+        return table.astype(np.float64)
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}; expected numbers in every cell") from None
+
+
+def _check_whole(path: Path, table: pd.DataFrame) -> None:
+    if len(table) < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(table)} rows, expected {_LEAST_ROWS} or more")
+    for name in (TIME, POSITION, VELOCITY):
+        empty = np.flatnonzero(~np.isfinite(table[name].to_numpy()))
+        if len(empty):
+            raise RecordingError(
+                f"{path}: `{name}` holds no number in line {empty[0] + 2} ({len(empty)} such lines): leave these lines "
+                "out, the times need not be even"
+            )
+
+
+def _check_times(path: Path, time: FloatArray) -> None:
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        k = int(back[0]) + 1
+        raise RecordingError(
+            f"{path}: `{TIME}` does not increase: line {k + 2} has {time[k]:g} s after {time[k - 1]:g} s; sort the "
+            "record by its own clock and leave out what stands twice"
+        )
+
+
+def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
+    """Refuse a velocity that is not the position's: another unit, another sense, another joint."""
+    apart = max(1, round(_SPAN / float(np.median(np.diff(time)))))
+    summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
+    by_velocity, by_position = (each[apart:] - each[:-apart] for each in (summed, position))
+    size = float(by_velocity @ by_velocity)
+    slope = float(by_velocity @ by_position) / size if size > 0.0 else 0.0
+    if np.ptp(position) < _MOVES or _AGREES[0] <= slope <= _AGREES[1]:
+        return
+    ratio = abs(slope)
+    hint = "of another joint or sense"
+    for what, factor in (("position", DEGREES), ("velocity", 1.0 / DEGREES)):
+        if _AGREES[0] <= ratio / factor <= _AGREES[1]:
+            hint = f"in other units, the {what} in degrees"
+    raise RecordingError(
+        f"{path}: `{POSITION}` changes by {slope:.3g} times what `{VELOCITY}` adds up to: one of them is {hint}; both "
+        "must be in radians and of the same joint"
+    )

@@ -1,0 +1,48 @@
+"""The torque that a robot tells of its joint beside the one that the identified model has there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mocap_id import recording
+from mocap_id.dynamics.clock import SampledWrench
+from mocap_id.stages.base import Context
+
+
+def torque_facts(context: Context, dynamics: pd.DataFrame) -> dict[str, Any] | None:
+    """Model less encoder at the encoder's own times, in the plane's sense; None where either is missing.
+
+    The model's torque is smooth, so it is brought to the times of the rough one, by ukf-smooth's clock offset.
+
+    Parameters
+    ----------
+    context : Context
+    dynamics : DataFrame
+        Rows of dynamics.parquet.
+
+    Returns
+    -------
+    dict or None
+        ``bias`` and ``sd``, N·m, ``r2`` about the encoder's torque, and the number of ``samples``.
+    """
+    file = context.trial.encoder
+    if file is None or "tau_1" not in dynamics:
+        return None
+    matched, log = context.table("encoder.parquet").facts, recording.read_encoder(file)
+    if matched.get("why") is not None or log.torque is None:
+        return None
+    time, model = (dynamics[name].to_numpy(dtype=np.float64) for name in ("time", "tau_1"))
+    told = matched["sign"] * log.torque
+    off = SampledWrench.of(time, model[:, None])(log.time + matched["clock_offset_s"])[:, 0] - told
+    both = np.isfinite(off)
+    if np.count_nonzero(both) < 2 or not np.ptp(told[both]) > 0.0:
+        return None
+    return {
+        "bias": float(np.mean(off[both])),
+        "sd": float(np.std(off[both])),
+        "r2": 1.0 - float(np.mean(off[both] ** 2)) / float(np.var(told[both])),
+        "samples": int(np.count_nonzero(both)),
+    }
