@@ -52,7 +52,15 @@ JUDGED: Mapping[str, tuple[str, str]] = {
         "Share of frames, 0.6 s or longer, in which the plates carry less than a fifth of "
         "what they do otherwise; limit 0.",
     ),
-    "encoder-unused": ("ukf-smooth", "The trial names an encoder's file."),
+    "encoder-disagrees": (
+        "ukf-smooth",
+        "r² of the cameras' angle against the encoder's, once sense, zero and clock are found; limit 0.99.",
+    ),
+    "encoder-weak": (
+        "ukf-smooth",
+        "Whether another sense fits nearly as well, whether the offset of the clock lies at "
+        "`ukf-smooth: {encoder_offset_limit_s}`, or its standard deviation, s; limit 0.002.",
+    ),
     # skeleton
     "no-fixed-base": ("segment", "rms scatter of the second stillest marker, m, against `segment: {still_limit_m}`."),
     "no-motion": (
