@@ -54,12 +54,12 @@ JUDGED: Mapping[str, tuple[str, str]] = {
     ),
     "encoder-disagrees": (
         "ukf-smooth",
-        "r² of the cameras' angle against the encoder's, once sense, zero and clock are found; limit 0.99.",
+        "r² of the cameras' angle against the encoder's, once sense, zero and clock are found; limit 0.999.",
     ),
     "encoder-weak": (
         "ukf-smooth",
         "Whether another sense fits nearly as well, whether the offset of the clock lies at "
-        "`ukf-smooth: {encoder_offset_limit_s}`, or its standard deviation, s; limit 0.002.",
+        "`ukf-smooth: {encoder_offset_limit_s}`, or its standard deviation, s; limit 0.001.",
     ),
     # skeleton
     "no-fixed-base": ("segment", "rms scatter of the second stillest marker, m, against `segment: {still_limit_m}`."),
