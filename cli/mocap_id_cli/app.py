@@ -12,6 +12,7 @@ from mocap_id_cli.initialising import init
 from mocap_id_cli.inspecting import inspect
 from mocap_id_cli.reference import schema, stages
 from mocap_id_cli.running import run, stage_command
+from mocap_id_cli.sensitising import sensitivity
 from mocap_id_cli.simulating import simulating
 from mocap_id_cli.studying import study
 from mocap_id_cli.transferring import transfer
@@ -31,6 +32,7 @@ def build() -> typer.Typer:
     for stage in STAGES:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
+    app.command("sensitivity")(sensitivity)
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)

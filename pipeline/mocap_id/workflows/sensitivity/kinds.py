@@ -65,6 +65,12 @@ class Kind:
     needs_plate: bool = False
 
 
+    @property
+    def counted(self) -> bool:
+        """Its levels are numbers of things, with nothing between them."""
+        return not self.unit
+
+
 JOINTS = ("joints",)
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -16,13 +14,13 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from mocap_id.errors import MocapIdError, NumericalError, Refused
+from mocap_id.workflows.processes import end, no_ctrl_c
 from mocap_id.workflows.sensitivity.changing import perturbed
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Moved, Result, moved, result
 from mocap_id.workflows.sensitivity.subject import Perturbed, Source, read
 
 _THREADS = ("OPENBLAS", "MKL", "OMP", "NUMBA")
-_PATIENCE = 20.0  # s, for a process that was told to end
 _FIRST = ("fit-joints", "ukf-smooth", "identify-dim")
 
 
@@ -97,7 +95,7 @@ def try_all(source: Source, changes: Sequence[Perturbation], jobs: int, tell: Te
     with _one_thread():
         pool = ProcessPoolExecutor(min(jobs, len(changes)), context, _begin, (source,))
         try:
-            with _no_ctrl_c():
+            with no_ctrl_c():
                 asked = [pool.submit(_try, change) for change in order]
             for future in as_completed(asked):
                 done = future.result()
@@ -107,20 +105,10 @@ def try_all(source: Source, changes: Sequence[Perturbation], jobs: int, tell: Te
             message = "a process was killed, by the system for want of memory perhaps: run again with fewer --jobs"
             raise NumericalError(message) from error
         except BaseException:
-            _end(pool)
+            end(pool)
             raise
         pool.shutdown()
     return tuple(found[change] for change in changes)
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    """Stop the processes, whatever they are at: they write nothing."""
-    pool.shutdown(wait=False, cancel_futures=True)
-    children = multiprocessing.active_children()
-    for process in children:
-        process.terminate()
-    for process in children:
-        process.join(_PATIENCE)
 
 
 @contextmanager
@@ -137,19 +125,6 @@ def _one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _no_ctrl_c() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach: this one ends them in order."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 class _Worker:

@@ -6,12 +6,10 @@ import logging
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -22,6 +20,7 @@ from mocap_id.reporting.contents import FILES
 from mocap_id.runner.dependencies import user_files
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
+from mocap_id.workflows.processes import end, no_ctrl_c
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,6 @@ class Performed:
 
 
 _LOGGERS = ("mocap_id", "py.warnings")
-_PATIENCE = 20.0  # s, for a process that was told to end
 Tell: TypeAlias = Callable[[Performed], None]
 
 
@@ -110,7 +108,7 @@ def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
     context, levels = multiprocessing.get_context("spawn"), {name: logging.getLogger(name).level for name in _LOGGERS}
     pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _begin, (levels,))
     try:
-        with _no_ctrl_c():
+        with no_ctrl_c():
             asked = {pool.submit(_perform_until_told, trial): trial for trial in trials}
         for future in as_completed(asked):
             try:
@@ -118,27 +116,9 @@ def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
             except BrokenProcessPool:
                 yield _killed(asked[future])
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        children = multiprocessing.active_children()
-        for process in children:
-            process.terminate()
-        for process in children:
-            process.join(_PATIENCE)
+        end(pool)
         raise
     pool.shutdown()
-
-
-@contextmanager
-def _no_ctrl_c() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach, wherever in their imports they are: this one ends them in order."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _killed(trial: Trial) -> Performed:

@@ -26,8 +26,9 @@ from mocap_id.workflows.study import (
     writing,
 )
 from mocap_id.workflows.study.cases import Case, case
-from mocap_id.workflows.study.columns import TABLES, frame
+from mocap_id.workflows.study.columns import TABLES
 from mocap_id.workflows.study.performing import Performed, Tell, perform_all
+from mocap_id.workflows.table_files import frame
 
 _VERSION = 1  # raised whenever the same trials would give other tables or another page
 _ROWS: Mapping[str, Callable[[Sequence[Case]], Any]] = {
