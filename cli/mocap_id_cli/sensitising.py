@@ -48,9 +48,11 @@ def sensitivity(
     start = time.perf_counter()
     found = study.sensitivity(trial, asked, jobs=jobs, out=out, progress=progress(quiet), tell=_teller(quiet))
     if not quiet:
-        spent = sum(one.seconds for one in found.tried)
+        spent = sum(one.seconds for one in found.studied.tried)
         wall = time.perf_counter() - start
-        typer.echo(f"{len(found.tried)} perturbations, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True)
+        typer.echo(
+            f"{len(found.studied.tried)} perturbations, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True
+        )
     if as_json:
         typer.echo(json.dumps(found.document, indent=2, ensure_ascii=False, allow_nan=False))
     else:
@@ -68,9 +70,9 @@ def _teller(quiet: bool) -> Any:
 def _lines(found: Outcome, share: float) -> Iterator[str]:
     from mocap_id.reporting.sensitivity.page import criterion  # noqa: PLC0415  as above
 
-    yield f"{found.trial}: what this trial tolerates. {criterion(share)}"
-    if found.note:
-        yield f"note: {found.note}"
+    yield f"{found.studied.trial}: what this trial tolerates. {criterion(share)}"
+    if found.studied.note:
+        yield f"note: {found.studied.note}"
     yield from (f"  {row['sentence']}" for row in found.document["tolerates"])
     here = Path.cwd()
     folder = found.folder.absolute()

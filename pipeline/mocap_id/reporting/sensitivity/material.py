@@ -45,8 +45,6 @@ class SensitivityMaterial:
         Those that count.
     titles : mapping of str to str
         Kinds as people read them.
-    series : mapping of (str, str) to str
-        The same of kind and target.
     tables : mapping of str to DataFrame
         responses, perturbations, tolerates.
     """
@@ -59,5 +57,4 @@ class SensitivityMaterial:
     seed: int
     parameters: tuple[ParameterEntry, ...]
     titles: Mapping[str, str]
-    series: Mapping[tuple[str, str], str]
     tables: Mapping[str, pd.DataFrame]

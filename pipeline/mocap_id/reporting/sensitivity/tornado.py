@@ -54,8 +54,10 @@ def draw(material: SensitivityMaterial) -> Figure:
         _panel(axes, material, parameter, kinds)
     for axes in panels[:, 0]:
         axes.set_yticks(np.arange(len(kinds)), [style.printable(material.titles[kind], 30) for kind in kinds])
-    for axes in panels[-1]:
-        axes.set_xlabel("change, % of its size")
+    for column in range(columns):
+        lowest = panels[(len(material.parameters) - 1 - column) // columns, column]
+        lowest.set_xlabel("change, % of its size")
+        lowest.tick_params(axis="x", labelbottom=True)
     patches = [Patch(color=colour, label=label) for colour, label in _LEGEND]
     figure.legend(handles=patches, loc="outside upper left", ncols=len(patches))
     return figure

@@ -64,7 +64,6 @@ class Kind:
     random: bool = False
     needs_plate: bool = False
 
-
     @property
     def counted(self) -> bool:
         """Its levels are numbers of things, with nothing between them."""
@@ -82,7 +81,10 @@ def _whole(least: int) -> Callable[[float], bool]:
     return lambda level: level >= least and level == int(level)
 
 
-_BOTH_WAYS = tuple(sign * level for level in (0.001, 0.003, 0.01, 0.03, 0.1) for sign in (1, -1))
+def _both_ways(*levels: float) -> tuple[float, ...]:
+    return tuple(sign * level for level in levels for sign in (1, -1))
+
+
 _CLOCK = (lambda level: abs(level) <= 1, "a time up to ± 1 s")
 _SIZE = (_not_negative, "0 or more")
 
@@ -122,13 +124,21 @@ KINDS: Mapping[str, Kind] = {
             usual=(ALL,),
             random=True,
         ),
-        Kind("clock-offset", "clock offset, estimated", "identify-dim", "s", _BOTH_WAYS, *_CLOCK, needs_plate=True),
+        Kind(
+            "clock-offset",
+            "clock offset, estimated",
+            "identify-dim",
+            "s",
+            _both_ways(0.001, 0.01, 0.1),
+            *_CLOCK,
+            needs_plate=True,
+        ),
         Kind(
             "clock-offset-ignored",
             "clock offset, not estimated",
             "identify-dim",
             "s",
-            _BOTH_WAYS,
+            _both_ways(0.001, 0.003, 0.01, 0.03, 0.1),
             *_CLOCK,
             needs_plate=True,
         ),
@@ -179,7 +189,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("soft-tissue", "soft tissue", "fit-joints", "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
         Kind(
             "frame-rate",
-            "frame rate divided",
+            "frame rate",
             "fit-joints",
             "",
             (2, 4, 8),

@@ -84,11 +84,20 @@ class Moved:
         rad.
     torque_rms : (n,) array
         N·m.
+    torque_size : (n,) array
+        rms of the unperturbed torques, N·m.
     """
 
     state_r2: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
     angle_rms: FloatArray = field(default_factory=lambda: np.zeros(0))
     torque_rms: FloatArray = field(default_factory=lambda: np.zeros(0))
+    torque_size: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def torque_share(self) -> float:
+        """Largest change of a joint's torque, rms, as a share of the unperturbed one's; NaN where none is known."""
+        known = np.isfinite(self.torque_rms) & (self.torque_size > 0)
+        return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else _NAN
 
 
 def result(trial: Perturbed) -> Result:
@@ -114,13 +123,14 @@ def moved(own: Perturbed, changed: Perturbed) -> Moved:
     states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
     joints = range(1, len(own.joints) + 1)
     torques = [
-        (trial.table("dynamics.parquet").frame[[f"tau_{j}" for j in joints]].to_numpy(np.float64)[rows])
+        trial.table("dynamics.parquet").frame[[f"tau_{j}" for j in joints]].to_numpy(np.float64)[rows]
         for trial, rows in ((own, before), (changed, now))
     ]
     return Moved(
         state_r2=np.array([_r2(*pair) for pair in states]),
         angle_rms=_rms(states[0][1] - states[0][0]),
         torque_rms=_rms(torques[1] - torques[0]),
+        torque_size=_rms(torques[0]),
     )
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from mocap_id import __version__, runner
 from mocap_id.errors import ConfigError
 from mocap_id.store import Folder
@@ -15,12 +17,11 @@ from mocap_id.store.atomic import replace_together
 from mocap_id.workflows.sensitivity.asking import Asked
 from mocap_id.workflows.sensitivity.columns import TABLES
 from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.plan import Perturbation, Wish, plan
-from mocap_id.workflows.sensitivity.responses import Result, result
+from mocap_id.workflows.sensitivity.plan import Wish, plan
+from mocap_id.workflows.sensitivity.responses import result
+from mocap_id.workflows.sensitivity.studied import Studied
 from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
 from mocap_id.workflows.sensitivity.tables import document, tables
-from mocap_id.workflows.sensitivity.telling import title
-from mocap_id.workflows.sensitivity.tolerance import Tolerance, tolerances
 from mocap_id.workflows.sensitivity.trying import Tried, try_all
 from mocap_id.workflows.table_files import table_files
 
@@ -29,29 +30,19 @@ DOCUMENT, PAGE, FIGURE = "sensitivity.json", "sensitivity.html", "tornado"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a sensitivity study.
+    """A sensitivity study and where it stands.
 
     Parameters
     ----------
-    trial : str
+    studied : Studied
     folder : Path
         Where everything was written.
-    own : Result
-        Of the unperturbed trial.
-    tried : tuple of Tried
-    tolerates : tuple of Tolerance
-    note : str
-        What could not be studied on this trial; empty where all could.
     document : mapping
         What sensitivity.json holds.
     """
 
-    trial: str
+    studied: Studied
     folder: Path
-    own: Result
-    tried: tuple[Tried, ...]
-    tolerates: tuple[Tolerance, ...]
-    note: str
     document: Mapping[str, Any]
 
 
@@ -98,26 +89,17 @@ def sensitivity(
     if folder.resolve() == source.folder.resolve():
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose another")
     trial = read(source)
-    own = result(trial)
     wishes, note = _possible(asked.wishes, trial)
     changes = plan(wishes, trial.joints, asked.seed)
     with Folder(folder).locked():
         tried = try_all(source, changes, jobs, _counting(tell, len(changes)))
-        names = counted(own)
-        found = tolerances(own, tried, names, asked.tolerance)
-        frames = tables(own, tried, found, names, asked.tolerance)
-        files = table_files(frames, TABLES, "sensitivity")
-        files |= _shown(source.name, own, names, changes, frames, asked, note)
-        told = document(source.name, own, asked, frames, files, note)
+        studied = Studied(source.name, asked, result(trial), tried, note)
+        frames = tables(studied)
+        files = {**table_files(frames, TABLES, "sensitivity"), **_shown(studied, frames)}
+        told = document(studied, frames, files)
         text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         replace_together(folder, {**files, DOCUMENT: text.encode()})
-    return Outcome(source.name, folder, own, tried, found, note, told)
-
-
-def counted(own: Result) -> tuple[str, ...]:
-    """The parameters that tolerance goes by: the base parameters, or lengths where none of these is known."""
-    base = tuple(one.name for one in own.parameters.values() if one.verdict and one.value == one.value)
-    return base if own.samples else tuple(one.name for one in own.parameters.values() if not one.verdict)
+    return Outcome(studied, folder, told)
 
 
 def _possible(wishes: Sequence[Wish], trial: Perturbed) -> tuple[tuple[Wish, ...], str]:
@@ -125,7 +107,9 @@ def _possible(wishes: Sequence[Wish], trial: Perturbed) -> tuple[tuple[Wish, ...
     if trial.has_plate:
         samples = int(trial.tree("dynamics.h5").facts["samples"] or 0)
         why = trial.tree("dynamics.h5").facts["why"]
-        return tuple(wishes), "" if samples else f"nothing was identified ({why}): lengths and states alone are compared"
+        return tuple(
+            wishes
+        ), "" if samples else f"nothing was identified ({why}): lengths and states alone are compared"
     left = tuple(wish for wish in wishes if not KINDS[wish.kind].needs_plate)
     if not left:
         raise ConfigError(f"trial {trial.source.name} has no force plate: no perturbation of the wrench can be tried")
@@ -144,32 +128,24 @@ def _counting(tell: Tell, count: int) -> Callable[[Tried], None]:
     return told
 
 
-def _shown(
-    trial: str,
-    own: Result,
-    names: Sequence[str],
-    changes: Sequence[Perturbation],
-    frames: Mapping[str, Any],
-    asked: Asked,
-    note: str,
-) -> dict[str, bytes]:
+def _shown(studied: Studied, frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
     """Figure and page."""
     from mocap_id.reporting.sensitivity import material, page, tornado  # noqa: PLC0415  drawing is imported late
 
+    changes, parameters = [one.change for one in studied.tried], studied.own.parameters
     seen = material.SensitivityMaterial(
-        trial=trial,
+        trial=studied.trial,
         product=__version__,
-        verdict=own.level,
-        note=note,
-        share=asked.tolerance,
-        seed=asked.seed,
+        verdict=studied.own.level,
+        note=studied.note,
+        share=studied.asked.tolerance,
+        seed=studied.asked.seed,
         parameters=tuple(
-            material.ParameterEntry(one.name, one.unit, one.value, one.sd, one.size)
-            for one in own.parameters.values()
-            if one.name in names
+            material.ParameterEntry(name, one.unit, one.value, one.sd, one.size)
+            for name, one in parameters.items()
+            if name in studied.counted
         ),
         titles={change.kind: change.of.title for change in changes},
-        series={(change.kind, change.target): title(change.of, change.target) for change in changes},
         tables=frames,
     )
     svg, pdf = tornado.render(seen)

@@ -138,19 +138,15 @@ def _of_folder(path: Path) -> Source:
         origin = folder.provenance(stage.outputs[0]).origin
         if origin.stage_version != stage.version:
             raise StoreError(
-                f"{path / stage.outputs[0]} was made by version {origin.stage_version} of {stage.name}, this is version "
-                f"{stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
+                f"{path / stage.outputs[0]} was made by version {origin.stage_version} of {stage.name}, this is "
+                f"version {stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
             )
         settings[stage.name] = stage.settings.model_validate_json(dumps(origin.parameters[stage.name]), strict=True)
         asked |= origin.parameters
     if getattr(settings["ukf-smooth"], "method", None) == "encoder":
         raise ConfigError(f"{path}: its states come from an encoder's file: give the trial's YAML file instead")
-    keys = TrialKeys.model_construct(
-        trial=asked["trial"],
-        recording=None,
-        protocol=asked["protocol"],
-        subject=Subject.model_validate(asked["subject"]),
-    )
+    known = {"trial": asked["trial"], "protocol": asked["protocol"]}  # no stage that is run again reads the recording
+    keys = TrialKeys.model_construct(**known, subject=Subject.model_validate(asked["subject"]))
     return Source(str(asked["trial"]), path, keys, settings)
 
 

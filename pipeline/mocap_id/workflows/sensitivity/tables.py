@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,36 +13,22 @@ from mocap_id import __version__
 from mocap_id.arrays import FloatArray
 from mocap_id.store import hash_bytes
 from mocap_id.store.parquet import columns_of
-from mocap_id.workflows.sensitivity.asking import Asked
 from mocap_id.workflows.sensitivity.columns import TABLES
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import STATE_NAMES, WRENCH_NAMES, Parameter, Result, ratio, worst
+from mocap_id.workflows.sensitivity.studied import Studied
 from mocap_id.workflows.sensitivity.telling import sentence
 from mocap_id.workflows.sensitivity.tolerance import Tolerance
 from mocap_id.workflows.sensitivity.trying import Tried
 from mocap_id.workflows.table_files import frame
 
 
-def tables(
-    own: Result, tried: Sequence[Tried], found: Sequence[Tolerance], names: Sequence[str], share: float
-) -> dict[str, pd.DataFrame]:
-    """Every table of :data:`mocap_id.workflows.sensitivity.columns.TABLES`.
-
-    Parameters
-    ----------
-    own : Result
-        Of the unperturbed trial.
-    tried : sequence of Tried
-    found : sequence of Tolerance
-    names : sequence of str
-        Parameters that count.
-    share : float
-        Of a parameter's size, that it may move by.
-    """
+def tables(studied: Studied) -> dict[str, pd.DataFrame]:
+    """Every table of :data:`mocap_id.workflows.sensitivity.columns.TABLES`."""
     rows: Mapping[str, Iterable[Mapping[str, Any]]] = {
-        "responses": (row for one in tried for row in _responses(own, one, share)),
-        "perturbations": (_perturbation(own, one, names, share) for one in tried),
-        "tolerates": map(_tolerates, found),
+        "responses": (row for one in studied.tried for row in _responses(studied.own, one, studied.asked.tolerance)),
+        "perturbations": (_perturbation(studied, one) for one in studied.tried),
+        "tolerates": map(_tolerates, studied.tolerates),
     }
     return {name: frame(schema, rows[name]) for name, schema in TABLES.items()}
 
@@ -77,8 +63,9 @@ def _over(value: float, size: float) -> float:
     return value / size if size > 0 else math.nan
 
 
-def _perturbation(own: Result, one: Tried, names: Sequence[str], share: float) -> dict[str, Any]:
-    beyond, parameter = worst(own, one.result, names, share)
+def _perturbation(studied: Studied, one: Tried) -> dict[str, Any]:
+    own = studied.own
+    beyond, parameter = worst(own, one.result, studied.counted, studied.asked.tolerance)
     row = {
         "perturbation": one.change.name,
         **_which(one.change),
@@ -132,18 +119,17 @@ def _tolerates(one: Tolerance) -> dict[str, Any]:
     }
 
 
-def document(
-    trial: str, own: Result, asked: Asked, frames: Mapping[str, pd.DataFrame], files: Mapping[str, bytes], note: str
-) -> dict[str, Any]:
+def document(studied: Studied, frames: Mapping[str, pd.DataFrame], files: Mapping[str, bytes]) -> dict[str, Any]:
     """What sensitivity.json holds: the unperturbed trial, what it tolerates, and what every file and column is."""
+    own = studied.own
     return {
         "schema": "mocap-id/sensitivity",
         "version": 1,
-        "trial": trial,
+        "trial": studied.trial,
         "product": __version__,
-        "seed": asked.seed,
-        "tolerance": {"share_of_size": asked.tolerance, "or_stated_sd": 1.0},
-        "note": note or None,
+        "seed": studied.asked.seed,
+        "tolerance": {"share_of_size": studied.asked.tolerance, "or_stated_sd": 1.0},
+        "note": studied.note or None,
         "verdict": {"level": own.level, "codes": sorted(own.codes)},
         "condition_number": _known(own.condition),
         "parameters": [_parameter(one) for one in own.parameters.values()],

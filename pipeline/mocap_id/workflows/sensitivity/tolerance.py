@@ -32,6 +32,8 @@ class Point:
         That change, % of the parameter's size.
     noticed : bool
         The verdict has a caution that the unperturbed one has not, or there is no result.
+    torque : float
+        Largest change of a joint's torque, rms, % of the unperturbed one's.
     """
 
     level: float
@@ -39,6 +41,7 @@ class Point:
     parameter: str
     percent: float
     noticed: bool
+    torque: float = math.nan
 
     @property
     def within(self) -> bool:
@@ -111,7 +114,7 @@ def _point(own: Result, one: Tried, names: Sequence[str], share: float) -> Point
     if name and one.result is not None and name in one.result.parameters:
         parameter = own.parameters[name]
         percent = 100 * abs(one.result.parameters[name].value - parameter.value) / parameter.size
-    return Point(abs(one.change.level), ratio, name, percent, noticed(own, one.result))
+    return Point(abs(one.change.level), ratio, name, percent, noticed(own, one.result), 100 * one.moved.torque_share)
 
 
 def noticed(own: Result, changed: Result | None) -> bool:
@@ -149,7 +152,7 @@ def _between(within: Point, beyond: Point) -> float:
     if not math.isfinite(beyond.ratio) or within.ratio <= 0:
         return within.level
     share = math.log(1 / within.ratio) / math.log(beyond.ratio / within.ratio)
-    return within.level * (beyond.level / within.level) ** share
+    return float(within.level * (beyond.level / within.level) ** share)
 
 
 def _either(points: Sequence[Point]) -> tuple[float, float]:

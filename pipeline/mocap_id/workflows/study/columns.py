@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+
 from mocap_id.store import Column, TableSchema
 
 _SUBJECT = Column("subject", "str", "", "id of the person; `cohort` = all of them")
