@@ -34,7 +34,7 @@ class Tried:
     result : Result or None
         None where the perturbed trial was refused or failed.
     moved : Moved
-        Against the unperturbed trial.
+        Against the unperturbed trial; empty where there is no result.
     why : str
         Why there is no result; empty where there is one.
     refused : bool
@@ -57,13 +57,15 @@ Tell: TypeAlias = Callable[[Tried], None]
 def try_one(trial: Perturbed, change: Perturbation) -> Tried:
     """Perturb a trial and see what becomes of it; a failure is an answer, not an error."""
     start = time.process_time()
+    found, off, why, refused = None, Moved(), "", False
     try:
         changed = perturbed(trial, change)
+        found, off = result(changed), moved(trial, changed)
     except MocapIdError as error:
-        refused = isinstance(error, Refused)
-        return Tried(change, None, Moved(), str(error), refused, time.process_time() - start)
-    found, off = result(changed), moved(trial, changed)
-    return Tried(change, found, off, "", refused=False, seconds=time.process_time() - start)
+        why, refused = str(error), isinstance(error, Refused)
+    except Exception as error:  # noqa: BLE001  one perturbation that nobody foresaw must not cost the others
+        why = f"an unforeseen failure, {type(error).__name__}: {str(error).partition(chr(10))[0]}"
+    return Tried(change, found, off, why, refused, seconds=time.process_time() - start)
 
 
 def try_all(source: Source, changes: Sequence[Perturbation], jobs: int, tell: Tell) -> tuple[Tried, ...]:
