@@ -20,7 +20,7 @@ def page(
     first: int,
 ) -> str:
     """The whole page."""
-    return f"{TEXT}".format(
+    return TEXT.format(
         kinds=_kinds(),
         claims=_claims(answers, counts),
         robots=counts["generated robots"],
@@ -93,19 +93,20 @@ $ mocap-id sensitivity trial.yaml
 ```
 
 perturbs a trial in every way that a lab meets, computes it again each time, and says in plain sentences what its
-inertial parameters tolerate. What is not computed yet is computed first; after that the run folder is only read. A run
-folder may be given in place of the YAML file. `--only KIND` tries one kind alone (several times for several kinds),
-`--jobs` sets how many perturbations are computed at a time, `--out` where to write (default: `<run folder>-sensitivity`),
-`--json` prints what programs want. The answers are the same to the bit whatever `--jobs` is: every kind and target has a
-stream of chance of its own, drawn from one seed, and a higher level is the same draw, larger.
+inertial parameters tolerate. What is not computed yet is computed first; after that the run folder is only read. A
+run folder may be given in place of the YAML file. `--only KIND` tries one kind alone (several times for several
+kinds), `--jobs` sets how many perturbations are computed at a time, `--out` where to write (default: `<run
+folder>-sensitivity`), `--json` prints what programs want. The answers are the same to the bit whatever `--jobs` is:
+every kind and target has a stream of chance of its own, drawn from one seed, and a higher level is the same draw,
+larger.
 
 | file | content |
 |---|---|
 | `sensitivity.html` | what the trial tolerates, the tornado, every perturbation |
 | `tornado.svg`, `tornado.pdf` | for each parameter, how far each kind of error moves it |
 | `tolerates.csv`, `.parquet` | the sentences, and the numbers in them |
-| `perturbations.csv`, `.parquet` | of each perturbation: verdict, new codes, condition number, r², CoP, torques, states |
-| `responses.csv`, `.parquet` | of each perturbation and parameter: change in units, % of its size, stated standard deviations |
+| `perturbations.csv`, `.parquet` | of each: verdict, new codes, condition number, r², CoP, torques, states |
+| `responses.csv`, `.parquet` | of each and every parameter: change in units, % of its size, stated deviations |
 | `sensitivity.json` | all but the responses, and what every column is |
 
 ## When a perturbation is tolerated
@@ -113,11 +114,12 @@ stream of chance of its own, drawn from one seed, and a higher level is the same
 When no base parameter moves by more than 5 % of its size, or by one of its stated standard deviations where that is
 more. The size is the one that the trial's own verdict goes by: of a first moment the length of (mx, my), since one of
 the two may well be zero; of the base's mx, at least 5 cm times the mass. A change below the stated standard deviation
-is one that the trial never claimed to exclude. Between two levels tried, the level that just is tolerated follows from a
-power law through both; below the mildest, in proportion. Joint torques are no part of the criterion, since they feel
-noise that parameters average out: where the tolerated levels move them by more than 5 % (rms), the sentence says so.
-*The verdict says so* means: the perturbed trial has a caution that the unperturbed one has not, or nothing was identified.
-Where there is no force plate, or nothing was identified, lengths of segments stand in for the parameters.
+is one that the trial never claimed to exclude. Between two levels tried, the level that just is tolerated follows
+from a power law through both; below the mildest, in proportion. Joint torques are no part of the criterion, since
+they feel noise that parameters average out: where the tolerated levels move them by more than 5 % (rms), the sentence
+says so. *The verdict says so* means: the perturbed trial has a caution that the unperturbed one has not, or nothing
+was identified. Where there is no force plate, or nothing was identified, lengths of segments stand in for the
+parameters.
 
 ## What is tried
 
@@ -128,21 +130,22 @@ Where there is no force plate, or nothing was identified, lengths of segments st
 - `angle-bias` is added to the smoothed angles; their derivatives stay.
 - `angle-noise`: the thesis put noise into the angles and smoothed again. Here the noise turns the *markers*, by the
   difference of two forward maps with and without it: a frame's own angles are then off by exactly that noise, and the
-  filter meets it where it would meet it in life, with its gate and its estimate of the noise. White noise added behind
-  the filter would be no error that a filter leaves; its derivatives would be whatever one chose.
-- `clock-offset`: the wrench is taken from later (or earlier) by the level, and the program estimates the offset, as it
-  does by default. `clock-offset-ignored`: the wrench is first put right by the offset that was found, then shifted, and
-  the program is kept from taking it out, which is what the thesis did.
-- `wrench-bias` and `wrench-noise` (white, one draw a frame) act on the sum of the plates. With a bias of Fy the mass that
-  the standing person shows is off by the same, as it would be in life.
-- `camera-noise` is added to every coordinate of the moving segments' markers. `marker-count` leaves so many markers on
-  every moving segment. `drop-outs` takes markers away for 0.05 to 0.5 s at a time until that share of the samples is
-  gone. `soft-tissue` is the simulation's skin (`mocap-id simulate`): it slides by up to the level as a smooth function of
-  the joint angles, and wanders slowly. `frame-rate` keeps every so many-th frame and averages the wrench over the longer
-  interval, as reading such a recording would.
+  filter meets it where it would meet it in life, with its gate and its estimate of the noise. White noise added
+  behind the filter would be no error that a filter leaves; its derivatives would be whatever one chose.
+- `clock-offset`: the wrench is taken from later (or earlier) by the level, and the program estimates the offset, as
+  it does by default. `clock-offset-ignored`: the wrench is first put right by the offset that was found, then
+  shifted, and the program is kept from taking it out, which is what the thesis did.
+- `wrench-bias` and `wrench-noise` (white, one draw a frame) act on the sum of the plates. With a bias of Fy the mass
+  that the standing person shows is off by the same, as it would be in life.
+- `camera-noise` is added to every coordinate of the moving segments' markers. `marker-count` leaves so many markers
+  on every moving segment. `drop-outs` takes markers away for 0.05 to 0.5 s at a time until that share of the samples
+  is gone. `soft-tissue` is the simulation's skin (`mocap-id simulate`): it slides by up to the level as a smooth
+  function of the joint angles, and wanders slowly. `frame-rate` keeps every so many-th frame and averages the wrench
+  over the longer interval, as reading such a recording would.
 
-Markers' perturbations keep the segmentation and run `fit-joints` and all after it again. The last segment's frame, which
-points at its markers' centroid, is put back to where it was, lest another set of markers count as another angle.
+Markers' perturbations keep the segmentation and run `fit-joints` and all after it again. The last segment's frame,
+which points at its markers' centroid, is put back to where it was, lest another set of markers count as another
+angle.
 
 A settings file (`--settings FILE`) says what to try instead:
 
@@ -161,18 +164,18 @@ A list of perturbations alone will do as well.
 
 ## The thesis's claims
 
-{robots} generated robots (`mocap-id simulate robot`, 0.4 to 0.5 Hz) and {sits} sit-to-stands, seeds from {first} up, none
-of which was used for tuning, and the recordings `ur5-elbow-fast` and `sts-normal` of the shared set. Each number is the
-worst over the trials: of states 100 (1 − r²) against the unperturbed ones, of parameters the largest change in % of its
-size, with the parameter that it is. *Negligible* is taken as the thesis takes it for the clock: below 0.5 %.
+{robots} generated robots (`mocap-id simulate robot`, 0.4 to 0.5 Hz) and {sits} sit-to-stands, seeds from {first} up,
+none of which was used for tuning, and the recordings `ur5-elbow-fast` and `sts-normal` of the shared set. Each number
+is the worst over the trials: of states 100 (1 − r²) against the unperturbed ones, of parameters the largest change in
+% of its size, with the parameter that it is. *Negligible* is taken as the thesis takes it for the clock: below 0.5 %.
 
 {claims}
 
-What to make of it: everything that is a constant of the plate goes where the thesis says, exactly, and noise of the plate
-hardly matters, on people too. What the thesis calls harmless but is not are the clock (its figures are those of one slow
-joint whose offset nobody estimates) and the filter's noise set by hand: an over-constrained filter does not merely lag.
-A gate makes that worse, since a filter that cannot follow takes sound markers for outliers; the program estimates both
-noises instead.
+What to make of it: everything that is a constant of the plate goes where the thesis says, exactly, and noise of the
+plate hardly matters, on people too. What the thesis calls harmless but is not are the clock (its figures are those of
+one slow joint whose offset nobody estimates) and the filter's noise set by hand: an over-constrained filter does not
+merely lag. A gate makes that worse, since a filter that cannot follow takes sound markers for outliers; the program
+estimates both noises instead.
 
 ## Two trials
 
@@ -180,9 +183,9 @@ noises instead.
 
 ## What it costs
 
-`sts-normal` (16,461 frames of 50 markers), {tried} perturbations, processor time in seconds as measured when this page
-was written: {total} s in all, on two cores half of that and some seconds for starting and drawing. The more the machine
-has to do beside, the larger these numbers.
+`sts-normal` (16,461 frames of 50 markers), {tried} perturbations, processor time in seconds as measured when this
+page was written: {total} s in all, on two cores half of that and some seconds for starting and drawing. The more the
+machine has to do beside, the larger these numbers.
 
 {costs}
 """

@@ -175,7 +175,8 @@ def test_a_perturbation_knows_nothing_of_those_before_it(robot: Perturbed) -> No
 
 
 def test_other_seeds_draw_other_noise(robot: Perturbed) -> None:
-    one, two = (tracks(CHANGES["camera-noise"](robot, Perturbation("camera-noise", "", 0.001, seed))) for seed in (1, 2))
+    changes = (Perturbation("camera-noise", "", 0.001, seed) for seed in (1, 2))
+    one, two = (tracks(CHANGES["camera-noise"](robot, change)) for change in changes)
     assert not np.array_equal(one, two, equal_nan=True)
 
 
