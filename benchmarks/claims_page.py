@@ -147,6 +147,9 @@ Markers' perturbations keep the segmentation and run `fit-joints` and all after 
 which points at its markers' centroid, is put back to where it was, lest another set of markers count as another
 angle.
 
+Of what is drawn there is one draw: another `seed:` moves the tolerated levels of noise, drop-outs, skin and marker
+counts by some tens of percent. A parameter that is lost counts as beyond every limit.
+
 A settings file (`--settings FILE`) says what to try instead:
 
 ```yaml

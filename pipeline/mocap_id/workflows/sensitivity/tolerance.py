@@ -110,10 +110,11 @@ def tolerances(own: Result, tried: Sequence[Tried], names: Sequence[str], share:
 
 def _point(own: Result, one: Tried, names: Sequence[str], share: float) -> Point:
     ratio, name = worst(own, one.result, names, share)
+    before = own.parameters.get(name)
+    after = one.result.parameters.get(name) if one.result is not None else None
     percent = math.nan
-    if name and one.result is not None and name in one.result.parameters:
-        parameter = own.parameters[name]
-        percent = 100 * abs(one.result.parameters[name].value - parameter.value) / parameter.size
+    if before is not None and after is not None and before.size > 0:
+        percent = 100 * abs(after.value - before.value) / before.size
     return Point(abs(one.change.level), ratio, name, percent, noticed(own, one.result), 100 * one.moved.torque_share)
 
 
