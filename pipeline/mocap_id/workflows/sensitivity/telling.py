@@ -75,7 +75,7 @@ def _breaks(one: Tolerance, point: Point) -> str:
 
 
 def _percent(point: Point) -> str:
-    return show(point.percent, 2, "%")
+    return "less than 0.001 %" if point.percent < 1e-3 else show(point.percent, 2, "%")
 
 
 def _said(one: Tolerance) -> str:
