@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from kinematic_sweep import markdown
 
-from mocap_id.workflows.sensitivity.kinds import KINDS
+from mocap_id.workflows.sensitivity.kinds import JOINTS, KINDS, Kind
 from mocap_id.workflows.sensitivity.trying import Tried
 
 
@@ -61,12 +61,18 @@ def _kinds() -> str:
             f"`{kind.name}`",
             ", ".join(f"{level:g}" for level in kind.levels) + worse[kind.worse],
             kind.unit.replace("*", "·") or "–",
-            "each joint and all" if kind.targets == ("joints",) else ", ".join(kind.targets) or "–",
+            _targets(kind),
             f"`{kind.entry}`",
         )
         for kind in KINDS.values()
     ]
     return markdown(("kind", "levels", "unit", "on", "enters"), rows)
+
+
+def _targets(kind: Kind) -> str:
+    if kind.targets == JOINTS:
+        return "all joints; each if asked" if kind.usual else "each joint and all"
+    return ", ".join(kind.targets) or "–"
 
 
 def _tolerances(name: str, sentences: Sequence[str], tried: Sequence[Tried]) -> str:
@@ -97,10 +103,10 @@ $ mocap-id sensitivity trial.yaml
 perturbs a trial in every way that a lab meets, computes it again each time, and says in plain sentences what its
 inertial parameters tolerate. What is not computed yet is computed first; after that the run folder is only read. A
 run folder may be given in place of the YAML file. `--only KIND` tries one kind alone (several times for several
-kinds), `--jobs` sets how many perturbations are computed at a time, `--out` where to write (default: `<run
-folder>-sensitivity`), `--json` prints what programs want. The answers are the same to the bit whatever `--jobs` is:
-every kind and target has a stream of chance of its own, drawn from one seed, and a higher level is the same draw,
-larger.
+kinds), `--jobs` sets how many perturbations are computed at a time, `--out` where to write (by default beside the run
+folder, with `-sensitivity` after its name), `--json` prints what programs want. The answers are the same to the bit
+whatever `--jobs` is: every kind and target has a stream of chance of its own, drawn from one seed, and a higher level
+is the same draw, larger.
 
 | file | content |
 |---|---|
@@ -180,7 +186,7 @@ What to make of it. Constants of the plate go where the thesis says, on people t
 the link's first moments back. White noise of the plate averages out, so that it costs more the shorter the trial is:
 what lies beyond 0.5 % are short generated trials at 100 Hz. Noise in the angles ruins a trial whose filter takes it for
 movement; telling the filter of it repairs one joint, not a person's three. Two claims do not hold. The clock's figures
-are those of one slow joint: on people 10 ms cost ten times as much and more, unless the offset is estimated, and then
+are those of one slow joint: on people 10 ms cost several times as much, unless the offset is estimated, and then
 they cost nothing. And the filter's noise matters: half of the grid and more changes the states by over 1 %, the
 over-constrained corner by more than half, with our gate and without it alike. The thesis does not say at what rate its
 sigma_v holds or how it enters a step; here it is the standard deviation of the snap held over one frame. The program
