@@ -1,4 +1,4 @@
-"""The benchmark behind docs/sensitivity.md: its laws on a trial of their own, and that the page is of this benchmark."""
+"""The benchmark behind docs/sensitivity.md: its laws on a trial of their own, and that the page is its own."""
 
 from __future__ import annotations
 
