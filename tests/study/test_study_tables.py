@@ -20,10 +20,9 @@ from mocap_id.workflows.study import (
     trials_table,
     variation_table,
 )
-from mocap_id.workflows.study.columns import TABLES
+from mocap_id.workflows.study.columns import TABLES, frame
 from mocap_id.workflows.study.statistics import mean_sd, pooled
 from mocap_id.workflows.study.study import tables
-from mocap_id.workflows.table_files import frame
 
 
 def only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:

@@ -12,8 +12,9 @@ import pandas as pd
 
 from mocap_id import __version__, runner
 from mocap_id.errors import ConfigError
-from mocap_id.store import Folder
+from mocap_id.store import Folder, Table
 from mocap_id.store.atomic import replace_together
+from mocap_id.store.parquet import conform
 from mocap_id.workflows.sensitivity.asking import Asked
 from mocap_id.workflows.sensitivity.columns import TABLES
 from mocap_id.workflows.sensitivity.kinds import KINDS
@@ -23,7 +24,7 @@ from mocap_id.workflows.sensitivity.studied import Studied
 from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
 from mocap_id.workflows.sensitivity.tables import document, tables
 from mocap_id.workflows.sensitivity.trying import Tried, try_all
-from mocap_id.workflows.table_files import table_files
+from mocap_id.workflows.study.writing import csv, parquet
 
 DOCUMENT, PAGE, FIGURE = "sensitivity.json", "sensitivity.html", "tornado"
 
@@ -95,7 +96,7 @@ def sensitivity(
         tried = try_all(source, changes, jobs, _counting(tell, len(changes)))
         studied = Studied(source.name, asked, result(trial), tried, note)
         frames = tables(studied)
-        files = {**table_files(frames, TABLES, "sensitivity"), **_shown(studied, frames)}
+        files = {**_table_files(frames), **_shown(studied, frames)}
         told = document(studied, frames, files)
         text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         replace_together(folder, {**files, DOCUMENT: text.encode()})
@@ -126,6 +127,16 @@ def _counting(tell: Tell, count: int) -> Callable[[Tried], None]:
         tell(one, len(done), count)
 
     return told
+
+
+def _table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
+    """CSV and Parquet of each table."""
+    files = {}
+    for name, frame in frames.items():
+        whole = conform(Table(TABLES[name], frame))
+        files[f"{name}.csv"] = csv(whole)
+        files[f"{name}.parquet"] = parquet(whole, TABLES[name], "sensitivity")
+    return files
 
 
 def _shown(studied: Studied, frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:

@@ -20,7 +20,7 @@ from mocap_id.workflows.sensitivity.studied import Studied
 from mocap_id.workflows.sensitivity.telling import sentence
 from mocap_id.workflows.sensitivity.tolerance import Tolerance
 from mocap_id.workflows.sensitivity.trying import Tried
-from mocap_id.workflows.table_files import frame
+from mocap_id.workflows.study.columns import frame
 
 
 def tables(studied: Studied) -> dict[str, pd.DataFrame]:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeAlias
 
 from mocap_id.errors import MocapIdError, NumericalError, Refused
-from mocap_id.workflows.processes import end, no_ctrl_c
+from mocap_id.workflows.performing.engine import Here
 from mocap_id.workflows.sensitivity.changing import perturbed
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Moved, Result, moved, result
 from mocap_id.workflows.sensitivity.subject import Perturbed, Source, read
 
-_THREADS = ("OPENBLAS", "MKL", "OMP", "NUMBA")
 _FIRST = ("fit-joints", "ukf-smooth", "identify-dim")
 
 
@@ -93,53 +89,23 @@ def try_all(source: Source, changes: Sequence[Perturbation], jobs: int, tell: Te
     found = {}
     # The long ones first, so that no process waits for another's at the end.
     order = sorted(changes, key=lambda change: _FIRST.index(change.of.entry))
-    context = multiprocessing.get_context("spawn")  # copies of this process would have its libraries' threads
-    with _one_thread():
-        pool = ProcessPoolExecutor(min(jobs, len(changes)), context, _begin, (source,))
-        try:
-            with no_ctrl_c():
-                asked = [pool.submit(_try, change) for change in order]
-            for future in as_completed(asked):
+    try:
+        with Here(jobs).workers(len(changes)) as workers:
+            for future in as_completed([workers.executor.submit(_try, source, change) for change in order]):
                 done = future.result()
                 tell(done)
                 found[done.change] = done
-        except BrokenProcessPool as error:
-            message = "a process was killed, by the system for want of memory perhaps: run again with fewer --jobs"
-            raise NumericalError(message) from error
-        except BaseException:
-            end(pool)
-            raise
-        pool.shutdown()
+    except BrokenProcessPool as error:
+        message = "a process was killed, by the system for want of memory perhaps: run again with fewer --jobs"
+        raise NumericalError(message) from error
     return tuple(found[change] for change in changes)
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Have new processes compute on one thread each: they share the machine, and sums keep their order."""
-    names = [f"{library}_NUM_THREADS" for library in _THREADS]
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+_trials: dict[Path, Perturbed] = {}
+"""In a process of the pool: the trial that it perturbs, read once."""
 
 
-class _Worker:
-    """The trial that this process perturbs."""
-
-    trial: Perturbed
-
-
-def _begin(source: Source) -> None:
-    logging.captureWarnings(True)
-    logging.basicConfig(format="mocap-id: %(message)s", level=logging.CRITICAL)
-    _Worker.trial = read(source)
-
-
-def _try(change: Perturbation) -> Tried:
-    return try_one(_Worker.trial, change)
+def _try(source: Source, change: Perturbation) -> Tried:
+    if source.folder not in _trials:
+        _trials[source.folder] = read(source)
+    return try_one(_trials[source.folder], change)

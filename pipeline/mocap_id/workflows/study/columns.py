@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import pandas as pd
 
 from mocap_id.store import Column, TableSchema
+from mocap_id.store.parquet import columns_of
 
 _SUBJECT = Column("subject", "str", "", "id of the person; `cohort` = all of them")
 _STRATEGY = Column("strategy", "str", "", "how the person moves")
@@ -199,3 +203,20 @@ TABLES: Mapping[str, TableSchema] = {
     "variation": VARIATION,
 }
 """By the stem of their files."""
+
+
+def frame(schema: TableSchema, rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Rows as a table with exactly the schema's columns and types; what a row does not name is missing."""
+    rows = list(rows)
+    given = [name for row in rows for name in row]
+    columns = list(columns_of(schema, [*given, *(column.name for column in schema.columns)]))
+    unknown = set(given) - {column.name for column in columns}
+    if unknown:
+        raise ValueError(f"{schema.file} has no columns {sorted(unknown)}")
+    missing = {"str": "", "float64": float("nan"), "Int64": pd.NA}
+    data = {}
+    for column in columns:
+        values = [row.get(column.name) for row in rows]
+        filled = [missing.get(column.dtype) if value is None else value for value in values]
+        data[column.name] = pd.Series(filled, dtype=column.dtype)
+    return pd.DataFrame(data)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet
 
 from mocap_id import __version__
 from mocap_id.config import Study
-from mocap_id.store import TableSchema, hash_bytes
-from mocap_id.store.parquet import columns_of
+from mocap_id.store import Table, TableSchema, hash_bytes
+from mocap_id.store.parquet import columns_of, conform
+from mocap_id.store.provenance import PREFIX
 from mocap_id.workflows.study.cases import Case
 from mocap_id.workflows.study.columns import TABLES
 from mocap_id.workflows.study.trials_table import codes, level
-from mocap_id.workflows.table_files import table_files as workflow_files
 
 DOCUMENT = "study.json"
 PAGE = "cohort.html"
@@ -23,7 +28,12 @@ PAGE = "cohort.html"
 
 def table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
     """CSV and Parquet of each table; in CSV what is missing is empty, in Parquet NaN."""
-    return workflow_files(frames, TABLES, "study")
+    files = {}
+    for name, frame in frames.items():
+        whole = conform(Table(TABLES[name], frame))
+        files[f"{name}.csv"] = csv(whole)
+        files[f"{name}.parquet"] = parquet(whole, TABLES[name])
+    return files
 
 
 def document(
@@ -79,3 +89,27 @@ def _table(schema: TableSchema, frame: pd.DataFrame) -> dict[str, Any]:
             for column in columns_of(schema, list(frame.columns))
         ],
     }
+
+
+def csv(whole: pa.Table) -> bytes:
+    """A table as CSV: what is missing is empty."""
+    stream = io.BytesIO()
+    pyarrow.csv.write_csv(pa.table(dict(_without_nan(whole))), stream)
+    return stream.getvalue()
+
+
+def _without_nan(whole: pa.Table) -> Iterator[tuple[str, Any]]:
+    for name in whole.column_names:
+        column = whole.column(name)
+        if pa.types.is_floating(column.type):
+            column = pc.if_else(pc.is_nan(column), pa.scalar(None, column.type), column)
+        yield name, column
+
+
+def parquet(whole: pa.Table, schema: TableSchema, kind: str = "study") -> bytes:
+    """A table as Parquet, which says of what kind it is, by which schema and product."""
+    told = {"schema": f"{kind}/{schema.file}", "schema_version": str(schema.version), "product": __version__}
+    stream = io.BytesIO()
+    named = whole.replace_schema_metadata({f"{PREFIX}{key}": text for key, text in told.items()})
+    pyarrow.parquet.write_table(named, stream)
+    return stream.getvalue()

@@ -1,17 +1,12 @@
-"""The trials of a study, one after the other or several at a time; one that fails is told and stops no other."""
+"""Running one trial, whose failure is an answer and not an error."""
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
 import os
 import signal
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from mocap_id import runner
 from mocap_id.config import Trial
@@ -20,7 +15,9 @@ from mocap_id.reporting.contents import FILES
 from mocap_id.runner.dependencies import user_files
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
-from mocap_id.workflows.processes import end, no_ctrl_c
+
+NOT_RUN = 1
+"""Exit code of a trial that was left out since another had failed."""
 
 
 @dataclass(frozen=True)
@@ -53,33 +50,6 @@ class Performed:
     seconds: float
 
 
-_LOGGERS = ("mocap_id", "py.warnings")
-Tell: TypeAlias = Callable[[Performed], None]
-
-
-def perform_all(trials: Sequence[Trial], jobs: int, tell: Tell) -> tuple[Performed, ...]:
-    """Run every trial that is not up to date.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-    jobs : int
-        How many at a time, each in a process of its own; 1 for none beside this one.
-    tell : callable
-        Told of each trial once it is done, in the order in which they end.
-
-    Returns
-    -------
-    tuple of Performed
-        In the order of the trials.
-    """
-    found = {}
-    for done in map(perform, trials) if jobs <= 1 or len(trials) <= 1 else _side_by_side(trials, jobs):
-        tell(done)
-        found[done.trial] = done
-    return tuple(found[trial.name] for trial in trials)
-
-
 def perform(trial: Trial) -> Performed:
     """Run one trial; its failure is an answer, not an error."""
     start, message, code = time.perf_counter(), None, 0
@@ -88,6 +58,8 @@ def perform(trial: Trial) -> Performed:
         outcome = runner.run(trial)
     except MocapIdError as error:
         message, code = ": ".join([*getattr(error, "__notes__", []), str(error)]), error.exit_code
+    except Exception as error:  # noqa: BLE001  whatever it is, the other trials go on
+        message, code = f"unforeseen failure, {type(error).__name__}: {error}", NumericalError.exit_code
     else:
         steps = outcome.steps
         if outcome.refused is not None:
@@ -103,54 +75,37 @@ def perform(trial: Trial) -> Performed:
     )
 
 
-def _side_by_side(trials: Sequence[Trial], jobs: int) -> Iterator[Performed]:
-    # New interpreters, not copies of this one, whose libraries have threads by now.
-    context, levels = multiprocessing.get_context("spawn"), {name: logging.getLogger(name).level for name in _LOGGERS}
-    pool = ProcessPoolExecutor(min(jobs, len(trials)), context, _begin, (levels,))
-    try:
-        with no_ctrl_c():
-            asked = {pool.submit(_perform_until_told, trial): trial for trial in trials}
-        for future in as_completed(asked):
-            try:
-                yield future.result()
-            except BrokenProcessPool:
-                yield _killed(asked[future])
-    except BaseException:
-        end(pool)
-        raise
-    pool.shutdown()
-
-
-def _killed(trial: Trial) -> Performed:
-    message = "a process was killed, by the system for want of memory perhaps: run again with fewer --jobs"
-    return Performed(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
-
-
 class _Told(BaseException):
     """The process was told to end."""
 
 
-def _perform_until_told(trial: Trial) -> Performed:
+def not_run(trial: Trial) -> Performed:
+    """What there is to say of a trial that was not begun."""
+    message = "not run: another trial failed before"
+    return Performed(trial.name, NOT_RUN, message, message, None, computed=False, seconds=0.0)
+
+
+def killed(trial: Trial) -> Performed:
+    """What there is to say of a trial that took its process along."""
+    message = "a process was killed, by the system for want of memory perhaps: run again with fewer --jobs"
+    return Performed(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
+
+
+def perform_until_told(trial: Trial) -> Performed:
     """:func:`perform` in a process of its own, which takes its half-written files away when it is told to end."""
-    signal.signal(signal.SIGTERM, _tell)
+    if threading.current_thread() is not threading.main_thread():  # of a cluster's worker, which sees to itself
+        return perform(trial)
+    before = signal.signal(signal.SIGTERM, _tell)
     try:
         return perform(trial)
     except _Told:
         os._exit(128 + signal.SIGTERM)
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, before)
 
 
 def _tell(number: int, frame: object) -> None:
     raise _Told
-
-
-def _begin(levels: Mapping[str, int]) -> None:
-    """Have a new process tell as much as this one."""
-    logging.captureWarnings(True)
-    logging.basicConfig(format="mocap-id: %(message)s", level=logging.ERROR)
-    for name, level in levels.items():
-        logging.getLogger(name).setLevel(level)
 
 
 def _published(message: str, trial: Trial) -> str:
