@@ -40,8 +40,8 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Hash of every file but locks."""
-    files = [path for path in folder.rglob("*") if path.is_file() and path.name != "lock"]
+    """Hash of every file but locks and the log, in which the runner notes that it found the trial up to date."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name not in ("lock", "run.log")]
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)}
 
 
