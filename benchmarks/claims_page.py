@@ -102,11 +102,11 @@ $ mocap-id sensitivity trial.yaml
 
 perturbs a trial in every way that a lab meets, computes it again each time, and says in plain sentences what its
 inertial parameters tolerate. What is not computed yet is computed first, as `mocap-id run` would, and noted in the
-trial's `run.log`; after that the run folder is only read. A run folder may be given in place of the YAML file. `--only KIND` tries one kind alone (several times for several
-kinds), `--jobs` sets how many perturbations are computed at a time, `--out` where to write (by default beside the run
-folder, with `-sensitivity` after its name), `--json` prints what programs want. The answers are the same to the bit
-whatever `--jobs` is: every kind and target has a stream of chance of its own, drawn from one seed, and a higher level
-is the same draw, larger.
+trial's `run.log`; after that the run folder is only read. A run folder may be given in place of the YAML file.
+`--only KIND` tries one kind alone (several times for several kinds), `--jobs` sets how many perturbations are
+computed at a time, `--out` where to write (by default beside the run folder, with `-sensitivity` after its name),
+`--json` prints what programs want. The answers are the same to the bit whatever `--jobs` is: every kind and target
+has a stream of chance of its own, drawn from one seed, and a higher level is the same draw, larger.
 
 | file | content |
 |---|---|

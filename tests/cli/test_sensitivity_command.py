@@ -11,12 +11,12 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from swinging_link import pendulum
 
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.workflows.sensitivity.columns import TABLES
 from mocap_id.workflows.simulate import Options, simulate
+from swinging_link import pendulum
 
 SETTINGS = """seed: 3
 perturbations:
