@@ -110,6 +110,11 @@ COMMANDS = (
         partial(_found, "prescribing", "prescribe"),
     ),
     Entry(
+        "sensitivity",
+        "Perturb a trial in every way that a lab meets, and say what its parameters tolerate (thesis 5.5.2).",
+        partial(_found, "sensitising", "sensitivity"),
+    ),
+    Entry(
         "inspect",
         "Print what a recording holds: markers, rates, gaps, force plates, oddities.",
         partial(_found, "inspecting", "inspect"),

@@ -33,7 +33,7 @@ def table_files(
     files = {}
     for name, frame in frames.items():
         whole = conform(Table(schemas[name], frame))
-        files[f"{name}.csv"] = _csv(whole)
+        files[f"{name}.csv"] = csv(whole)
         files[f"{name}.parquet"] = parquet(whole, schemas[name], kind)
     return files
 
@@ -94,7 +94,8 @@ def table_document(schema: TableSchema, frame: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def _csv(whole: pa.Table) -> bytes:
+def csv(whole: pa.Table) -> bytes:
+    """A table as CSV; what is missing is empty."""
     stream = io.BytesIO()
     pyarrow.csv.write_csv(pa.table(dict(_without_nan(whole))), stream)
     return stream.getvalue()

@@ -1,0 +1,30 @@
+"""A robot's trial to perturb, computed once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mocap_id.workflows.sensitivity.responses import Result, result
+from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
+from mocap_id.workflows.simulate import Options, simulate
+
+
+@pytest.fixture(scope="session")
+def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The trial's YAML file."""
+    folder = tmp_path_factory.mktemp("robot")
+    return simulate("robot", folder, Options(seed=41, repetitions=3, analog_rate=200))
+
+
+@pytest.fixture(scope="session")
+def robot(robot_file: Path) -> Perturbed:
+    """The trial, unperturbed."""
+    return read(located(robot_file))
+
+
+@pytest.fixture(scope="session")
+def own(robot: Perturbed) -> Result:
+    """Its result."""
+    return result(robot)

@@ -1,0 +1,43 @@
+"""The benchmark behind docs/sensitivity.md: its laws on a trial of their own, and that the page is its own."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from mocap_id.workflows.sensitivity.subject import Perturbed
+
+ROOT = Path(__file__).resolve().parents[2]
+EXACT = ("turn the other way", "nothing else moves", "mean up to 10 N rejected", "total mass alone", "mx1 + … alone")
+
+
+@pytest.fixture
+def claims(monkeypatch: pytest.MonkeyPatch):
+    """The benchmark; benchmarks import each other as scripts in one folder do."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    return importlib.import_module("claims")
+
+
+@pytest.mark.parametrize("words", EXACT)
+def test_claims_that_are_laws_are_confirmed(claims, robot: Perturbed, words: str) -> None:
+    (claim,) = [claim for claim in claims.CLAIMS if words in claim.text]
+    holds, said = claims.judged(claim, [claims.Case(robot)])
+    assert holds
+    assert said.value < 0.01
+
+
+def test_one_trial_that_speaks_against_it_refutes_a_claim(claims) -> None:
+    said = {"one": claims.Said(0.1), "two": claims.Said(0.7, "I2"), "three": claims.Said(0.6)}
+    claim = claims.Claim("x", "", said.__getitem__, *claims._below(0.5))
+    assert claims.judged(claim, list(said)) == (False, said["two"])
+    assert claims.judged(claim, ["one"]) == (True, said["one"])
+
+
+def test_the_page_has_every_claim(claims) -> None:
+    page = (ROOT / "docs" / "sensitivity.md").read_text("utf-8")
+    for claim in claims.CLAIMS:
+        start = f"| {claim.letter} | {claim.text} | {claim.limit} |"
+        (row,) = [line for line in page.splitlines() if line.startswith(start)]
+        assert row.count("confirmed:") + row.count("refuted**:") == 4
