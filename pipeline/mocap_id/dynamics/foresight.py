@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import triangular_factor
 from mocap_id.dynamics.course import Course
 from mocap_id.dynamics.fit import conditions
@@ -41,6 +41,8 @@ class Foreseen:
         Of the stacked, gated minimal regressor, in SI and with unit columns.
     samples : float
         Length of what would be fitted, s.
+    fixed : (b,) array
+        Variance in it that no movement changes: that of the plate's zero.
     """
 
     sd: FloatArray
@@ -48,6 +50,7 @@ class Foreseen:
     condition: float
     condition_scaled: float
     samples: float
+    fixed: FloatArray
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,7 @@ class Foresight:
             condition=fit.condition,
             condition_scaled=fit.condition_scaled,
             samples=float(fit.in_fit.sum()) / body.prepared.recorded.rate,
+            fixed=_parts(found)[2],
         )
         nothing = _Shape(np.zeros((0, 0)), np.zeros((0, 0)))
         bare = cls(body, of_postures, own, now, nothing)
@@ -182,12 +186,21 @@ class Foresight:
         """
         fitted = self.fitted(course)
         seconds = float(fitted.sum()) / course.rate if seconds is None else seconds
-        if not fitted.any():
+        if not len(_chosen(course, fitted, samples)):
             lost = np.full_like(self.now.covariance, np.inf)
-            return Foreseen(np.full(len(lost), np.inf), lost, np.inf, np.inf, 0.0)
-        covariance = self._covariance(self._shape_of(course, fitted, samples), seconds)
-        condition, scaled = self._conditions(course, fitted, exactly)
-        return Foreseen(np.sqrt(np.diag(covariance)), covariance, condition, scaled, seconds)
+            return Foreseen(np.full(len(lost), np.inf), lost, np.inf, np.inf, 0.0, self.now.fixed)
+        shape = self._shape_of(course, fitted, samples)
+        covariance = self._covariance(shape, seconds)
+        condition, scaled = self._filtered_conditions(course, fitted) if exactly else self.conditions(course)
+        return Foreseen(np.sqrt(np.diag(covariance)), covariance, condition, scaled, seconds, self.now.fixed)
+
+    def conditions(self, course: Course, samples: int = SAMPLES) -> tuple[float, float]:
+        """Condition numbers of a movement, in SI and with unit columns, from some samples and unfiltered."""
+        chosen = _chosen(course, self.fitted(course), samples)
+        if not len(chosen):
+            return np.inf, np.inf
+        rows = self.body.regressor(course.q[chosen], course.dq[chosen], course.ddq[chosen])
+        return conditions(rows[:, list(self.body.prepared.settings.components)])
 
     def fitted(self, course: Course) -> BoolArray:
         """Samples (T,) that an identification would use: known, and clear of gaps and ends."""
@@ -197,46 +210,55 @@ class Foresight:
         return erode(course.known, int(np.ceil(lost * course.rate)) + 1)
 
     def _shape_of(self, course: Course, fitted: BoolArray, samples: int) -> _Shape:
-        body = self.body
-        regressor = body.regressor(course.q, course.dq, course.ddq)
-        change = np.gradient(regressor, 1.0 / course.rate, axis=0)
-        chosen = np.flatnonzero(fitted & np.isfinite(change).all(axis=(1, 2)))
-        chosen = chosen[:: max(1, len(chosen) // samples)]
-        rows = body.rows(regressor[chosen], change[chosen])
+        body, chosen = self.body, _chosen(course, fitted, samples)
+        before, now, after = (
+            body.regressor(course.q[at], course.dq[at], course.ddq[at]) for at in (chosen - 1, chosen, chosen + 1)
+        )
+        rows = body.rows(now, (after - before) * course.rate / 2)
         states = np.stack([course.q[chosen], course.dq[chosen], course.ddq[chosen]], axis=1)
         noise = _unit_covariance(rows.reshape(-1, rows.shape[-1]))[: len(self.now.sd), : len(self.now.sd)]
-        response = body.response(states, rows, self.geometry(course.q[fitted]))
+        response = body.response(states, rows, self.geometry(course.q[fitted & course.known]))
         return _Shape(noise * len(chosen), response @ response.T)
 
     def _covariance(self, shape: _Shape, seconds: float) -> FloatArray:
         """In proportion to what was found of the trial: its residuals, its geometry's errors, its plate's zero."""
-        found = self.body.found
-        noise, geometry = np.diag(self._shape.noise), np.diag(self._shape.geometry)
-        residual = np.diag(found.residual_covariance)
-        rest = np.maximum(np.diag(found.covariance) - residual, 0.0)
-        moving = np.minimum(np.sum(found.response**2, axis=1), rest)
-        scatter = np.sqrt(residual / noise)
-        slip = np.sqrt(moving / np.maximum(geometry, 1e-300))
+        residual, moving, fixed = _parts(self.body.found)
+        scatter = np.sqrt(residual / np.diag(self._shape.noise))
+        slip = np.sqrt(moving / np.maximum(np.diag(self._shape.geometry), 1e-300))
         length = self.now.samples / seconds
         return np.asarray(
             length * shape.noise * np.outer(scatter, scatter)
             + shape.geometry * np.outer(slip, slip)
-            + np.diag(rest - moving)
+            + np.diag(fixed)
         )
 
-    def _conditions(self, course: Course, fitted: BoolArray, exactly: bool) -> tuple[float, float]:
+    def _filtered_conditions(self, course: Course, fitted: BoolArray) -> tuple[float, float]:
         if course is self.own:
             return self.now.condition, self.now.condition_scaled
-        prepared = self.body.prepared
-        regressor = self.body.regressor(course.q, course.dq, course.ddq)
-        step = max(1, int(fitted.sum()) // SAMPLES)
-        if exactly:
-            asked = prepared.settings.cutoff
-            cutoff = asked if asked is not None else cutoff_from_velocity(course.dq, course.rate)
-            lowpass = LowPass(cutoff, course.rate)
-            regressor, step = lowpass(regressor), lowpass.step
-        rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][::step]
-        return conditions(rows[:, list(prepared.settings.components)])
+        settings = self.body.prepared.settings
+        cutoff = settings.cutoff if settings.cutoff is not None else cutoff_from_velocity(course.dq, course.rate)
+        lowpass = LowPass(cutoff, course.rate)
+        regressor = lowpass(self.body.regressor(course.q, course.dq, course.ddq))
+        rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][:: lowpass.step]
+        return conditions(rows[:, list(settings.components)])
+
+
+def _parts(found: Identification) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Variances (b,) by where they come from: residuals, joints and skin, and what no movement changes."""
+    residual = np.diag(found.residual_covariance)
+    rest = np.maximum(np.diag(found.covariance) - residual, 0.0)
+    moving = np.minimum(np.sum(found.response**2, axis=1), rest)
+    return residual, moving, rest - moving
+
+
+def _chosen(course: Course, fitted: BoolArray, samples: int) -> IntArray:
+    """Some of the fitted samples, evenly, whose neighbours are known too."""
+    known = course.known
+    inner = fitted & known
+    inner[1:-1] &= known[:-2] & known[2:]
+    inner[[0, -1]] = False
+    chosen = np.flatnonzero(inner)
+    return chosen[:: max(1, len(chosen) // samples)]
 
 
 def unit_variances(rows: FloatArray) -> FloatArray:
