@@ -8,6 +8,7 @@ import typer
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
+from mocap_id_cli.advising import advise
 from mocap_id_cli.initialising import init
 from mocap_id_cli.inspecting import inspect
 from mocap_id_cli.reference import schema, stages
@@ -31,6 +32,7 @@ def build() -> typer.Typer:
     for stage in STAGES:
         app.command(stage.name, help=stage.help)(stage_command(stage))
     app.command("transfer")(transfer)
+    app.command("advise")(advise)
     app.command("init")(init)
     app.command("study")(study)
     app.command("inspect")(inspect)

@@ -8,8 +8,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.course import Course
+from mocap_id.geometry import planar
 
 _FIRM = 1e-9
+_FASTER = 1.5  # than what was seen
+_UPRIGHT = 0.9  # quantile of the highest joint's height
+_INSIDE = 0.01  # m: so far inside the support lies the pressure of the posture at rest
 
 
 @dataclass(frozen=True)
@@ -62,3 +66,70 @@ class Limits:
         pressure = wrench[:, 2] / wrench[:, 1]
         low, high = support
         return float(np.max(np.abs(pressure - (low + high) / 2))) / max((high - low) / 2, _FIRM)
+
+
+def observed_limits(
+    course: Course,
+    wrench: FloatArray,
+    rest: FloatArray,
+    *,
+    widened: float,
+    least_speed: float,
+    least_acceleration: float,
+    slack: float | None,
+    at_rest: float,
+) -> Limits:
+    """Bounds from what was recorded.
+
+    Parameters
+    ----------
+    course : Course
+        The trial's movement, with the samples that were fitted.
+    wrench : (T, 3) array
+        Of the ground, N and N·m.
+    rest : (n,) array
+        Posture that is allowed in any case, rad.
+    widened : float
+        By which every joint may turn further than it was seen to at either end, rad.
+    least_speed, least_acceleration : float
+        Allowed in any case, rad/s and rad/s²; else 1.5 and 2.25 times what was seen.
+    slack : float or None
+        By which the centre of pressure may go beyond where it was seen, m; None for a base that is bolted down.
+    at_rest : float
+        Centre of pressure in the posture at rest, m.
+    """
+    known = course.known
+    seen = (known if course.fitted is None else known & course.fitted) & (wrench[:, 1] > 0.0)
+    pressure = wrench[seen, 2] / wrench[seen, 1]
+    support = None
+    if slack is not None:
+        support = (
+            float(min(pressure.min() - slack, at_rest - _INSIDE)),
+            float(max(pressure.max() + slack, at_rest + _INSIDE)),
+        )
+    return Limits(
+        low=np.minimum(course.q[known].min(axis=0) - widened, rest),
+        high=np.maximum(course.q[known].max(axis=0) + widened, rest),
+        speed=np.maximum(_FASTER * np.abs(course.dq[known]).max(axis=0), least_speed),
+        acceleration=np.maximum(_FASTER**2 * np.abs(course.ddq[known]).max(axis=0), least_acceleration),
+        support=support,
+    )
+
+
+def resting_posture(course: Course, centres: FloatArray, upright: bool) -> FloatArray:
+    """Posture to start from (n,), rad: the median one, for those who stand of the tenth in which they stand highest.
+
+    Parameters
+    ----------
+    course : Course
+        The trial's movement, with the samples that were fitted.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    upright : bool
+        Somebody stands.
+    """
+    q = course.q[course.known if course.fitted is None else course.known & course.fitted]
+    if upright:
+        height = planar.segment_poses(q, centres)[1][:, -1, 1]
+        q = q[height >= np.quantile(height, _UPRIGHT)]
+    return np.asarray(np.median(q, axis=0))
