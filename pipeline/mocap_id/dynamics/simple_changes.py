@@ -18,6 +18,7 @@ FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
 _ABOUT = 0.4  # room to one side by that to the other, from which a joint swings about where it rests
 _LEAST = np.radians(2.0)
 _HALVINGS = 4
+HALF = "half of the recording as it was; in the other half "
 COMPARED = 16.0  # s of a movement that are looked at while many are compared
 
 
@@ -28,16 +29,16 @@ class Simple:
     Parameters
     ----------
     words : str
-    courses : tuple of Waves
-        One after the other; none where it is the trial's own movement, changed.
     course : Course
         At the rate at which movements are compared.
+    waves : tuple of Waves
+        One after the other; none where it is the trial's own movement, changed.
     beside : bool
         For half of the recording, the other half as it was.
     seconds : float or None
         How much of it would be fitted, where that does not follow from it.
-    change : tuple or None
-        Of the trial's own movement.
+    advice : Advice or None
+        The change of the trial's own movement.
     """
 
     words: str
@@ -61,12 +62,15 @@ class Family:
         Length of the recording.
     joints : tuple of str
         Their names.
+    mixed : bool
+        Another movement may share a recording with the trial's own.
     """
 
     judge: Judge
     rest: FloatArray
     seconds: float
     joints: tuple[str, ...]
+    mixed: bool
 
     @property
     def balancing(self) -> bool:
@@ -112,15 +116,16 @@ class Family:
 def simple_changes(family: Family) -> Iterator[Simple]:
     """All that are within the limits."""
     yield from _own_changed(family)
-    parts = 1 if len(family.joints) == 1 else 2
+    alone = len(family.joints) == 1
+    parts = len(family.joints)
     singles: dict[tuple[int, bool], list[Waves]] = {}
     for joint in range(len(family.joints)):
         for balanced in (False, True) if family.balancing and joint > 0 else (False,):
             found = [family.alone(joint, f, family.seconds / parts, balanced) for f in FREQUENCIES]
             singles[joint, balanced] = [waves for waves in found if waves is not None]
-            for waves in singles[joint, balanced]:
-                yield _by_itself(family, waves)
-    if parts > 1:
+            if alone or family.mixed:
+                yield from (_by_itself(family, waves) for waves in singles[joint, balanced])
+    if not alone:
         yield from _in_turn(family, singles)
 
 
@@ -140,7 +145,7 @@ def _by_itself(family: Family, waves: Waves) -> Simple:
     said, judge = swung(waves, family.joints), family.judge
     if len(family.joints) == 1:
         return Simple(said, course_of((waves,), family, judge.looked), (waves,))
-    words = f"half of the recording as it was; in the other half {said}, the others at rest"
+    words = f"{HALF}{said}, the others at rest"
     return Simple(words, course_of((waves,), family, judge.looked, beside=True), (waves,), beside=True)
 
 

@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.course import Course, course_through
 from mocap_id.dynamics.foresight import Body
 
-LEAD, RAMP = 1.0, 2.0  # s: at rest at both ends, and over which the movement grows and fades
+LEAD, RAMP = 0.5, 1.5  # s: at rest at both ends, and over which the movement grows and fades
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,6 @@ def balancing(body: Body, q: FloatArray, target: FloatArray, near: float) -> Flo
 
 
 def _envelope(time: FloatArray, seconds: float) -> FloatArray:
-    """0 for a second at both ends, 1 between, with three continuous derivatives."""
+    """0 for half a second at both ends, 1 between, with three continuous derivatives."""
     side = np.clip((np.minimum(time, time[-1] - time) - LEAD) / min(RAMP, seconds / 4), 0.0, 1.0)
     return np.asarray(side**4 * (35.0 - 84.0 * side + 70.0 * side**2 - 20.0 * side**3))

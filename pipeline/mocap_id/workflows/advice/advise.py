@@ -92,14 +92,21 @@ def advise(path: Path, asked: Asked | None = None, progress: runner.Progress = l
     context = _context(path if path.is_dir() else load(path).out)
     answer = identification(context)
     assert not isinstance(answer, Unknown)  # it was identified before, from the same artefacts
-    prepared, _, found = answer
+    prepared, movement, found = answer
     joints = joint_names(context.tree("chain.h5"))
     sight = Foresight.of(Body(prepared, found), recorded_course(prepared.recorded, found.fit.in_fit), _geometry(context))
     bolted = asked.support == "bolted" or (asked.support is None and context.trial.protocol == "robot-joint")
     rest = resting_posture(sight.own, prepared.recorded.centres, upright=not bolted)
     limits = _limits(asked, sight, rest, joints, context.trial.protocol, bolted)
     chosen = design(
-        sight, limits, rest, joints, objective=asked.objective, seconds=asked.seconds, seed=asked.seed
+        sight,
+        limits,
+        rest,
+        joints,
+        objective=asked.objective,
+        seconds=asked.seconds,
+        mixed=movement.contact is None or not movement.contact.chair,
+        seed=asked.seed,
     )
     centres = prepared.recorded.centres
     return Advised(

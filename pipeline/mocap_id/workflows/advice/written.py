@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.dynamics.course import Course
 from mocap_id.dynamics.excitation import LOST, WEAK
 from mocap_id.dynamics.foresight import Foreseen
 from mocap_id.dynamics.proposal import OBJECTIVES, Proposal
@@ -41,7 +42,10 @@ def lines(advised: Advised) -> Iterator[str]:
     if not shown:
         yield "  none of the simple changes"
     yield ""
-    yield f"the best movement in {found.seconds:.0f} s: {found.best.words}: {_worth(advised, found.best)}"
+    if found.designed is not None:
+        yield f"designed, {found.seconds:.0f} s: {found.designed.words}: {_worth(advised, found.designed)}"
+    else:
+        yield "no movement of all joints together stays within these limits"
     yield ""
     yield from _table(advised)
 
@@ -73,12 +77,13 @@ def _table(advised: Advised) -> Iterator[str]:
     columns = [("now", found.now)]
     if found.simple:
         columns.append(("simple", found.simple[0].foreseen))
-    columns.append(("best", found.best.foreseen))
+    if found.designed is not None:
+        columns.append(("designed", found.designed.foreseen))
     width = max(map(len, advised.names))
-    yield "sd by size, %".ljust(width) + "".join(name.rjust(9) for name, _ in columns)
+    yield "sd by size, %".ljust(width) + "".join(name.rjust(10) for name, _ in columns)
     for i, name in enumerate(advised.names):
-        yield name.ljust(width) + "".join(f"{100 * f.sd[i] / found.size[i]:9.2f}" for _, f in columns)
-    yield "condition number".ljust(width) + "".join(f"{f.condition:9.1f}" for _, f in columns)
+        yield name.ljust(width) + "".join(f"{100 * f.sd[i] / found.size[i]:10.2f}" for _, f in columns)
+    yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
 
 
 def as_json(advised: Advised) -> dict[str, Any]:
@@ -106,7 +111,7 @@ def as_json(advised: Advised) -> dict[str, Any]:
         },
         "now": _foreseen(advised, found.now),
         "simple": [_proposal(advised, each) for each in found.simple],
-        "best": _proposal(advised, found.best),
+        "designed": None if found.designed is None else _proposal(advised, found.designed),
     }
 
 
@@ -146,9 +151,8 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def csv_text(advised: Advised) -> str:
-    """The best movement: time_s, and angle, velocity and acceleration of every joint in rad, rad/s and rad/s²."""
-    course = advised.design.best.course
+def csv_text(advised: Advised, course: Course) -> str:
+    """A movement: time_s, and angle, velocity and acceleration of every joint in rad, rad/s and rad/s²."""
     heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
     rows = np.column_stack([course.time - course.time[0], course.q, course.dq, course.ddq])
     stream = io.StringIO()
@@ -157,18 +161,21 @@ def csv_text(advised: Advised) -> str:
 
 
 def write(advised: Advised, folder: Path) -> tuple[Path, ...]:
-    """Write ``advice.json``, ``movement.csv`` and ``movement.svg``; StoreError where the folder cannot be written."""
-    with style.house():
-        figure = style.svg(
-            draw(advised.design.best.course, advised.joints, advised.limits, advised.design.best.words),
-            "movement",
-            f"The movement advised after {advised.trial}",
-        )
-    contents = {
-        "advice.json": (json.dumps(as_json(advised), indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode(),
-        "movement.csv": csv_text(advised).encode(),
-        "movement.svg": figure,
-    }
+    """Write ``advice.json`` and, where a movement was designed, ``movement.csv`` and ``movement.svg``.
+
+    Raises
+    ------
+    StoreError
+        The folder cannot be written.
+    """
+    told = json.dumps(as_json(advised), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    contents = {"advice.json": told.encode()}
+    designed = advised.design.designed
+    if designed is not None:
+        contents["movement.csv"] = csv_text(advised, designed.course).encode()
+        with style.house():
+            drawn = draw(designed.course, advised.joints, advised.limits, designed.words)
+            contents["movement.svg"] = style.svg(drawn, "movement", f"The movement designed after {advised.trial}")
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)

@@ -2,8 +2,9 @@
 
 from mocap_id.workflows.simulate.cohort import Cohort, simulate_cohort
 from mocap_id.workflows.simulate.generate import Simulated, generate
+from mocap_id.workflows.simulate.motion import Motion, through
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.schedule import Strategy
 from mocap_id.workflows.simulate.trial import simulate
 
-__all__ = ["Cohort", "Kind", "Options", "Simulated", "Strategy", "generate", "simulate", "simulate_cohort"]
+__all__ = ["Cohort", "Kind", "Motion", "Options", "Simulated", "Strategy", "generate", "simulate", "simulate_cohort", "through"]

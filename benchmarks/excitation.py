@@ -1,0 +1,213 @@
+"""Whether advised movements keep their promise: ``python benchmarks/excitation.py [--write PAGE]``.
+
+A body makes a movement that tells little; `mocap-id advise` says what to do instead; the same body does it in a second
+simulated recording, which goes through the whole pipeline. Prints docs/excitation.md's tables, and with ``--write
+docs/excitation.md`` replaces that page. About half a minute a body and core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.dynamics.base import structural_base
+from mocap_id.dynamics.course import Course
+from mocap_id.dynamics.proposal import Proposal
+from mocap_id.errors import MocapIdError
+from mocap_id.geometry import planar
+from mocap_id.runner import run_to
+from mocap_id.store import Folder
+from mocap_id.workflows.advice import Advised, Asked, advise
+from mocap_id.workflows.advice.written import standing
+from mocap_id.workflows.simulate import Motion, Options, simulate, through
+from mocap_id.workflows.simulate.motion import smoothstep
+from mocap_id.workflows.simulate.subject import draw_subject
+
+FRESH = 960_000  # the first seed; nothing was tuned on these
+PAD, STEP, FADE = 2.0, 0.02, 0.75  # s: rest before and after, between the samples of a given motion, around a cut
+
+
+@dataclass(frozen=True)
+class Case:
+    """A body and the movement that it begins with."""
+
+    kind: str
+    seed: int
+    objective: str = "intervals"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a recording told: parameters, their sds and the truth (b,), condition number, and the frames' turn."""
+
+    value: FloatArray
+    sd: FloatArray
+    true: FloatArray
+    condition: float
+    turn: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """A body before and after the advice; ``designed`` and ``simple`` hold what was foreseen and what came of it."""
+
+    case: Case
+    names: tuple[str, ...]
+    size: FloatArray
+    before: Recorded
+    told: Mapping[str, tuple[Proposal, Recorded | str]]
+    helps: bool
+
+
+def swing(joints: int, rest: FloatArray, size: FloatArray, frequency: FloatArray, seconds: float) -> Motion:
+    """A slow movement to begin with: (n,) amplitudes, rad, and frequencies, Hz, about and beyond a posture."""
+    time = np.arange(0.0, seconds, STEP)
+    near = smoothstep((np.minimum(time, seconds - time) - 0.5) / 2.0)
+    q = rest + near[:, None] * size * (1 - np.cos(2 * np.pi * np.multiply.outer(time, frequency))) / 2
+    return given(time, q)
+
+
+def given(time: FloatArray, q: FloatArray) -> Motion:
+    """A motion through angles (T, n), at rest where it begins and ends for some time beyond."""
+    even = np.arange(-PAD, time[-1] - time[0] + PAD, STEP)
+    columns = [np.interp(even, time - time[0], column) for column in q.T]
+    return through(even, np.column_stack(columns), float(time[-1] - time[0]))
+
+
+def carried_out(course: Course, rest: FloatArray, turn: float) -> Motion:
+    """An advised movement as the simulated body makes it: without gaps and jumps, angles in the truth's frames."""
+    q = np.column_stack(
+        [np.interp(course.time, course.time[np.isfinite(c)], c[np.isfinite(c)]) for c in course.q.T]
+    )
+    for cut in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > 0.05):
+        away = np.abs(course.time - course.time[cut] - 0.5 / course.rate)
+        q = rest + smoothstep(away / FADE)[:, None] * (q - rest)
+    q[:, -1] -= turn
+    return given(course.time, q)
+
+
+def record(place: Path, case: Case, options: Options, motion: Motion | None) -> Recorded:
+    """Simulate a recording, run it, and hold it against the truth."""
+    kind = "robot" if case.kind == "robot" else "sit-to-stand"
+    configuration = simulate(kind, place, options, motion)
+    trial = load(configuration)
+    outcome = run_to(trial, "identify-dim")
+    if outcome.refused is not None:
+        raise outcome.refused
+    return read(configuration, outcome.folder)
+
+
+def read(configuration: Path, out: Path) -> Recorded:
+    """A finished recording beside its truth."""
+    folder = Folder(out)
+    dynamics, chain = folder.read("dynamics.h5"), folder.read("chain.h5")
+    truth: dict[str, Any] = json.loads(configuration.with_name("truth.json").read_text())
+    base: Any = dynamics.data["base"]
+    joints: Any = chain.data["joints"]
+    if len(joints["centre"]) + 1 != len(truth["segments"]):
+        raise MocapIdError(f"{len(joints['centre']) + 1} segments were found, there are {len(truth['segments'])}")
+    if dynamics.facts["why"] is not None:
+        raise MocapIdError(dynamics.facts["why"])
+    turn = last_turn(truth, chain)
+    full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in truth["segments"]])
+    full[-1, 1:3] = planar.rotate(np.array(-turn), full[-1, 1:3])
+    centres = np.array([s["p_in_parent_m"] for s in truth["segments"][1:]])
+    true = structural_base(centres).regrouping @ full.reshape(-1)
+    condition = float(dynamics.facts["condition_number"])
+    return Recorded(np.asarray(base["value"]), np.asarray(base["sd"]), true, condition, turn)
+
+
+def last_turn(truth: Mapping[str, Any], chain: Any) -> float:
+    """Angle, rad, from the truth's frame of the last segment to the one whose y points at its markers' middle."""
+    markers = chain.data["markers"]
+    last = len(truth["segments"]) - 1
+    local = {marker["label"]: marker["local_xyz_m"][:2] for marker in truth["markers"]}
+    pairs = zip(np.asarray(markers["name"]), np.asarray(markers["segment"]), strict=True)
+    x, y = np.mean([local[str(name)] for name, segment in pairs if segment == last], axis=0)
+    return float(np.arctan2(-x, y))
+
+
+def first_motion(case: Case) -> Motion | None:
+    """What a body does before it is advised; None for sit-to-stands."""
+    rng = np.random.default_rng(case.seed)
+    if case.kind == "robot":
+        start = rng.uniform(-0.5, 0.5, 1)
+        return swing(1, start, rng.uniform(0.25, 0.45, 1), rng.uniform(0.1, 0.2, 1), 24.0)
+    if case.kind == "stand":
+        size = np.radians(rng.uniform([8, -45, 15], [12, -35, 25]))
+        return swing(3, np.radians([2.0, -3.0, 5.0]), size, np.array([0.2, 0.2, 0.2]), 24.0)
+    return None
+
+
+def asked(case: Case) -> Asked:
+    """What the lab asks for: a person may bend knees and hips further than shown."""
+    if case.kind == "stand":
+        return Asked(case.objective, angles={"knee": (-90.0, 0.0)}, widen=20.0)
+    return Asked(case.objective)
+
+
+def measure(case: Case) -> Result | str:
+    """One body, before and after."""
+    subject = draw_subject(case.seed, 1)
+    options = [Options(seed=case.seed + k, subject=subject, repetitions=2) for k in range(3)]
+    with tempfile.TemporaryDirectory() as place:
+        try:
+            before = record(Path(place) / "before", case, options[0], first_motion(case))
+            advised = advise(Path(place) / "before" / "trial.yaml", asked(case))
+        except MocapIdError as error:
+            return f"{case.kind} {case.seed}: {error}"
+        told = {}
+        for k, (name, proposal) in enumerate(proposals(advised).items(), start=1):
+            motion = carried_out(proposal.course, advised.design.rest, before.turn)
+            try:
+                told[name] = proposal, record(Path(place) / name, case, options[k], motion)
+            except MocapIdError as error:
+                told[name] = proposal, str(error)
+    return Result(case, advised.names, advised.design.size, before, told, advised.design.helps)
+
+
+def proposals(advised: Advised) -> dict[str, Proposal]:
+    """The designed movement and the best simple change; not what needs the chair again."""
+    found = {} if advised.design.designed is None else {"designed": advised.design.designed}
+    own = [each for each in advised.design.simple if "the whole movement" not in each.words and "'s movement" not in each.words]
+    return found | ({"simple": own[0]} if own else {})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--bodies", type=int, default=6, help="of each kind")
+    parser.add_argument("--first", type=int, default=FRESH, help="first seed")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--write", type=Path, help="page to replace")
+    arguments = parser.parse_args()
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    for kind in ("robot", "stand", "rise"):
+        for k in range(arguments.bodies):
+            r = measure(Case(kind, arguments.first + 10 * k))
+            if isinstance(r, str):
+                print(r); continue
+            print(kind, k, "helps", r.helps, "before cond %.1f" % r.before.condition)
+            print("   rel sd now ", np.round(100*r.before.sd/r.size,2), "err/sd", np.round((r.before.value-r.before.true)/r.before.sd,1))
+            for name,(p,g) in r.told.items():
+                print("  ",name,p.words)
+                if isinstance(g,str): print("   FAILED",g); continue
+                print("     foreseen cond %.1f achieved %.1f"%(p.foreseen.condition,g.condition))
+                print("     foreseen", np.round(100*p.foreseen.sd/r.size,2))
+                print("     achieved", np.round(100*g.sd/r.size,2), "err/sd", np.round((g.value-g.true)/g.sd,1))
+                print("     ratio f/a", np.round(p.foreseen.sd/g.sd,2))
+
+
+if __name__ == "__main__":
+    main()
