@@ -36,6 +36,7 @@ from mocap_id.workflows.simulate.motion import smoothstep
 from mocap_id.workflows.simulate.subject import draw_subject
 
 FRESH = 960_000  # the first seed; nothing was tuned on these
+HARD: Mapping[str, Mapping[str, float]] = {"robot": {"marker_noise": 0.002, "plate_noise": 4.0}, "stand": {}, "rise": {}}
 PAD, STEP, FADE = 2.0, 0.02, 0.75  # s: rest before and after, between the samples of a given motion, around a cut
 
 
@@ -50,13 +51,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a recording told: parameters, their sds and the truth (b,), condition number, and the frames' turn."""
+    """What a recording told: parameters, their sds and the truth (b,), condition number, the last frame's turn,
+    and -1 where the plane's x points the other way than in the truth."""
 
     value: FloatArray
     sd: FloatArray
     true: FloatArray
     condition: float
     turn: float
+    side: int
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def given(time: FloatArray, q: FloatArray) -> Motion:
     return through(even, np.column_stack(columns), float(time[-1] - time[0]))
 
 
-def carried_out(course: Course, rest: FloatArray, turn: float) -> Motion:
+def carried_out(course: Course, rest: FloatArray, before: Recorded) -> Motion:
     """An advised movement as the simulated body makes it: without gaps and jumps, angles in the truth's frames."""
     q = np.column_stack(
         [np.interp(course.time, course.time[np.isfinite(c)], c[np.isfinite(c)]) for c in course.q.T]
@@ -94,7 +97,8 @@ def carried_out(course: Course, rest: FloatArray, turn: float) -> Motion:
     for cut in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > 0.05):
         away = np.abs(course.time - course.time[cut] - 0.5 / course.rate)
         q = rest + smoothstep(away / FADE)[:, None] * (q - rest)
-    q[:, -1] -= turn
+    q = before.side * q
+    q[:, -1] -= before.turn
     return given(course.time, q)
 
 
@@ -120,13 +124,15 @@ def read(configuration: Path, out: Path) -> Recorded:
         raise MocapIdError(f"{len(joints['centre']) + 1} segments were found, there are {len(truth['segments'])}")
     if dynamics.facts["why"] is not None:
         raise MocapIdError(dynamics.facts["why"])
-    turn = last_turn(truth, chain)
+    turn, side = last_turn(truth, chain), facing(configuration, folder)
     full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in truth["segments"]])
     full[-1, 1:3] = planar.rotate(np.array(-turn), full[-1, 1:3])
     centres = np.array([s["p_in_parent_m"] for s in truth["segments"][1:]])
+    full[:, 1] *= side
+    centres[:, 0] *= side
     true = structural_base(centres).regrouping @ full.reshape(-1)
     condition = float(dynamics.facts["condition_number"])
-    return Recorded(np.asarray(base["value"]), np.asarray(base["sd"]), true, condition, turn)
+    return Recorded(np.asarray(base["value"]), np.asarray(base["sd"]), true, condition, turn, side)
 
 
 def last_turn(truth: Mapping[str, Any], chain: Any) -> float:
@@ -137,6 +143,16 @@ def last_turn(truth: Mapping[str, Any], chain: Any) -> float:
     pairs = zip(np.asarray(markers["name"]), np.asarray(markers["segment"]), strict=True)
     x, y = np.mean([local[str(name)] for name, segment in pairs if segment == last], axis=0)
     return float(np.arctan2(-x, y))
+
+
+def facing(configuration: Path, folder: Folder) -> int:
+    """1 where the plane's x is the truth's, -1 where it is opposite, and with it every angle."""
+    states: Any = folder.read("states.parquet")
+    with np.load(configuration.with_name("truth.npz")) as arrays:
+        at = np.searchsorted(arrays["t"], states.frame["time"].to_numpy() - 1e-6)
+        true = arrays["qd"][at, 0]
+    found = states.frame["dtheta_1"].to_numpy()
+    return 1 if np.nansum(found * true) > 0 else -1
 
 
 def first_motion(case: Case) -> Motion | None:
@@ -154,14 +170,14 @@ def first_motion(case: Case) -> Motion | None:
 def asked(case: Case) -> Asked:
     """What the lab asks for: a person may bend knees and hips further than shown."""
     if case.kind == "stand":
-        return Asked(case.objective, angles={"knee": (-90.0, 0.0)}, widen=20.0)
+        return Asked(case.objective, angles={"joint 2": (-90.0, 0.0)}, widen=20.0)
     return Asked(case.objective)
 
 
 def measure(case: Case) -> Result | str:
     """One body, before and after."""
     subject = draw_subject(case.seed, 1)
-    options = [Options(seed=case.seed + k, subject=subject, repetitions=2) for k in range(3)]
+    options = [Options(seed=case.seed + k, subject=subject, repetitions=2, **HARD[case.kind]) for k in range(3)]
     with tempfile.TemporaryDirectory() as place:
         try:
             before = record(Path(place) / "before", case, options[0], first_motion(case))
@@ -170,7 +186,7 @@ def measure(case: Case) -> Result | str:
             return f"{case.kind} {case.seed}: {error}"
         told = {}
         for k, (name, proposal) in enumerate(proposals(advised).items(), start=1):
-            motion = carried_out(proposal.course, advised.design.rest, before.turn)
+            motion = carried_out(proposal.course, advised.design.rest, before)
             try:
                 told[name] = proposal, record(Path(place) / name, case, options[k], motion)
             except MocapIdError as error:

@@ -105,7 +105,7 @@ def design(
     family = Family(judge, rest, sight.own.seconds if seconds is None else seconds, tuple(joints), mixed)
     ranked = _ranked(family)
     simple = [_closely(family, each) for each in ranked[:_KEPT]]
-    singles = [each for each in ranked if len(each.waves) == 1 and each.waves[0].balanced == family.balancing]
+    singles = [each for each in ranked if len(each.waves) == 1]
     starts = [(each.waves[0], each.beside) for each in singles[:_STARTS_KNOWN]]
     return Design(
         objective=objective,
@@ -133,7 +133,7 @@ def _kind(each: Simple) -> object:
     if each.advice is not None:
         return each.advice.change, each.advice.joint
     moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]
-    return tuple(moved), each.beside, len(each.waves) == 1 and each.waves[0].balanced
+    return tuple(moved), each.beside
 
 
 def _closely(family: Family, each: Simple) -> Proposal:

@@ -16,14 +16,13 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.instructions import swung
 from mocap_id.dynamics.proposal import Proposal
 from mocap_id.dynamics.simple_changes import COMPARED, HALF, Family, course_of
-from mocap_id.dynamics.waves import Waves, pressure
+from mocap_id.dynamics.waves import Waves
 
 _STARTS, _STEPS = 20, 60
 _FASTEST, _SLOWEST = 0.8, 0.15  # Hz
 _LEAST_ARC = np.radians(12.0)  # a joint that turns less is hard to find
 _REACH, _CALMER = 0.3, 0.96  # of a joint's room: how far the search steps, and how that shrinks
 _OVERTONE = 0.3  # of a wave, at most
-_SWAY = 0.005  # m
 _SHRINK, _TRIES = 0.97, 40
 
 
@@ -77,19 +76,9 @@ def _worth(family: Family, waves: Waves, beside: bool) -> _Found | None:
     return _Found(judge.quickly(course, family.seconds) * hidden, found, beside)
 
 
-def _reaches(family: Family) -> tuple[FloatArray, FloatArray]:
-    """How far each row of a movement may go below and above where it rests (n,): rad, or m of the pressure."""
-    limits = family.judge.limits
-    below, above = family.rest - limits.low, limits.high - family.rest
-    if family.balancing and limits.support is not None:
-        now = float(pressure(family.judge.sight.body, family.rest[None])[0])
-        below[0], above[0] = now - limits.support[0], limits.support[1] - now
-    return np.maximum(below, 0.0), np.maximum(above, 0.0)
-
-
 def _drawn(family: Family, rng: np.random.Generator) -> Waves:
     """A movement at random: between two postures of each joint, with an overtone where nobody has to balance."""
-    below, above = _reaches(family)
+    below, above = family.reaches()
     joints = len(below)
     low, high = -below * rng.uniform(0.0, 1.0, joints), above * rng.uniform(0.0, 1.0, joints)
     overtone = 0.0 if family.balancing else rng.uniform(0.0, _OVERTONE, joints)
@@ -106,7 +95,7 @@ def _drawn(family: Family, rng: np.random.Generator) -> Waves:
 
 def _nudged(family: Family, waves: Waves, rng: np.random.Generator, step: float) -> Waves:
     """One near it; what is too much the limits take back."""
-    below, above = _reaches(family)
+    below, above = family.reaches()
     room, joints = (below + above) / 2, len(below)
     overtones = np.array([1.0, 0.0 if family.balancing else _OVERTONE])
     amplitude = waves.amplitude + step * room[:, None] * overtones * rng.normal(size=(joints, 2))
@@ -121,9 +110,7 @@ def _nudged(family: Family, waves: Waves, rng: np.random.Generator, step: float)
 
 def _settled(family: Family, waves: Waves, beside: bool) -> Waves | None:
     """In whole degrees, half centimetres and hundredths of a hertz, and within the limits as it is then."""
-    unit = np.full(len(waves.rest), np.radians(1.0))
-    unit[0] = _SWAY if waves.balanced else unit[0]
-    sight = family.judge.sight
+    unit, sight = family.units, family.judge.sight
     for _ in range(_TRIES):
         rounded = replace(
             waves,

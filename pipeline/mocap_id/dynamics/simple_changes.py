@@ -12,11 +12,12 @@ from mocap_id.dynamics.course import Course, joined
 from mocap_id.dynamics.excitation import Advice, changed, changes
 from mocap_id.dynamics.instructions import swung
 from mocap_id.dynamics.proposal import Judge
-from mocap_id.dynamics.waves import Waves, still
+from mocap_id.dynamics.waves import Waves, pressure, still
 
 FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
 _ABOUT = 0.4  # room to one side by that to the other, from which a joint swings about where it rests
-_LEAST = np.radians(2.0)
+SWAY = 0.005
+"""m, of which a sway is a multiple."""
 _HALVINGS = 4
 HALF = "half of the recording as it was; in the other half "
 COMPARED = 16.0  # s of a movement that are looked at while many are compared
@@ -92,16 +93,31 @@ class Family:
             low, high = (middle, high) if strain(middle) <= 1.0 else (low, middle)
         return None if low == 0.0 else waves.sized(low)
 
-    def alone(self, joint: int, frequency: float, seconds: float, balanced: bool) -> Waves | None:
-        """One joint as far as the limits allow, in whole degrees."""
-        limits, waves = self.judge.limits, still(self.rest, balanced)
-        below, above = self.rest[joint] - limits.low[joint], limits.high[joint] - self.rest[joint]
+    def reaches(self) -> tuple[FloatArray, FloatArray]:
+        """How far each row of :class:`Waves` may go below and above where it rests (n,): rad, or m of the pressure."""
+        limits = self.judge.limits
+        below, above = self.rest - limits.low, limits.high - self.rest
+        if self.balancing and limits.support is not None:
+            now = float(pressure(self.judge.sight.body, self.rest[None])[0])
+            below[0], above[0] = now - limits.support[0], limits.support[1] - now
+        return np.maximum(below, 0.0), np.maximum(above, 0.0)
+
+    @property
+    def units(self) -> FloatArray:
+        """What each row of a movement is rounded to (n,): a degree, or half a centimetre of the pressure."""
+        units = np.full(len(self.rest), np.radians(1.0))
+        units[0] = SWAY if self.balancing else units[0]
+        return units
+
+    def alone(self, joint: int, frequency: float, seconds: float) -> Waves | None:
+        """One joint as far as the limits allow, in whole degrees; the first of those who have to balance sways."""
+        below, above = (float(part[joint]) for part in self.reaches())
         one_side = min(below, above) < _ABOUT * max(below, above)
         size = max(below, above) / 2 if one_side else min(below, above)
         side = 1.0 if above > below else -1.0
         at = np.arange(len(self.rest)) == joint
         waves = replace(
-            waves,
+            still(self.rest, self.balancing),
             centre=np.where(at, side * size if one_side else 0.0, 0.0),
             frequency=np.full(len(at), frequency),
             amplitude=np.where(at, size, 0.0)[:, None] * [1.0, 0.0],
@@ -109,8 +125,9 @@ class Family:
         )
         found = self.fitting(waves, seconds)
         size = 0.0 if found is None else float(found.amplitude[joint, 0])
-        whole = np.radians(np.floor(np.degrees(size) + 1e-6))
-        return None if found is None or whole < _LEAST else found.sized(whole / size)
+        unit = float(self.units[joint])
+        whole = unit * np.floor(size / unit + 1e-6)
+        return None if found is None or whole < (2 * unit if unit != SWAY else unit) else found.sized(whole / size)
 
 
 def simple_changes(family: Family) -> Iterator[Simple]:
@@ -118,13 +135,12 @@ def simple_changes(family: Family) -> Iterator[Simple]:
     yield from _own_changed(family)
     alone = len(family.joints) == 1
     parts = len(family.joints)
-    singles: dict[tuple[int, bool], list[Waves]] = {}
-    for joint in range(len(family.joints)):
-        for balanced in (False, True) if family.balancing and joint > 0 else (False,):
-            found = [family.alone(joint, f, family.seconds / parts, balanced) for f in FREQUENCIES]
-            singles[joint, balanced] = [waves for waves in found if waves is not None]
-            if alone or family.mixed:
-                yield from (_by_itself(family, waves) for waves in singles[joint, balanced])
+    singles: list[list[Waves]] = []
+    for joint in range(parts):
+        found = [family.alone(joint, frequency, family.seconds / max(parts, 2)) for frequency in FREQUENCIES]
+        singles.append([waves for waves in found if waves is not None])
+        if alone or family.mixed:
+            yield from (_by_itself(family, waves) for waves in singles[joint])
     if not alone:
         yield from _in_turn(family, singles)
 
@@ -145,23 +161,14 @@ def _by_itself(family: Family, waves: Waves) -> Simple:
     said, judge = swung(waves, family.joints), family.judge
     if len(family.joints) == 1:
         return Simple(said, course_of((waves,), family, judge.looked), (waves,))
-    words = f"{HALF}{said}, the others at rest"
+    words = f"{HALF}{said}"
     return Simple(words, course_of((waves,), family, judge.looked, beside=True), (waves,), beside=True)
 
 
-def _in_turn(family: Family, singles: dict[tuple[int, bool], list[Waves]]) -> Iterator[Simple]:
-    """One joint after the other at the same frequency: every joint as it goes furthest."""
+def _in_turn(family: Family, singles: Sequence[Sequence[Waves]]) -> Iterator[Simple]:
+    """One joint after the other at the same frequency."""
     for frequency in FREQUENCIES:
-        chosen = []
-        for joint in range(len(family.joints)):
-            own = [
-                waves
-                for (of, _), several in singles.items()
-                for waves in several
-                if of == joint and waves.frequency[joint] == frequency
-            ]
-            if own:
-                chosen.append(max(own, key=lambda waves: float(waves.amplitude[joint, 0])))
+        chosen = [waves for several in singles for waves in several if waves.frequency[0] == frequency]
         if len(chosen) == len(family.joints):
             said = ", then ".join(swung(waves, family.joints) for waves in chosen)
             words = f"one joint after the other, each for {family.seconds / len(chosen):.0f} s: {said}"
