@@ -10,10 +10,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import tempfile
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,13 +28,16 @@ from mocap_id.geometry import planar
 from mocap_id.runner import run_to
 from mocap_id.store import Folder
 from mocap_id.workflows.advice import Advised, Asked, advise
-from mocap_id.workflows.advice.written import standing
 from mocap_id.workflows.simulate import Motion, Options, simulate, through
 from mocap_id.workflows.simulate.motion import smoothstep
 from mocap_id.workflows.simulate.subject import draw_subject
 
 FRESH = 960_000  # the first seed; nothing was tuned on these
-HARD: Mapping[str, Mapping[str, float]] = {"robot": {"marker_noise": 0.002, "plate_noise": 4.0}, "stand": {}, "rise": {}}
+HARD: Mapping[str, Mapping[str, float]] = {
+    "robot": {"marker_noise": 0.002, "plate_noise": 4.0},
+    "stand": {},
+    "rise": {},
+}
 PAD, STEP, FADE = 2.0, 0.02, 0.75  # s: rest before and after, between the samples of a given motion, around a cut
 
 
@@ -91,9 +92,7 @@ def given(time: FloatArray, q: FloatArray) -> Motion:
 
 def carried_out(course: Course, rest: FloatArray, before: Recorded) -> Motion:
     """An advised movement as the simulated body makes it: without gaps and jumps, angles in the truth's frames."""
-    q = np.column_stack(
-        [np.interp(course.time, course.time[np.isfinite(c)], c[np.isfinite(c)]) for c in course.q.T]
-    )
+    q = np.column_stack([np.interp(course.time, course.time[np.isfinite(c)], c[np.isfinite(c)]) for c in course.q.T])
     for cut in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > 0.05):
         away = np.abs(course.time - course.time[cut] - 0.5 / course.rate)
         q = rest + smoothstep(away / FADE)[:, None] * (q - rest)
@@ -197,7 +196,11 @@ def measure(case: Case) -> Result | str:
 def proposals(advised: Advised) -> dict[str, Proposal]:
     """The designed movement and the best simple change; not what needs the chair again."""
     found = {} if advised.design.designed is None else {"designed": advised.design.designed}
-    own = [each for each in advised.design.simple if "the whole movement" not in each.words and "'s movement" not in each.words]
+    own = [
+        each
+        for each in advised.design.simple
+        if "the whole movement" not in each.words and "'s movement" not in each.words
+    ]
     return found | ({"simple": own[0]} if own else {})
 
 
@@ -213,16 +216,26 @@ def main() -> None:
         for k in range(arguments.bodies):
             r = measure(Case(kind, arguments.first + 10 * k))
             if isinstance(r, str):
-                print(r); continue
+                print(r)
+                continue
             print(kind, k, "helps", r.helps, "before cond %.1f" % r.before.condition)
-            print("   rel sd now ", np.round(100*r.before.sd/r.size,2), "err/sd", np.round((r.before.value-r.before.true)/r.before.sd,1))
-            for name,(p,g) in r.told.items():
-                print("  ",name,p.words)
-                if isinstance(g,str): print("   FAILED",g); continue
-                print("     foreseen cond %.1f achieved %.1f"%(p.foreseen.condition,g.condition))
-                print("     foreseen", np.round(100*p.foreseen.sd/r.size,2))
-                print("     achieved", np.round(100*g.sd/r.size,2), "err/sd", np.round((g.value-g.true)/g.sd,1))
-                print("     ratio f/a", np.round(p.foreseen.sd/g.sd,2))
+            print(
+                "   rel sd now ",
+                np.round(100 * r.before.sd / r.size, 2),
+                "err/sd",
+                np.round((r.before.value - r.before.true) / r.before.sd, 1),
+            )
+            for name, (p, g) in r.told.items():
+                print("  ", name, p.words)
+                if isinstance(g, str):
+                    print("   FAILED", g)
+                    continue
+                print("     foreseen cond %.1f achieved %.1f" % (p.foreseen.condition, g.condition))
+                print("     foreseen", np.round(100 * p.foreseen.sd / r.size, 2))
+                print(
+                    "     achieved", np.round(100 * g.sd / r.size, 2), "err/sd", np.round((g.value - g.true) / g.sd, 1)
+                )
+                print("     ratio f/a", np.round(p.foreseen.sd / g.sd, 2))
 
 
 if __name__ == "__main__":

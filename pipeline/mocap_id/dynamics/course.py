@@ -84,7 +84,9 @@ class Course:
     def _at(self, values: FloatArray, clock: FloatArray) -> FloatArray:
         """Series (T, n) at every joint's own times (R, n) from the beginning, s."""
         stamped = self.time - self.time[0]
-        return np.stack([np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1)
+        return np.stack(
+            [np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1
+        )
 
 
 def recorded_course(recorded: Recorded, fitted: BoolArray) -> Course:

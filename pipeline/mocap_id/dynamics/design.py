@@ -57,11 +57,20 @@ class Design:
     rest: FloatArray
 
     @property
+    def every(self) -> tuple[Proposal, ...]:
+        """All that is proposed."""
+        return (*self.simple, *([] if self.designed is None else [self.designed]))
+
+    @property
     def best(self) -> Proposal | None:
         """The best of all that is proposed; None where nothing is better than the present movement."""
-        every = [*self.simple, *([] if self.designed is None else [self.designed])]
-        better = [each for each in every if each.value < self.value]
+        better = [each for each in self.every if each.value < self.value]
         return min(better, key=lambda each: each.value, default=None)
+
+    @property
+    def made(self) -> Proposal | None:
+        """The best of those that are whole movements of their own, which a robot can follow."""
+        return min((each for each in self.every if each.made), key=lambda each: each.value, default=None)
 
     @property
     def helps(self) -> bool:
@@ -142,4 +151,4 @@ def _closely(family: Family, each: Simple) -> Proposal:
     if each.advice is not None:
         course = changed(judge.sight.own, each.advice.change, each.advice.joint)
         return judge.proposal(each.words, course, each.seconds)
-    return judge.proposal(each.words, course_of(each.waves, family, rate, each.beside))
+    return judge.proposal(each.words, course_of(each.waves, family, rate, each.beside), made=not each.beside)

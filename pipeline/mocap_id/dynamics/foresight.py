@@ -227,9 +227,7 @@ class Foresight:
         slip = np.sqrt(moving / np.maximum(np.diag(self._shape.geometry), 1e-300))
         length = self.now.samples / seconds
         return np.asarray(
-            length * shape.noise * np.outer(scatter, scatter)
-            + shape.geometry * np.outer(slip, slip)
-            + np.diag(fixed)
+            length * shape.noise * np.outer(scatter, scatter) + shape.geometry * np.outer(slip, slip) + np.diag(fixed)
         )
 
     def _filtered_conditions(self, course: Course, fitted: BoolArray) -> tuple[float, float]:

@@ -74,8 +74,8 @@ def observed_limits(
     rest: FloatArray,
     *,
     widened: float,
-    least_speed: float,
-    least_acceleration: float,
+    speed: tuple[float, float],
+    acceleration: tuple[float, float],
     slack: float | None,
     at_rest: float,
 ) -> Limits:
@@ -91,8 +91,9 @@ def observed_limits(
         Posture that is allowed in any case, rad.
     widened : float
         By which every joint may turn further than it was seen to at either end, rad.
-    least_speed, least_acceleration : float
-        Allowed in any case, rad/s and rad/s²; else 1.5 and 2.25 times what was seen.
+    speed, acceleration : (float, float)
+        Allowed in any case, and the most beyond what was seen, rad/s and rad/s²; between them 1.5 and 2.25 times what
+        was seen.
     slack : float or None
         By which the centre of pressure may go beyond where it was seen, m; None for a base that is bolted down.
     at_rest : float
@@ -110,10 +111,16 @@ def observed_limits(
     return Limits(
         low=np.minimum(course.q[known].min(axis=0) - widened, rest),
         high=np.maximum(course.q[known].max(axis=0) + widened, rest),
-        speed=np.maximum(_FASTER * np.abs(course.dq[known]).max(axis=0), least_speed),
-        acceleration=np.maximum(_FASTER**2 * np.abs(course.ddq[known]).max(axis=0), least_acceleration),
+        speed=_allowed(course.dq[known], _FASTER, *speed),
+        acceleration=_allowed(course.ddq[known], _FASTER**2, *acceleration),
         support=support,
     )
+
+
+def _allowed(values: FloatArray, factor: float, least: float, most: float) -> FloatArray:
+    """(n,) so many times the largest of values (T, n), at least and at most so much, but never less than was seen."""
+    seen = np.abs(values).max(axis=0)
+    return np.asarray(np.maximum(seen, np.clip(factor * seen, least, most)))
 
 
 def resting_posture(course: Course, centres: FloatArray, upright: bool) -> FloatArray:

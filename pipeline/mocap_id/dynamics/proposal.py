@@ -39,6 +39,8 @@ class Proposal:
         Of the objective: smaller is better.
     designed : bool
         Found by the search, and no simple change.
+    made : bool
+        From waves: no change of what was recorded, with its gaps.
     """
 
     words: str
@@ -46,6 +48,7 @@ class Proposal:
     foreseen: Foreseen
     value: float
     designed: bool = False
+    made: bool = False
 
 
 def objective_value(objective: Objective, foreseen: Foreseen, size: FloatArray) -> float:
@@ -109,7 +112,9 @@ class Judge:
         foreseen = self.sight.foresee(course, seconds, samples=_QUICK, exactly=False)
         return objective_value(self.objective, foreseen, self.size)
 
-    def proposal(self, words: str, course: Course, seconds: float | None = None, designed: bool = False) -> Proposal:
+    def proposal(
+        self, words: str, course: Course, seconds: float | None = None, *, designed: bool = False, made: bool = False
+    ) -> Proposal:
         """The movement with all that is foreseen of it; ``seconds`` as for :meth:`Foresight.foresee`."""
         foreseen = self.sight.foresee(course, seconds)
-        return Proposal(words, course, foreseen, objective_value(self.objective, foreseen, self.size), designed)
+        return Proposal(words, course, foreseen, objective_value(self.objective, foreseen, self.size), designed, made)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.instructions import swung
 from mocap_id.dynamics.proposal import Proposal
 from mocap_id.dynamics.simple_changes import COMPARED, HALF, Family, course_of
@@ -33,9 +32,7 @@ class _Found:
     beside: bool
 
 
-def searched(
-    family: Family, rng: np.random.Generator, starts: Sequence[tuple[Waves, bool]] = ()
-) -> Proposal | None:
+def searched(family: Family, rng: np.random.Generator, starts: Sequence[tuple[Waves, bool]] = ()) -> Proposal | None:
     """The best movement of all joints together, or None where the limits allow none.
 
     Parameters
@@ -60,7 +57,7 @@ def searched(
         return None
     course = course_of((final,), family, family.judge.sight.own.rate, best.beside)
     words = swung(final, family.joints)
-    return family.judge.proposal(HALF + words if best.beside else words, course, designed=True)
+    return family.judge.proposal(HALF + words if best.beside else words, course, designed=True, made=not best.beside)
 
 
 def _worth(family: Family, waves: Waves, beside: bool) -> _Found | None:

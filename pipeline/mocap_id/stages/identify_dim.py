@@ -192,9 +192,7 @@ def _identified(
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
 
 
-def _fit(
-    context: Context, prepared: Prepared, movement: Movement, grid: PointGrid, bodies: Rivals
-) -> Identification:
+def _fit(context: Context, prepared: Prepared, movement: Movement, grid: PointGrid, bodies: Rivals) -> Identification:
     settings: IdentifyDimSettings = context.settings
     return identify(
         prepared,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from mocap_id.dynamics.foresight import Body, Foresight
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.limits import Limits, observed_limits, resting_posture
 from mocap_id.dynamics.waves import pressure
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.errors import RecordingError
 from mocap_id.kinematics.skin_foreseen import skin_in
 from mocap_id.stages import STAGES, skin_artefact
 from mocap_id.stages.base import Context, TrialKeys
@@ -31,7 +31,7 @@ from mocap_id.workflows.finished import finished
 
 _WIDEN = {"robot-joint": 20.0}  # degrees; a person is asked for little beyond what was seen
 _WIDEN_ELSE = 5.0
-_LEAST_SPEED, _LEAST_ACCELERATION = np.radians(90.0), np.radians(360.0)
+_SPEED, _ACCELERATION = np.radians((90.0, 200.0)), np.radians((360.0, 800.0))  # in any case; at most, for a person
 _SLACK = 0.03  # m
 _POSTURES = 60  # from which the joints' errors in another movement are foreseen
 
@@ -94,10 +94,11 @@ def advise(path: Path, asked: Asked | None = None, progress: runner.Progress = l
     assert not isinstance(answer, Unknown)  # it was identified before, from the same artefacts
     prepared, movement, found = answer
     joints = joint_names(context.tree("chain.h5"))
-    sight = Foresight.of(Body(prepared, found), recorded_course(prepared.recorded, found.fit.in_fit), _geometry(context))
+    own, centres = recorded_course(prepared.recorded, found.fit.in_fit), prepared.recorded.centres
+    sight = Foresight.of(Body(prepared, found), own, _geometry(context))
     bolted = asked.support == "bolted" or (asked.support is None and context.trial.protocol == "robot-joint")
-    rest = resting_posture(sight.own, prepared.recorded.centres, upright=not bolted)
-    limits = _limits(asked, sight, rest, joints, context.trial.protocol, bolted)
+    rest = resting_posture(own, centres, upright=not bolted)
+    limits = asked.over(_observed(sight, rest, _widen(asked, context), bolted), joints)
     chosen = design(
         sight,
         limits,
@@ -108,7 +109,6 @@ def advise(path: Path, asked: Asked | None = None, progress: runner.Progress = l
         mixed=movement.contact is None or not movement.contact.chair,
         seed=asked.seed,
     )
-    centres = prepared.recorded.centres
     return Advised(
         done.name, joints, base_names(prepared.base, centres), base_units(prepared.base), found.base, chosen, limits
     )
@@ -145,28 +145,20 @@ def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
     return of
 
 
-def _limits(
-    asked: Asked, sight: Foresight, rest: FloatArray, joints: tuple[str, ...], protocol: str, bolted: bool
-) -> Limits:
-    widen = asked.widen if asked.widen is not None else _WIDEN.get(protocol, _WIDEN_ELSE)
-    limits = observed_limits(
+def _widen(asked: Asked, context: Context) -> float:
+    """By how much every joint may turn further than it was seen to, rad."""
+    degrees = _WIDEN.get(context.trial.protocol, _WIDEN_ELSE) if asked.widen is None else asked.widen
+    return float(np.radians(degrees))
+
+
+def _observed(sight: Foresight, rest: FloatArray, widened: float, bolted: bool) -> Limits:
+    return observed_limits(
         sight.own,
         sight.body.wrench(sight.own),
         rest,
-        widened=float(np.radians(widen)),
-        least_speed=float(_LEAST_SPEED),
-        least_acceleration=float(_LEAST_ACCELERATION),
+        widened=widened,
+        speed=(float(_SPEED[0]), np.inf if bolted else float(_SPEED[1])),
+        acceleration=(float(_ACCELERATION[0]), np.inf if bolted else float(_ACCELERATION[1])),
         slack=None if bolted else _SLACK,
         at_rest=float(pressure(sight.body, rest[None])[0]),
     )
-    low, high = limits.low.copy(), limits.high.copy()
-    for name, ends in asked.angles.items():
-        if name not in joints:
-            raise ConfigError(f"advise: there is no joint {name!r}; expected one of {', '.join(joints)}")
-        low[joints.index(name)], high[joints.index(name)] = np.radians(ends)
-    limits = replace(limits, low=low, high=high)
-    if asked.speed is not None:
-        limits = replace(limits, speed=np.full(len(joints), np.radians(asked.speed)))
-    if asked.acceleration is not None:
-        limits = replace(limits, acceleration=np.full(len(joints), np.radians(asked.acceleration)))
-    return limits if asked.support in (None, "bolted") else replace(limits, support=asked.support)  # type: ignore[arg-type]

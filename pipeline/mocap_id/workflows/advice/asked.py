@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
+from mocap_id.dynamics.limits import Limits
 from mocap_id.dynamics.proposal import OBJECTIVES, Objective
 from mocap_id.errors import ConfigError
 
@@ -61,6 +64,27 @@ class Asked:
         for name, value, fine, expected in checks:
             if not fine:
                 raise ConfigError(f"advise: {name} is {value!r}; expected {expected}")
+
+    def over(self, limits: Limits, joints: Sequence[str]) -> Limits:
+        """What was observed, with what is asked in its place.
+
+        Raises
+        ------
+        ConfigError
+            There is no joint of a name.
+        """
+        low, high, one = limits.low.copy(), limits.high.copy(), np.ones(len(joints))
+        for name, ends in self.angles.items():
+            if name not in joints:
+                raise ConfigError(f"advise: there is no joint {name!r}; expected one of {', '.join(joints)}")
+            low[joints.index(name)], high[joints.index(name)] = np.radians(ends)
+        return Limits(
+            low=low,
+            high=high,
+            speed=limits.speed if self.speed is None else one * np.radians(self.speed),
+            acceleration=limits.acceleration if self.acceleration is None else one * np.radians(self.acceleration),
+            support=self.support if isinstance(self.support, tuple) else limits.support,
+        )
 
 
 def angle_range(text: str) -> tuple[str, tuple[float, float]]:

@@ -29,23 +29,27 @@ def lines(advised: Advised) -> Iterator[str]:
     found = advised.design
     yield f"{advised.trial}: {len(advised.names)} parameters, condition number {found.now.condition:.0f}"
     yield _limits(advised)
-    if not found.helps:
+    yield ""
+    if found.best is None or not found.helps:
         yield (
             "nothing within these limits helps: no movement that was tried takes a fifth off the "
             f"{OBJECTIVES[found.objective]}. More markers, a zeroed plate or a longer recording would"
         )
+    else:
+        yield f"record this, {found.seconds:.0f} s: {found.best.words}"
+        yield f"  {_worth(advised, found.best)}"
     yield ""
-    yield "what would tell more, best first:"
+    yield "simple changes, best first:"
     shown = [each for each in found.simple if each.value < found.value]
     for place, each in enumerate(shown, start=1):
         yield f"  {place}. {each.words}: {_worth(advised, each)}"
     if not shown:
-        yield "  none of the simple changes"
+        yield "  none that would tell more"
     yield ""
     if found.designed is not None:
-        yield f"designed, {found.seconds:.0f} s: {found.designed.words}: {_worth(advised, found.designed)}"
+        yield f"designed: {found.designed.words}: {_worth(advised, found.designed)}"
     else:
-        yield "no movement of all joints together stays within these limits"
+        yield "designed: no movement of all joints together stays within these limits"
     yield ""
     yield from _table(advised)
 
@@ -161,7 +165,7 @@ def csv_text(advised: Advised, course: Course) -> str:
 
 
 def write(advised: Advised, folder: Path) -> tuple[Path, ...]:
-    """Write ``advice.json`` and, where a movement was designed, ``movement.csv`` and ``movement.svg``.
+    """Write ``advice.json``; and ``movement.csv`` and ``movement.svg`` of the best movement that is one of its own.
 
     Raises
     ------
@@ -170,12 +174,12 @@ def write(advised: Advised, folder: Path) -> tuple[Path, ...]:
     """
     told = json.dumps(as_json(advised), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     contents = {"advice.json": told.encode()}
-    designed = advised.design.designed
-    if designed is not None:
-        contents["movement.csv"] = csv_text(advised, designed.course).encode()
+    made = advised.design.made
+    if made is not None:
+        contents["movement.csv"] = csv_text(advised, made.course).encode()
         with style.house():
-            drawn = draw(designed.course, advised.joints, advised.limits, designed.words)
-            contents["movement.svg"] = style.svg(drawn, "movement", f"The movement designed after {advised.trial}")
+            drawn = draw(made.course, advised.joints, advised.limits, made.words)
+            contents["movement.svg"] = style.svg(drawn, "movement", f"A movement to record after {advised.trial}")
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)

@@ -7,4 +7,15 @@ from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.schedule import Strategy
 from mocap_id.workflows.simulate.trial import simulate
 
-__all__ = ["Cohort", "Kind", "Motion", "Options", "Simulated", "Strategy", "generate", "simulate", "simulate_cohort", "through"]
+__all__ = [
+    "Cohort",
+    "Kind",
+    "Motion",
+    "Options",
+    "Simulated",
+    "Strategy",
+    "generate",
+    "simulate",
+    "simulate_cohort",
+    "through",
+]
