@@ -7,7 +7,7 @@ them changed little by little as long as that helps. What it finds is never wors
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -150,5 +150,6 @@ def _closely(family: Family, each: Simple) -> Proposal:
     judge, rate = family.judge, family.judge.sight.own.rate
     if each.advice is not None:
         course = changed(judge.sight.own, each.advice.change, each.advice.joint)
-        return judge.proposal(each.words, course, each.seconds)
-    return judge.proposal(each.words, course_of(each.waves, family, rate, each.beside), made=not each.beside)
+        return replace(judge.proposal(each.words, course, each.seconds), own=True)
+    course = course_of(each.waves, family, rate, each.beside)
+    return replace(judge.proposal(each.words, course), made=not each.beside)

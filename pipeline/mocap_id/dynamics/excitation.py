@@ -141,7 +141,12 @@ def sizes(prepared: Prepared, found: Identification) -> FloatArray:
 
 
 def _verdict(relative: float, share: float) -> Judgement:
-    if not np.isfinite(relative) or relative > LOST or share < 1.0 / DEPENDENT:
+    return "not identifiable" if share < 1.0 / DEPENDENT else standing(relative)
+
+
+def standing(relative: float) -> Judgement:
+    """What a standard deviation by the parameter's size makes of it."""
+    if not np.isfinite(relative) or relative > LOST:
         return "not identifiable"
     return "weak" if relative > WEAK else "known"
 

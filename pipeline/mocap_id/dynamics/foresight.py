@@ -22,6 +22,7 @@ from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
 from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.uncertainty import variance
 
 SAMPLES = 200
 """Of a movement, that its variances are computed from."""
@@ -74,6 +75,11 @@ class Body:
     def wrench(self, course: Course) -> FloatArray:
         """(T, 3) wrench of the ground, N and N·m."""
         return np.asarray(self.regressor(course.q, course.dq, course.ddq) @ self.found.base)
+
+    def moment_sd(self, course: Course) -> FloatArray:
+        """(T,) how well the moment of that wrench is known, by the parameters' covariance, N·m."""
+        rows = self.regressor(course.q, course.dq, course.ddq)[:, 2]
+        return np.asarray(np.sqrt(variance(rows, self.found.covariance)))
 
     def rows(self, regressor: FloatArray, rate_of_change: FloatArray) -> FloatArray:
         """Weighted rows (R, c, b + k + 1) as those of the fit.

@@ -36,7 +36,7 @@ class Limits:
     acceleration: FloatArray
     support: tuple[float, float] | None
 
-    def strain(self, course: Course, wrench: FloatArray) -> float:
+    def strain(self, course: Course, wrench: FloatArray, moment_sd: FloatArray | None = None) -> float:
         """How much of what is allowed a movement takes: 1 is all of it, more is too much; infinite if it is unknown.
 
         Parameters
@@ -45,6 +45,8 @@ class Limits:
             Where it has samples to fit, these are looked at.
         wrench : (T, 3) array
             Of the ground in it, N and N·m.
+        moment_sd : (T,) array, optional
+            How well its moment is foreseen, N·m: the centre of pressure has to stay inside by so much.
         """
         looked = course.known if course.fitted is None else course.fitted & course.known
         if not looked.any() or (course.fitted is None and not looked.all()):
@@ -56,16 +58,19 @@ class Limits:
             np.abs(course.ddq[looked]) / self.acceleration,
         ]
         worst = max(float(np.max(part)) for part in parts)
-        return worst if self.support is None else max(worst, self._tilt(wrench[looked], self.support))
+        if self.support is None:
+            return worst
+        sd = np.zeros(len(wrench)) if moment_sd is None else moment_sd
+        return max(worst, _tilt(wrench[looked], sd[looked], self.support))
 
-    @staticmethod
-    def _tilt(wrench: FloatArray, support: tuple[float, float]) -> float:
-        """Largest distance of the centre of pressure from the middle of the support, by half its width."""
-        if np.any(wrench[:, 1] <= 0.0):
-            return np.inf
-        pressure = wrench[:, 2] / wrench[:, 1]
-        low, high = support
-        return float(np.max(np.abs(pressure - (low + high) / 2))) / max((high - low) / 2, _FIRM)
+
+def _tilt(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
+    """Largest distance of the centre of pressure from the middle of the support, by half its width."""
+    if np.any(wrench[:, 1] <= 0.0):
+        return np.inf
+    low, high = support
+    off = np.abs(wrench[:, 2] / wrench[:, 1] - (low + high) / 2) + moment_sd / wrench[:, 1]
+    return float(np.max(off)) / max((high - low) / 2, _FIRM)
 
 
 def observed_limits(

@@ -39,8 +39,10 @@ class Proposal:
         Of the objective: smaller is better.
     designed : bool
         Found by the search, and no simple change.
+    own : bool
+        The trial's own movement, faster or larger.
     made : bool
-        From waves: no change of what was recorded, with its gaps.
+        A whole movement of its own, without anything that was recorded.
     """
 
     words: str
@@ -48,6 +50,7 @@ class Proposal:
     foreseen: Foreseen
     value: float
     designed: bool = False
+    own: bool = False
     made: bool = False
 
 
@@ -101,7 +104,9 @@ class Judge:
 
     def strain(self, course: Course) -> float:
         """How much of what is allowed it takes; more than 1 is too much."""
-        return self.limits.strain(course, self.sight.body.wrench(course))
+        body = self.sight.body
+        sd = None if self.limits.support is None else body.moment_sd(course)
+        return self.limits.strain(course, body.wrench(course), sd)
 
     def quickly(self, course: Course, seconds: float | None = None) -> float:
         """The objective, from few samples; ``seconds`` as for :meth:`Foresight.foresee`."""
@@ -112,9 +117,7 @@ class Judge:
         foreseen = self.sight.foresee(course, seconds, samples=_QUICK, exactly=False)
         return objective_value(self.objective, foreseen, self.size)
 
-    def proposal(
-        self, words: str, course: Course, seconds: float | None = None, *, designed: bool = False, made: bool = False
-    ) -> Proposal:
+    def proposal(self, words: str, course: Course, seconds: float | None = None) -> Proposal:
         """The movement with all that is foreseen of it; ``seconds`` as for :meth:`Foresight.foresee`."""
         foreseen = self.sight.foresee(course, seconds)
-        return Proposal(words, course, foreseen, objective_value(self.objective, foreseen, self.size), designed, made)
+        return Proposal(words, course, foreseen, objective_value(self.objective, foreseen, self.size))

@@ -1,8 +1,8 @@
 """The search for a movement of all joints together that tells most, within the limits.
 
 Starts are drawn from a seed, or are simple changes; each is made to fit within the limits; the best is then changed
-little by little as long as that helps. With several joints a movement may take the whole recording, or half of it beside
-the trial's own.
+little by little as long as that helps. With several joints a movement may take the whole recording, or half
+of it beside the trial's own.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def searched(family: Family, rng: np.random.Generator, starts: Sequence[tuple[Wa
         return None
     course = course_of((final,), family, family.judge.sight.own.rate, best.beside)
     words = swung(final, family.joints)
-    return family.judge.proposal(HALF + words if best.beside else words, course, designed=True, made=not best.beside)
+    proposal = family.judge.proposal(HALF + words if best.beside else words, course)
+    return replace(proposal, designed=True, made=not best.beside)
 
 
 def _worth(family: Family, waves: Waves, beside: bool) -> _Found | None:

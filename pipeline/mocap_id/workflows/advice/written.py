@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.dynamics.course import Course
-from mocap_id.dynamics.excitation import LOST, WEAK
+from mocap_id.dynamics.excitation import standing
 from mocap_id.dynamics.foresight import Foreseen
 from mocap_id.dynamics.proposal import OBJECTIVES, Proposal
 from mocap_id.reporting import style
@@ -142,13 +142,6 @@ def _foreseen(advised: Advised, foreseen: Foreseen) -> dict[str, Any]:
             for i, name in enumerate(advised.names)
         ],
     }
-
-
-def standing(relative: float) -> str:
-    """What a standard deviation by size makes of a parameter: known, weak or not identifiable."""
-    if not math.isfinite(relative) or relative > LOST:
-        return "not identifiable"
-    return "weak" if relative > WEAK else "known"
 
 
 def _number(value: float) -> float | None:
