@@ -76,12 +76,12 @@ not count, as no movement changes it.
 | angles | as seen of each joint, 5° more at both ends; 20° for a robot | `--widen`, `--angle JOINT=LOW:HIGH` |
 | speed | 1.5 times the fastest, at least 90°/s; a person 200°/s unless more was seen | `--speed` |
 | acceleration | 2.25 times the largest, at least 360°/s²; a person 800°/s² unless more was seen | `--acceleration` |
-| centre of pressure | as seen while only the ground touched, 3 cm more at both ends; a robot is bolted down | `--support` |
+| centre of pressure | as seen off the chair, 3 cm more at both ends; a robot is bolted down | `--support` |
 | length | the trial's | `--seconds` |
 
-Angles count as in `states.parquet`, in degrees. The limits hold by the model, sample by sample, for the movement as it is
-told, in whole degrees, half centimetres and hundredths of a hertz, the centre of pressure with one standard deviation
-of what is known of it. The program knows nothing of what a person's joints, a robot's cell or a plate can bear: say so
+Angles count as in `states.parquet`, in degrees. The limits hold by the model, sample by sample, for the movement as it
+is told, in whole degrees, half centimetres and hundredths of a hertz, the centre of pressure with one standard
+deviation of what is known of it. The program knows nothing of what a person's joints, a robot's cell or a plate can bear: say so
 with the options. A robot's angles in `movement.csv` count as in `states.parquet`; its own zero and sense may differ.
 
 ## Does it keep its promise?
@@ -249,7 +249,7 @@ def examples(results: Sequence[Result]) -> str:
 def main() -> None:
     """Measure, print and perhaps write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--bodies", type=int, default=12, help="of each kind")
+    parser.add_argument("--bodies", type=int, default=8, help="of each kind")
     parser.add_argument("--first", type=int, default=FRESH, help="first seed")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--write", type=Path, help="page to replace")

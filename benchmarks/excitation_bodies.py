@@ -32,7 +32,8 @@ KINDS: Mapping[str, str] = {
     "rise": "a person who rises from a chair and sits down twice",
 }
 NOISY: Mapping[str, tuple[float, float]] = {"robot": (0.002, 4.0)}  # m, and times the plate's usual noise
-PAD, STEP, FADE = 2.0, 0.02, 0.75  # s: rest before and after, between the samples of a given motion, around a cut
+PAD, STEP, FADE = 2.0, 0.02, 2.0  # s: rest before and after, between a given motion's samples, before a cut
+CUT = 0.05  # rad from one sample to the next: where the trial's own movement ends and another begins
 
 
 @dataclass(frozen=True)
@@ -89,9 +90,9 @@ def given(time: FloatArray, q: FloatArray) -> Motion:
 def carried_out(course: Course, rest: FloatArray, before: Recorded) -> Motion:
     """An advised movement as the simulated body makes it: without gaps and jumps, angles in the truth's frames."""
     q = np.column_stack([np.interp(course.time, course.time[np.isfinite(c)], c[np.isfinite(c)]) for c in course.q.T])
-    for cut in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > 0.05):
-        away = np.abs(course.time - course.time[cut] - 0.5 / course.rate)
-        q = rest + smoothstep(away / FADE)[:, None] * (q - rest)
+    for cut in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > CUT):
+        left = np.where(np.arange(len(q)) <= cut, course.time[cut] - course.time, np.inf)
+        q = rest + smoothstep(left / FADE)[:, None] * (q - rest)
     q = before.side * q
     q[:, -1] -= before.turn
     return given(course.time, q)

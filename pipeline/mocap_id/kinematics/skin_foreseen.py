@@ -17,7 +17,7 @@ from mocap_id.kinematics.chain_equations import Problem, State, reduce
 from mocap_id.kinematics.skin_slides import EXACT, FRAMES, SkinModel, shapes_of, spread_of
 
 
-def skin_in(skin: SkinModel, angles: FloatArray, camera_sd: float, frames: int = FRAMES) -> SkinModel:
+def skin_in(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: int, frames: int = FRAMES) -> SkinModel:
     """The same skin in another movement, from which the chain would be found anew.
 
     Parameters
@@ -28,6 +28,9 @@ def skin_in(skin: SkinModel, angles: FloatArray, camera_sd: float, frames: int =
         Joint angles of the other movement, rad, finite; its postures count as often as they stand here.
     camera_sd : float
         Camera noise of a coordinate, m.
+    seen : int
+        Frames that the sizes of the skin's slides were found from: what camera noise makes of those by chance does not
+        grow with the movement.
     frames : int
         Postures to look at.
 
@@ -39,7 +42,9 @@ def skin_in(skin: SkinModel, angles: FloatArray, camera_sd: float, frames: int =
     mean = angles.mean(axis=0)
     relative = angles - mean
     spread = spread_of(relative)[skin.segment - 1]
-    size = skin.rest + (skin.size - skin.rest) * (spread / skin.spread) ** 2
+    chance = camera_sd**2 * np.sqrt(2.0 / np.maximum(seen * skin.weight, 1.0))  # two standard deviations of none
+    sliding = np.maximum(skin.size - skin.rest - chance, 0.0)
+    size = skin.size + sliding * ((spread / skin.spread) ** 2 - 1.0)
     chosen = slice(None, None, max(1, len(angles) // frames))
     traced = State(skin.centres, skin.local, np.cumsum(angles[chosen], axis=1))
     weight = 1.0 / np.maximum(camera_sd**2 + size, EXACT**2)

@@ -136,9 +136,10 @@ def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
     """What would be uncertain of the chain if it were found from other postures."""
     tree = context.tree("skin.h5")
     skin, camera = skin_artefact.from_tree(tree), float(tree.facts["camera_sd_m"])
+    seen = len(context.table("states.parquet").frame)
 
     def of(q: FloatArray) -> KinematicError:
-        there = skin_in(skin, q, camera, _POSTURES)
+        there = skin_in(skin, q, camera, seen, _POSTURES)
         centres, turned = there.frames_turned()
         return KinematicError(lambda angles: there.errors(angles)[0] + turned, centres)
 
