@@ -64,7 +64,7 @@ def searched(family: Family, rng: np.random.Generator, starts: Sequence[tuple[Wa
 def _worth(family: Family, waves: Waves, beside: bool) -> _Found | None:
     """What a movement is worth as far as the limits allow it, with more for joints that hardly turn."""
     found = family.fitting(waves, family.seconds)
-    if found is None:
+    if found is None or not np.any(np.abs(found.amplitude[:, 0]) >= family.units):
         return None
     judge, rate = family.judge, family.judge.looked
     if beside:
@@ -118,6 +118,6 @@ def _settled(family: Family, waves: Waves, beside: bool) -> Waves | None:
         )
         course = rounded.course(sight.body, family.seconds / (1 + beside), sight.own.rate)
         if family.judge.strain(course) <= 1.0:
-            return rounded
+            return rounded if np.any(rounded.amplitude) else None
         waves = waves.sized(_SHRINK)
     return None

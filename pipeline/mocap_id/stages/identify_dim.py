@@ -322,7 +322,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=10,
+    version=11,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
     uses=("trial", "protocol", "subject", "compare"),
