@@ -82,7 +82,8 @@ not count, as no movement changes it.
 Angles count as in `states.parquet`, in degrees. The limits hold by the model, sample by sample, for the movement as it
 is told, in whole degrees, half centimetres and hundredths of a hertz, the centre of pressure with one standard
 deviation of what is known of it. The program knows nothing of what a person's joints, a robot's cell or a plate can
-bear: say so with the options. A robot's angles in `movement.csv` count as in `states.parquet`; its own zero and sense may differ.
+bear: say so with the options. A robot's angles in `movement.csv` count as in `states.parquet`; its own zero and sense
+may differ.
 
 ## Does it keep its promise?
 

@@ -36,6 +36,11 @@ class Limits:
     acceleration: FloatArray
     support: tuple[float, float] | None
 
+    def inside(self, posture: FloatArray) -> FloatArray:
+        """The allowed posture that is closest to one (n,), rad."""
+        room = np.minimum(_FIRM, (self.high - self.low) / 2)
+        return np.asarray(np.clip(posture, self.low + room, self.high - room))
+
     def strain(self, course: Course, wrench: FloatArray, moment_sd: FloatArray | None = None) -> float:
         """How much of what is allowed a movement takes: 1 is all of it, more is too much; infinite if it is unknown.
 

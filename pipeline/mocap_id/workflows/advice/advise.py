@@ -99,7 +99,7 @@ def advise(path: Path, asked: Asked | None = None, progress: runner.Progress = l
     bolted = asked.support == "bolted" or (asked.support is None and context.trial.protocol == "robot-joint")
     rest = resting_posture(own, centres, upright=not bolted)
     limits = asked.over(_observed(sight, rest, _widen(asked, context), bolted), joints)
-    rest = np.clip(rest, limits.low, limits.high)  # what is asked may leave the posture out that was seen
+    rest = limits.inside(rest)  # what is asked may leave the posture out that was seen
     chosen = design(
         sight,
         limits,
