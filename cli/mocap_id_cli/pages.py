@@ -30,6 +30,7 @@ _COMMANDS = (
     "init",
     "study",
     "transfer",
+    "advise",
     "inspect",
     *_SIMULATE,
     "schema",
