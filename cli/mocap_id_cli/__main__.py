@@ -52,9 +52,13 @@ def _command_line() -> None:
     # Matrices are small here: threads of the linear algebra would wait for each other longer than they compute.
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    from mocap_id_cli.app import build  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
+    from mocap_id_cli import live  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
+    from mocap_id_cli.app import build  # noqa: PLC0415
 
-    build()(prog_name="mocap-id")
+    try:
+        build()(prog_name="mocap-id")
+    finally:
+        live.stop()
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -1,44 +1,54 @@
-"""The commands: ``run``, one for every stage of the tuple, and those that look at files and at the program itself."""
+"""The command line, put together so that asking for help loads none of the commands."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
 
 from mocap_id import __version__
-from mocap_id.stages import STAGES
-from mocap_id_cli.advising import advise
-from mocap_id_cli.initialising import init
-from mocap_id_cli.inspecting import inspect
-from mocap_id_cli.reference import schema, stages
-from mocap_id_cli.running import run, stage_command
-from mocap_id_cli.simulating import simulating
-from mocap_id_cli.studying import study
-from mocap_id_cli.transferring import transfer
+from mocap_id_cli.commands import COMMANDS, Entry
+
+
+class _Commands(TyperGroup):
+    """A group that knows its commands by name and line, and loads the one that is called."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for entry in COMMANDS:
+            self.add_command(TyperCommand(entry.name, help=entry.help, rich_markup_mode=None))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        if name is not None and command is not None:
+            command = loaded(next(entry for entry in COMMANDS if entry.name == name))
+        return name, command, rest
+
+
+def loaded(entry: Entry) -> Any:
+    """The command itself."""
+    found = entry.load()
+    if not isinstance(found, typer.Typer):
+        function, found = found, typer.Typer(add_completion=False, rich_markup_mode=None)
+        found.command(entry.name)(function)
+    command = get_command(found)
+    command.name = entry.name
+    return command
 
 
 def build() -> typer.Typer:
-    """The command line, put together."""
+    """The whole command line."""
     app = typer.Typer(
         name="mocap-id",
+        cls=_Commands,
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
     )
     app.callback()(_top)
-    app.command("run")(run)
-    for stage in STAGES:
-        app.command(stage.name, help=stage.help)(stage_command(stage))
-    app.command("transfer")(transfer)
-    app.command("advise")(advise)
-    app.command("init")(init)
-    app.command("study")(study)
-    app.command("inspect")(inspect)
-    app.add_typer(simulating(), name="simulate")
-    app.command("schema")(schema)
-    app.command("stages")(stages)
     return app
 
 

@@ -8,34 +8,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args
 
 from typer.testing import CliRunner
 
-from mocap_id.stages import STAGES
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
-from mocap_id.workflows.simulate import Kind
+from mocap_id.workflows.batch import BATCH
 from mocap_id.workflows.study.columns import TABLES
-from mocap_id_cli.app import build
+from mocap_id_cli.app import build, loaded
+from mocap_id_cli.commands import COMMANDS
 from mocap_id_cli.settings import settings_page, settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
-_SIMULATE = ("simulate", *(f"simulate {what}" for what in (*get_args(Kind), "cohort")))
-_COMMANDS = (
-    "",
-    "run",
-    *(stage.name for stage in STAGES),
-    "init",
-    "study",
-    "transfer",
-    "advise",
-    "inspect",
-    *_SIMULATE,
-    "schema",
-    "stages",
-)
 
 
 def pages(root: Path) -> dict[Path, str]:
@@ -54,17 +39,26 @@ def pages(root: Path) -> dict[Path, str]:
 def commands_page() -> str:
     """The help of every command."""
     parts = ["# Commands\n"]
-    for command in _COMMANDS:
+    for command in _commands():
         title = f"mocap-id {command}".strip()
         parts.append(f"## `{title}`\n\n```text\n{_help(command)}\n```\n")
     return "\n".join(parts)
 
 
+def _commands() -> Iterator[str]:
+    """All of them, what stands in a group after the group."""
+    yield ""
+    for entry in COMMANDS:
+        yield entry.name
+        yield from (f"{entry.name} {inner}" for inner in getattr(loaded(entry), "commands", ()))
+
+
 def columns() -> str:
-    """The schemas of all artefacts, and of a study's tables."""
+    """The schemas of all artefacts, of a study's tables and of a batch's."""
     artefacts = (line for schema in SCHEMAS.values() for line in _schema(schema, schema.file))
     tables = (line for name, schema in TABLES.items() for line in _schema(schema, name))
-    return "\n".join([*artefacts, "\n## Tables of a study", *tables]) + "\n"
+    batch = _schema(BATCH, BATCH.file)
+    return "\n".join([*artefacts, "\n## Tables of a study", *tables, "\n## The table of a batch", *batch]) + "\n"
 
 
 def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:

@@ -36,7 +36,12 @@ Rail = Annotated[float, typer.Option(help="Share of the weight on a rail while r
 
 def simulating() -> typer.Typer:
     """The commands of ``mocap-id simulate``."""
-    app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Make recordings whose exact truth is known.")
+    app = typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode=None,
+        help="Make recordings whose exact truth is known.",
+    )
     for kind in get_args(Kind):
         app.command(kind)(trial_command(kind))
     app.command("cohort")(cohort)

@@ -12,13 +12,27 @@ from swinging_link import pendulum
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
+from mocap_id_cli.app import loaded
+from mocap_id_cli.commands import COMMANDS, Entry
+
+HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "h5py", "numba", "matplotlib", "pydantic", "rich"}
 
 
-def test_help_names_every_command(cli) -> None:
-    said = cli("--help")
-    assert said.code == 0
-    for name in ("run", "transfer", "inspect", "simulate", "schema", "stages", *(stage.name for stage in STAGES)):
-        assert f"\n  {name} " in said.out
+def test_help_names_every_command_and_loads_none() -> None:
+    asked = "import sys; from mocap_id_cli.__main__ import main; sys.argv[1:] = ['--help']"
+    told = "try: main()\nexcept SystemExit: print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", f"{asked}\n{told}"], capture_output=True, text=True, check=True)
+    help_, _, modules = said.stdout.rstrip().rpartition("\n")
+    for entry in COMMANDS:
+        assert f"\n  {entry.name} " in help_ + "\n"
+    assert {name for name in modules.split() if "." not in name} & HEAVY == set()
+
+
+@pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)
+def test_a_command_is_listed_with_its_own_first_sentence(entry: Entry) -> None:
+    command = loaded(entry)
+    assert command.name == entry.name
+    assert " ".join(command.help.split()).partition(". ")[0].rstrip(".") == entry.help.rstrip(".")
 
 
 @pytest.mark.parametrize("stage", [stage.name for stage in STAGES])
@@ -117,3 +131,14 @@ def test_a_cohort_of_no_known_strategy_is_not(cli, tmp_path: Path) -> None:
     assert (said.code, said.out) == (2, "")
     assert "expected some of normal, dynamic, stable" in said.err
     assert not (tmp_path / "study").exists()
+
+
+def test_a_run_as_json(cli, trial) -> None:
+    path = trial.trc(pendulum())
+    told = json.loads(cli("run", path, "--json", "--quiet").out)
+    assert told["verdict"]["level"] == trial.summary()["verdict"]["level"]
+    assert [step["stage"] for step in told["steps"]] == [stage.name for stage in STAGES]
+    assert {step["action"] for step in told["steps"]} == {"computed"}
+    again = json.loads(cli("segment", path, "--json", "--quiet").out)
+    assert [step["action"] for step in again["steps"]] == ["reused"]
+    assert [Path(file).name for file in again["files"]] == ["segments.parquet"]

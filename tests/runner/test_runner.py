@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from toy_stages import STAGES, cut, read, tell
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused, StoreError
-from mocap_id.runner import LOG_FILE, Outcome, make_rules, run, run_stage, run_to
+from mocap_id.runner import LOG_FILE, RUN_LOG, Outcome, make_rules, run, run_stage, run_to
 from mocap_id.stages.base import Context, Outputs, Stage
 from mocap_id.store import Folder, Table
 from mocap_id.store.schemas import SEGMENTS
@@ -42,7 +43,7 @@ class Bench:
     def files(self) -> list[str]:
         if not self.out.exists():
             return []
-        return sorted(path.name for path in self.out.iterdir() if path.name != ".mocap-id")
+        return sorted(path.name for path in self.out.iterdir() if path.name not in (".mocap-id", RUN_LOG))
 
 
 def actions(outcome: Outcome) -> list[str]:
@@ -273,6 +274,40 @@ def test_the_unforeseen_is_one_line_and_a_log(bench: Bench) -> None:
     assert "ZeroDivisionError" in (bench.out / LOG_FILE).read_text()
     bench.run()
     assert bench.files() == ALL
+
+
+def test_the_log_tells_of_every_run(bench: Bench) -> None:
+    bench.run()
+    bench.run()
+    with pytest.raises(NumericalError):
+        bench.run(instead("cut", raising(NumericalError("singular")), version=2))
+    with pytest.raises(RecordingError):
+        bench.run(instead("read", raising(RecordingError(f"{bench.recording}: no markers")), version=2))
+    told = [line.partition("Z ")[2] for line in (bench.out / RUN_LOG).read_text("utf-8").splitlines()]
+    begins = [k for k, line in enumerate(told) if line.startswith("toy: mocap-id ")]
+    first, again, failed, unreadable = (told[a:b] for a, b in zip(begins, [*begins[1:], None], strict=True))
+    assert [line.partition(",")[0] for line in first[1:-1]] == [f"{stage.name} computed" for stage in STAGES]
+    assert again[1:-1] == [f"{stage.name} reused" for stage in STAGES]
+    assert failed[1:] == ["read reused", "NumericalError: singular"]
+    assert unreadable[1:] == ["RecordingError: recording.markers: no markers"], "not by the recording's own name"
+
+
+def test_the_log_keeps_its_newer_half(bench: Bench) -> None:
+    bench.run()
+    (bench.out / RUN_LOG).write_text("an old line\n" * 90_000)
+    bench.run()
+    kept = (bench.out / RUN_LOG).read_text().splitlines()
+    assert len(kept) * len("an old line\n") < 600_000
+    assert kept[0] == "an old line"
+    assert "reused" in kept[-2]
+
+
+def test_a_recording_is_not_taken_for_a_log(bench: Bench) -> None:
+    bench.out.mkdir(parents=True)
+    shutil.copy(bench.recording, bench.out / RUN_LOG)
+    bench.file.write_text(bench.file.read_text().replace(bench.recording.name, str(bench.out / RUN_LOG)))
+    with pytest.raises(ConfigError, match="would overwrite"):
+        bench.run()
 
 
 def test_a_stage_that_breaks_its_promise_is_found_out(bench: Bench) -> None:

@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeAlias
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, user_files
+from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
 from mocap_id.runner.refusals import remember, remembered
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
@@ -33,10 +34,13 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Step:
-    """One stage that was dealt with; ``seconds`` is the time of its computation, now or, when reused, then."""
+    """One stage that was dealt with; ``seconds`` is the time of its computation, now or, when reused, then.
+
+    ``begun`` is told of, no more: an outcome holds only what came of it.
+    """
 
     stage: str
-    action: Literal["computed", "reused", "refused"]
+    action: Literal["begun", "computed", "reused", "refused"]
     seconds: float
 
 
@@ -116,13 +120,15 @@ def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: 
 def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[_Run]:
     """A run that holds its folder; the user's files are looked at first, so that a mistake there writes nothing."""
     this = _Run(trial, stages, progress)
-    outputs = {(trial.out / file).resolve() for stage in stages for file in stage.outputs}
+    outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
+    files = {role: path for stage in stages for role, path in user_files(trial, stage).items()}
     for stage in stages:
         this.files.of(stage)
-        for role, path in user_files(trial, stage).items():
-            if path.resolve() in outputs:
-                raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this.folder.locked():
+    for role, path in files.items():
+        if path.resolve() in outputs:
+            raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
+    with this.folder.locked(), run_log(trial.out, trial.name, files) as log:
+        this.log = log
         yield this
 
 
@@ -133,6 +139,7 @@ class _Run:
         self.trial, self.stages, self.progress = trial, stages, progress
         self.folder = Folder(trial.out)
         self.files = FileHashes(trial)
+        self.log = _log
         self._steps: list[Step] = []
 
     def go(self, stages: Sequence[Stage]) -> Outcome:
@@ -147,6 +154,7 @@ class _Run:
                 self.refuse(stage, refused)
                 break
         self.folder.remove([LOG_FILE])
+        self.log.info(verdict_line(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
 
     def step(self, stage: Stage) -> None:
@@ -165,6 +173,7 @@ class _Run:
         known = remembered(self.trial.out, stage.name, key)
         if known is not None:
             raise known
+        self.progress(Step(stage.name, "begun", 0.0))
         try:
             return self.compute(stage, hashes)
         except Refused as refused:
@@ -174,6 +183,8 @@ class _Run:
     def took(self, step: Step) -> None:
         """Note a step and tell of it."""
         self._steps.append(step)
+        took = f", {step.seconds:.2f} s" if step.action == "computed" else ""
+        self.log.info("%s %s%s", step.stage, step.action, took)
         self.progress(step)
 
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:

@@ -1,17 +1,26 @@
-"""The pipeline: the one ordered tuple of stages, from which commands, Makefile rules and documentation come.
+"""The stages of the pipeline. Their records are imported when someone asks: they bring all the libraries along."""
 
-Each stage stands after the stages whose outputs it reads. The last one is the report: when a stage refuses a trial,
-the report is made of what exists.
-"""
+from __future__ import annotations
 
-from mocap_id.stages.base import Stage
-from mocap_id.stages.fit_joints import STAGE as FIT_JOINTS
-from mocap_id.stages.identify_dim import STAGE as IDENTIFY_DIM
-from mocap_id.stages.planarise import STAGE as PLANARISE
-from mocap_id.stages.report import STAGE as REPORT
-from mocap_id.stages.segment import STAGE as SEGMENT
-from mocap_id.stages.ukf_smooth import STAGE as UKF_SMOOTH
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-STAGES: tuple[Stage, ...] = (PLANARISE, SEGMENT, FIT_JOINTS, UKF_SMOOTH, IDENTIFY_DIM, REPORT)
+from mocap_id.stages.lineup import LINEUP
 
-__all__ = ["STAGES", "Stage"]
+if TYPE_CHECKING:
+    from mocap_id.stages.base import Stage
+
+    STAGES: tuple[Stage, ...]
+
+__all__ = ["LINEUP", "STAGES", "Stage"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "STAGES":
+        found: Any = tuple(import_module(f"{__name__}.{stage.replace('-', '_')}").STAGE for stage in LINEUP)
+    elif name == "Stage":
+        found = import_module(f"{__name__}.base").Stage
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found

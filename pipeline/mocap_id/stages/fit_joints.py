@@ -12,6 +12,7 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
@@ -165,5 +166,5 @@ STAGE = Stage(
     uses=(),
     settings=FitJointsSettings,
     function=fit_joints,
-    help="Fit joint centres, marker coordinates and segment lengths together.",
+    help=LINEUP["fit-joints"],
 )

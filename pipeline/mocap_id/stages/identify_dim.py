@@ -27,6 +27,7 @@ from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import dynamics_artefacts as artefacts
 from mocap_id.stages import skin_artefact, surroundings, validation
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.repetition_averages import averages
 from mocap_id.stages.rivals import Rivals, rivals
 from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
@@ -328,5 +329,5 @@ STAGE = Stage(
     uses=("trial", "protocol", "subject", "compare"),
     settings=IdentifyDimSettings,
     function=identify_dim,
-    help="Identify the inertial parameters from joint angles and the wrench of the ground.",
+    help=LINEUP["identify-dim"],
 )

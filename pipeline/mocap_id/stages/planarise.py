@@ -20,6 +20,7 @@ from mocap_id.recording.posture import Facing, facing
 from mocap_id.stages import plate_losses, plate_registration, swapped
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.external_wrenches import Measured, Seen, measure_seat, measure_sensors
+from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.marker_names import columns
 from mocap_id.store import Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -340,5 +341,5 @@ STAGE = Stage(
     uses=("recording", "protocol", "window", "plates", "external"),
     settings=PlanariseSettings,
     function=planarise,
-    help="Read the recording and express markers and ground forces in the plane of motion.",
+    help=LINEUP["planarise"],
 )

@@ -6,6 +6,7 @@ from mocap_id import __version__
 from mocap_id.reporting.contents import FILES
 from mocap_id.reporting.material import Material
 from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
+from mocap_id.stages.lineup import LINEUP
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.verdict import Reason
 
@@ -68,5 +69,5 @@ STAGE = Stage(
     uses=tuple(TrialKeys.model_fields),
     settings=ReportSettings,
     function=report,
-    help="Write the verdict, the figures and the page from the artefacts of the stages before.",
+    help=LINEUP["report"],
 )

@@ -14,6 +14,7 @@ from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.marker_names import columns
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Table
@@ -317,5 +318,5 @@ STAGE = Stage(
     uses=("protocol",),
     settings=SegmentSettings,
     function=segment,
-    help="Sort the markers into a fixed base and the segments of a chain.",
+    help=LINEUP["segment"],
 )

@@ -19,6 +19,7 @@ from mocap_id.estimation.skin import camera_sd, with_lasting_errors
 from mocap_id.kinematics import SkinModel
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.predicted_markers import beside_measured
 from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, known_skin, lasting_errors, supposed_skin
 from mocap_id.stages.trajectories import PlanarView
@@ -263,5 +264,5 @@ STAGE = Stage(
     uses=("encoder",),
     settings=UkfSmoothSettings,
     function=ukf_smooth,
-    help="Estimate joint angles, velocities and accelerations with their uncertainty.",
+    help=LINEUP["ukf-smooth"],
 )

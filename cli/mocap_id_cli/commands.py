@@ -1,0 +1,108 @@
+"""Every command with its one line of help; its module, with all that that needs, is imported when it is called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+from mocap_id.stages import LINEUP
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A command that is not loaded yet.
+
+    Parameters
+    ----------
+    name : str
+    help : str
+        The first sentence of its own help.
+    load : callable
+        Gives the function of the command, or the Typer app of a group of commands.
+    """
+
+    name: str
+    help: str
+    load: Callable[[], Any]
+
+
+def _found(module: str, name: str) -> Any:
+    return getattr(import_module(f"mocap_id_cli.{module}"), name)
+
+
+def _called(module: str, name: str, *arguments: str) -> Any:
+    return _found(module, name)(*arguments)
+
+
+COMMANDS = (
+    Entry(
+        "run",
+        "Run the whole pipeline on a trial; what is up to date is not computed again.",
+        partial(_found, "running", "run"),
+    ),
+    *(Entry(stage, line, partial(_called, "running", "stage_command", stage)) for stage, line in LINEUP.items()),
+    Entry(
+        "init",
+        "Write the file of a study from a folder of recordings: C3D files, or TRC files with their MOT.",
+        partial(_found, "initialising", "init"),
+    ),
+    Entry(
+        "study",
+        "Run every trial of a study, then write the cohort's tables and page; what is up to date is reused.",
+        partial(_found, "studying", "study"),
+    ),
+    Entry(
+        "batch",
+        "Run many trials and write one table over them; what is up to date is reused.",
+        partial(_found, "batching", "batch"),
+    ),
+    Entry(
+        "regress",
+        "Run recorded trials anew and compare every headline number with a baseline.",
+        partial(_found, "regressing", "regress"),
+    ),
+    Entry(
+        "status",
+        "Tell what of the trials is done, what would be computed anew and why, and what failed.",
+        partial(_found, "housekeeping", "status"),
+    ),
+    Entry(
+        "clean",
+        "Take away what runs have made; recordings, configurations and anybody else's files stay.",
+        partial(_found, "housekeeping", "clean"),
+    ),
+    Entry(
+        "transfer",
+        "Apply the body identified on one trial to other trials of the same person.",
+        partial(_found, "transferring", "transfer"),
+    ),
+    Entry(
+        "advise",
+        "Tell which movement would make the parameters of a trial's body better known.",
+        partial(_found, "advising", "advise"),
+    ),
+    Entry(
+        "inspect",
+        "Print what a recording holds: markers, rates, gaps, force plates, oddities.",
+        partial(_found, "inspecting", "inspect"),
+    ),
+    Entry(
+        "simulate",
+        "Make recordings whose exact truth is known.",
+        partial(_called, "simulating", "simulating"),
+    ),
+    Entry(
+        "schema",
+        "Print the JSON Schema of a trial's YAML file, for editors.",
+        partial(_found, "reference", "schema"),
+    ),
+    Entry(
+        "stages",
+        "Print the stages in their order: what each reads and writes.",
+        partial(_found, "reference", "stages"),
+    ),
+)
+"""In the order in which ``mocap-id --help`` lists them."""
