@@ -250,7 +250,7 @@ def examples(results: Sequence[Result]) -> str:
 def main() -> None:
     """Measure, print and perhaps write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--bodies", type=int, default=8, help="of each kind")
+    parser.add_argument("--bodies", type=int, default=5, help="of each kind")
     parser.add_argument("--first", type=int, default=FRESH, help="first seed")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--write", type=Path, help="page to replace")
