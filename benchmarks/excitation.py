@@ -111,8 +111,10 @@ were.
 
 {promises}
 
-Something within the limits was said to help in {helped}. Where nothing helps the movements above were carried out all
-the same, to see whether that was foreseen rightly. A person's true centre of pressure left the limits in {balance}.
+Something within the limits was said to help in {helped}. Where nothing helps the
+movements above were carried out all the same, to see whether that was foreseen rightly. A person's true centre of
+pressure left the limits in {balance}; recordings that are shared with the trial's own movement, which
+the simulated body breaks off within two seconds, do not count here.
 
 The first bodies were told:
 
@@ -222,11 +224,11 @@ def promise_table(results: Sequence[Result]) -> str:
 
 
 def balance(results: Sequence[Result]) -> str:
-    """How far the true centre of pressure leaves the limits."""
+    """How far the true centre of pressure leaves the limits, where the recording holds nothing but what was advised."""
     beyond = [
         1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
-        for r, _, _, c in achieved(results)
-        if r.support is not None
+        for r, _, p, c in achieved(results)
+        if r.support is not None and p.made
     ]
     outside = sum(value > 0 for value in beyond)
     return f"{outside} of {len(beyond)}, by {max(beyond, default=0.0):.0f} mm at most"
