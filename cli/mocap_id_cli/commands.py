@@ -115,6 +115,11 @@ COMMANDS = (
         partial(_found, "sensitising", "sensitivity"),
     ),
     Entry(
+        "advise",
+        "Tell which movement would make the parameters of a trial's body better known.",
+        partial(_found, "advising", "advise"),
+    ),
+    Entry(
         "inspect",
         "Print what a recording holds: markers, rates, gaps, force plates, oddities.",
         partial(_found, "inspecting", "inspect"),

@@ -6,51 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dynamics_cases import BODY, CENTRES, waves
+from excitation_cases import EXACT, SLIDING, identified, recorded
 
-from mocap_id.dynamics.excitation import FACTOR, LOST, WEAK, Advice, Excitation, advise, excitation
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import Identification, identify
+from mocap_id.dynamics.excitation import FACTOR, LOST, WEAK, Advice, advise
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
-from mocap_id.dynamics.regressor import planar_regressor
-
-SEGMENT = np.repeat([0, 1, 2, 3], 3)
-LOCAL = np.array([[-0.25, 0.02], [0.06, 0.1], [-0.1, 0.05], *3 * [[-0.1, 0.1], [0.1, 0.4], [0.02, 0.85]]])
-EXACT = KinematicError.none(3)
-
-
-def slides(q: np.ndarray) -> np.ndarray:
-    """Four waves of its own angle for the error of every joint, (T, 3, 12) rad."""
-    waves_ = [0.002 * np.sin((1 + k / 2) * q[:, :, None] + k) * np.eye(3) for k in range(4)]
-    return np.concatenate(waves_, axis=-1)
-
-
-SLIDING = KinematicError(slides, np.zeros((3, 2, 12)))
-NOISE = (1.0, 1.0, 0.3)
-
-
-def recorded(
-    size: np.ndarray, speed: np.ndarray | float = 1.0, seed: int = 0, noise: tuple[float, ...] = NOISE
-) -> Recorded:
-    """A body whose joints move as widely as ``size`` says, (n,), at these speeds, (n,)."""
-    time, speed = np.arange(0, 40, 0.01), np.broadcast_to(speed, 3)
-    clock = np.multiply.outer(time, speed)
-    sign, clock = np.where(clock < 40, 1.0, -1.0), np.where(clock < 40, clock, 80 - clock)  # to and fro
-    each = [[part[:, j] for part in waves(clock[:, j], 3, seed)] for j in range(3)]
-    q, dq, ddq = (np.stack(part, axis=1) for part in zip(*each, strict=True))
-    q, dq, ddq = size * q, size * speed * sign * dq, size * speed**2 * ddq
-    wrench = planar_regressor(CENTRES, q, dq, ddq) @ BODY.ravel()
-    wrench = wrench + np.random.default_rng(seed + 1).normal(size=wrench.shape) * noise
-    return Recorded(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)
-
-
-def identified(made: Recorded, error: KinematicError = EXACT) -> tuple[Prepared, Identification, Excitation]:
-    prepared = prepare(made, FitSettings(cutoff=8.0))
-    grid = segment_grid(CENTRES, SEGMENT, LOCAL, (5, 9))
-    found = identify(prepared, np.ones(len(made.time), bool), grid, np.full(16, np.nan), error)
-    return prepared, found, replace(excitation(prepared, found), advice=advise(prepared, found))
-
 
 SMALL = np.array([1.0, 0.4, 0.05])
 

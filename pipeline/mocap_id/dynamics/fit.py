@@ -88,7 +88,7 @@ def determined(prepared: Prepared, gate: BoolArray) -> bool:
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
         return False
     rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.step]]
-    return _conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
+    return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
 def fit(prepared: Prepared, gate: BoolArray) -> Fit:
@@ -125,7 +125,7 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
         extended, covariance = _covariance(prepared, samples, offset, design, weights)
     base = prepared.filtered.shape[-1]
     target = _measured(prepared, samples, time - offset) * weights
-    condition, condition_scaled = _conditions(design[..., :base])
+    condition, condition_scaled = conditions(design[..., :base])
     return Fit(
         in_fit=in_fit,
         samples=samples,
@@ -189,7 +189,7 @@ def _covariance(
     return extended, block_covariance(extended, residual, time_blocks(time, prepared.settings.block))
 
 
-def _conditions(rows: FloatArray) -> tuple[float, float]:
+def conditions(rows: FloatArray) -> tuple[float, float]:
     """2-norm condition number of rows (R, c, b) stacked, in SI and with unit columns."""
     factor = triangular_factor(rows.reshape(-1, rows.shape[-1]))
     size = np.linalg.norm(factor, axis=0)

@@ -29,8 +29,10 @@ from mocap_id.kinematics.chain_equations import (
 )
 from mocap_id.kinematics.sampling import frames_along_motion
 
-_FRAMES = 400  # of the joint fit that is re-traced
-_EXACT = 1e-4  # m; markers with smaller residuals weigh alike, as in the joint fit
+FRAMES = 400
+"""Of the joint fit that is re-traced."""
+EXACT = 1e-4
+"""m; markers with smaller residuals weigh alike, as in the joint fit."""
 _SHAPES = 2  # a slide follows the joint below or the joint above
 _MODES = 2 * _SHAPES  # slides of one marker, of one standard deviation each
 
@@ -101,7 +103,7 @@ class SkinModel:
         _, turn = joint_positions(state)
         pull = np.swapaxes(np.conj(swings(problem, state)) * (weights * turn[:, segment - 1])[..., None], 1, 2)
         gain = np.stack([back @ pull.real, back @ -pull.imag], axis=3)  # (T, n, K, 2)
-        shape = _shapes(angles - self.mean, self.spread, segment)
+        shape = shapes_of(angles - self.mean, self.spread, segment)
         errors = -(back @ normal.cross) @ self.common
         slides = gain[:, :, :, None, :] * (shape * np.sqrt(self.size)[:, None])[:, None, :, :, None]
         errors[..., : _MODES * len(segment)] += slides.reshape(len(angles), n, -1)
@@ -150,17 +152,17 @@ def skin_model(
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
     relative -= mean
-    spread = _spread(relative)[segment - 1]
+    spread = spread_of(relative)[segment - 1]
     size, rest, square, often = _sizes(points, segment, state, relative, spread)
-    used = frames_along_motion(points, _FRAMES, observed)
-    seen, weight = np.isfinite(points[used]), 1.0 / np.maximum(square, _EXACT**2)
+    used = frames_along_motion(points, FRAMES, observed)
+    seen, weight = np.isfinite(points[used]), 1.0 / np.maximum(square, EXACT**2)
     pinned = np.zeros(len(segment), dtype=np.bool_)
     fitted = Problem(
         np.where(seen, points[used], 0), seen * (weight / weight.mean()), segment, pinned, len(state.centres)
     )
     traced = replace(state, angles=state.angles[used])
     reduced = reduce(fitted, traced)
-    moved = responses(fitted, traced, reduced, _shapes(relative[used], spread, segment), reduced.inverse)
+    moved = responses(fitted, traced, reduced, shapes_of(relative[used], spread, segment), reduced.inverse)
     values, vectors = np.linalg.eigh(reduced.inverse)
     noise = vectors * (camera_sd * np.sqrt(np.maximum(values, 0)))
     return SkinModel(state.centres, state.local, segment, often, size, rest, mean, spread, moved, noise)
@@ -184,7 +186,7 @@ def skin_without_fit(state: State, segment: IntArray, residual: FloatArray, cent
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
-    spread = _spread(relative - mean)[segment - 1]
+    spread = spread_of(relative - mean)[segment - 1]
     joints, markers = len(state.centres), len(segment)
     noise = np.zeros((2 * (joints + markers), 2 * (joints + markers)))
     for joint, own in enumerate(centre_covariance):
@@ -196,7 +198,7 @@ def skin_without_fit(state: State, segment: IntArray, residual: FloatArray, cent
     return SkinModel(state.centres, state.local, segment, np.ones(markers), size, none, mean, spread, moved, noise)
 
 
-def _spread(relative: FloatArray) -> FloatArray:
+def spread_of(relative: FloatArray) -> FloatArray:
     """(n,) root mean square of a segment's shapes, 1 where nothing moves; from angles (F, n) off their mean."""
     square = np.zeros((relative.shape[1] + 1, len(relative)))
     square[:-1] = relative.T**2
@@ -204,7 +206,7 @@ def _spread(relative: FloatArray) -> FloatArray:
     return np.where(spread > 0, spread, 1)
 
 
-def _shapes(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
+def shapes_of(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
     """(T, K, 2) angles (T, n) of the joints below and above each marker, over its spread."""
     beyond = np.concatenate([relative, np.zeros((len(relative), 1))], axis=1)
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
@@ -221,12 +223,12 @@ def _sizes(
     found = np.empty((4, len(segment)))
     for k, joint in enumerate(segment - 1):  # one by one, to bound the memory
         off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
-        found[:, k] = _own_sizes(off, _shapes(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
+        found[:, k] = _own_sizes(off, shapes_of(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
     size, rest, square, often = found
     square = shared_variance(square, often, segment, state.local)  # as the joint fit weighs
     for k in range(1, len(state.centres) + 1):
         members = segment == k
-        weights = often[members] / np.maximum(square[members], _EXACT**2)
+        weights = often[members] / np.maximum(square[members], EXACT**2)
         size[members] /= left_by_pose(weights, state.local[members])
         rest[members] /= left_by_pose(weights, state.local[members])
     return size, np.minimum(rest, size), square, often

@@ -15,7 +15,7 @@ from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.consistent import Consistency
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
 from mocap_id.dynamics.grid import PointGrid, segment_grid
-from mocap_id.dynamics.identify import identify
+from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.judge import judge
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.predict import predict
@@ -30,7 +30,7 @@ from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.encoder_torque import torque_facts
 from mocap_id.stages.lineup import LINEUP
 from mocap_id.stages.repetition_averages import averages
-from mocap_id.stages.rivals import rivals
+from mocap_id.stages.rivals import Rivals, rivals
 from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.stages.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Table, Tree
@@ -100,8 +100,41 @@ class _Chain:
         )
 
 
+@dataclass(frozen=True)
+class _Read:
+    """A trial read through its protocol; ``unknown`` says why nothing can be identified from it."""
+
+    chain: _Chain
+    recorded: Recorded
+    prepared: Prepared | None
+    movement: Movement
+    grid: PointGrid
+    unknown: Unknown | None
+
+
 def identify_dim(context: Context) -> Outputs:
     """Identify the inertial parameters from the states and the plates' wrench."""
+    read = _read(context)
+    if read.prepared is None or read.unknown is not None:
+        assert read.unknown is not None
+        table, tree = _nothing(context, read.recorded, read.grid, read.unknown, read.movement)
+    else:
+        table, tree = _identified(context, read.chain, read.prepared, read.movement, read.grid)
+    events = _events(context, read.recorded, read.prepared, read.movement, table.frame)
+    return events, table, tree, averages(context, events.frame, table.frame)
+
+
+def identification(context: Context) -> tuple[Prepared, Movement, Identification] | Unknown:
+    """What stands behind the artefacts: the trial made ready, read through its protocol, and what was identified."""
+    read = _read(context)
+    if read.prepared is None or read.unknown is not None:
+        assert read.unknown is not None
+        return read.unknown
+    bodies = rivals(context, read.prepared.recorded, read.movement)
+    return read.prepared, read.movement, _fit(context, read.prepared, read.movement, read.grid, bodies)
+
+
+def _read(context: Context) -> _Read:
     settings: IdentifyDimSettings = context.settings
     chain = _Chain.of(context.tree("chain.h5"))
     recorded = _recorded(context, chain)
@@ -121,13 +154,7 @@ def identify_dim(context: Context) -> Outputs:
     grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
     if prepared is not None:
         unknown = not_excited(context, prepared, movement)
-    if prepared is None or unknown is not None:
-        assert unknown is not None
-        table, tree = _nothing(context, recorded, grid, unknown, movement)
-    else:
-        table, tree = _identified(context, chain, prepared, movement, grid)
-    events = _events(context, recorded, prepared, movement, table.frame)
-    return events, table, tree, averages(context, events.frame, table.frame)
+    return _Read(chain, recorded, prepared, movement, grid, unknown)
 
 
 def _events(
@@ -149,23 +176,14 @@ def _events(
 def _identified(
     context: Context, chain: _Chain, prepared: Prepared, movement: Movement, grid: PointGrid
 ) -> tuple[Table, Tree]:
-    bodies, settings = rivals(context, prepared.recorded, movement), context.settings
+    bodies = rivals(context, prepared.recorded, movement)
     q, threshold = prepared.recorded.q, _cop_threshold(context)
-    found = identify(
-        prepared,
-        movement.free,
-        grid,
-        bodies.chosen.parameters,
-        _geometry_error(context),
-        consistency=settings.consistency,
-        reference_sd=settings.reference_sd,
-        reference_pulls=settings.reference_pulls,
-    )
+    found = _fit(context, prepared, movement, grid, bodies)
     model = predict(prepared, found, chain.correlation(q, _snap(context, q.shape[1])), threshold)
     result = artefacts.Identified(
         prepared=prepared,
         found=found,
-        told=excitation(prepared, found, _weak(context)),
+        told=excitation(prepared, found, weak_share(context)),
         model=model,
         grid=grid,
         rivals=bodies,
@@ -183,10 +201,24 @@ def _identified(
     return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
 
 
-def _weak(context: Context) -> float:
+def weak_share(context: Context) -> float:
     """Standard deviation by size above which a parameter is weak: a robot's are wanted to per cents."""
     given: float | None = context.settings.weak_share
     return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
+
+
+def _fit(context: Context, prepared: Prepared, movement: Movement, grid: PointGrid, bodies: Rivals) -> Identification:
+    settings: IdentifyDimSettings = context.settings
+    return identify(
+        prepared,
+        movement.free,
+        grid,
+        bodies.chosen.parameters,
+        _geometry_error(context),
+        consistency=settings.consistency,
+        reference_sd=settings.reference_sd,
+        reference_pulls=settings.reference_pulls,
+    )
 
 
 def _joint_names(context: Context) -> list[str]:
@@ -305,7 +337,7 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 STAGE = Stage(
     name="identify-dim",
-    version=11,
+    version=12,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
     uses=("trial", "protocol", "subject", "compare", "encoder"),

@@ -2,6 +2,7 @@
 
 from mocap_id.workflows.simulate.cohort import Cohort, simulate_cohort
 from mocap_id.workflows.simulate.generate import Simulated, generate
+from mocap_id.workflows.simulate.motion import Motion, through
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.robot_set import RobotSet, simulate_set
 from mocap_id.workflows.simulate.schedule import Strategy
@@ -10,6 +11,7 @@ from mocap_id.workflows.simulate.trial import simulate
 __all__ = [
     "Cohort",
     "Kind",
+    "Motion",
     "Options",
     "RobotSet",
     "Simulated",
@@ -18,4 +20,5 @@ __all__ = [
     "simulate",
     "simulate_cohort",
     "simulate_set",
+    "through",
 ]

@@ -22,6 +22,12 @@ subject:  # for the reference model only
   mass: {mass:.2f}  # kg
 """
 
+_FREE = """\
+protocol: free  # a given movement, nothing but the ground touched
+subject:
+  mass: {mass:.2f}  # kg
+"""
+
 _ROBOT = """\
 protocol: robot-joint
 encoder: encoder.csv  # the robot's own record of its joint, on its own clock
@@ -35,6 +41,9 @@ def configuration(kind: Kind, name: str, options: Options, scene: Scene) -> str:
         what = f"A robot's joint, {options.repetitions} swings."
         return _TOP.format(what=what, seed=options.seed, name=quoted) + _ROBOT
     what = f"A person, {options.repetitions} sit-to-stands, {options.strategy} strategy."
+    if scene.chair is None:
+        free = _FREE.format(mass=scene.body.mass)
+        return _TOP.format(what="A person, a given movement.", seed=options.seed, name=quoted) + free
     size = {"height": scene.body.description["subject"]["height_m"], "mass": scene.body.mass}
     chair = "samples with chair contact stay out of the identification"
     if scene.seat_plate is not None:

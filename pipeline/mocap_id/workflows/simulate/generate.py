@@ -19,6 +19,7 @@ from mocap_id.workflows.simulate.cameras import (
     visible,
 )
 from mocap_id.workflows.simulate.forces import Exact
+from mocap_id.workflows.simulate.motion import Motion
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import measure
 from mocap_id.workflows.simulate.scene import Scene, Streams, draw_scene, streams
@@ -58,10 +59,10 @@ class Simulated:
     seat_signals: PlateSignals | None
 
 
-def generate(kind: Kind, options: Options) -> Simulated:
-    """Draw a trial and measure it; the same options give the same numbers."""
+def generate(kind: Kind, options: Options, given: Motion | None = None) -> Simulated:
+    """Draw a trial and measure it; the same options give the same numbers. What is ``given`` is the motion."""
     rng = streams(options.seed, options.subject)
-    scene = draw_scene(kind, options, rng)
+    scene = draw_scene(kind, options, rng, given)
     frames = round(scene.motion.duration * options.rate)
     state = scene.at(np.arange(frames) / options.rate)
     scene, skin = _with_skin(scene, options, rng, state)

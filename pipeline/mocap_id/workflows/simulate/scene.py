@@ -106,10 +106,13 @@ class Scene:
         return force @ self.plane.axes, moment @ self.plane.axes
 
 
-def draw_scene(kind: Kind, options: Options, rng: Streams) -> Scene:
-    """Draw the body, its motion and the laboratory."""
+def draw_scene(kind: Kind, options: Options, rng: Streams, given: Motion | None = None) -> Scene:
+    """Draw the body, its motion and the laboratory.
+
+    With a motion ``given`` the body makes that, without a chair.
+    """
     body, ur5_joint = _body(kind, options, rng), options.joint if kind == "robot" else None
-    motion, chair, protocol = _performance(kind, options, body, rng["motion"])
+    motion, chair, protocol = (given, None, {"reps": []}) if given else _performance(kind, options, body, rng["motion"])
     plate = draw_plate(
         rng["plate"],
         options.plate_sense,

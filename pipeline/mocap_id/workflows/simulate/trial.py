@@ -18,12 +18,13 @@ from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.simulate.configuration import configuration
 from mocap_id.workflows.simulate.encoder import draw_encoder, table
 from mocap_id.workflows.simulate.generate import Simulated, generate
+from mocap_id.workflows.simulate.motion import Motion
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.scene import streams
 from mocap_id.workflows.simulate.truth import arrays, document
 
 
-def simulate(kind: Kind, folder: Path, options: Options) -> Path:
+def simulate(kind: Kind, folder: Path, options: Options, given: Motion | None = None) -> Path:
     """Make a trial with exact truth and write it.
 
     Parameters
@@ -33,6 +34,8 @@ def simulate(kind: Kind, folder: Path, options: Options) -> Path:
         Made with its parents; gets ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and, for the robot,
         ``encoder.csv``. Its name becomes the trial's.
     options : Options
+    given : Motion, optional
+        What the body of that kind does, in place of what it would; without a chair.
 
     Returns
     -------
@@ -50,7 +53,7 @@ def simulate(kind: Kind, folder: Path, options: Options) -> Path:
         raise ConfigError(f"simulate: there is no kind {kind!r}; expected one of {', '.join(get_args(Kind))}")
     if (folder / "trial.c3d").exists():
         raise StoreError(f"{folder} already holds a trial: remove it or choose another folder")
-    contents = _contents(kind, folder.resolve().name, options, generate(kind, options))
+    contents = _contents(kind, folder.resolve().name, options, generate(kind, options, given))
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)
