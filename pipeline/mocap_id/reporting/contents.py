@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+PdfFonts: TypeAlias = Literal["type-3", "truetype"]
+"""How letters stand in a PDF."""
 
 
 @dataclass(frozen=True)
@@ -14,8 +18,12 @@ class FigureEntry:
     caption: str
 
     @property
-    def file(self) -> str:
+    def svg(self) -> str:
         return f"figures/{self.name}.svg"
+
+    @property
+    def pdf(self) -> str:
+        return f"figures/{self.name}.pdf"
 
 
 FIGURES: tuple[FigureEntry, ...] = (
@@ -74,5 +82,10 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
 )
 
-SUMMARY_FILE, PAGE_FILE = "summary.json", "report.html"
-FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE, *(entry.file for entry in FIGURES))
+SUMMARY_FILE, PAGE_FILE, CAPTIONS_FILE = "summary.json", "report.html", "figures/captions.md"
+FILES: tuple[str, ...] = (
+    SUMMARY_FILE,
+    PAGE_FILE,
+    CAPTIONS_FILE,
+    *(file for entry in FIGURES for file in (entry.svg, entry.pdf)),
+)
