@@ -42,6 +42,8 @@ class Player:
         JSON that may stand in a script element.
     moments : int
         Positions of the slider.
+    curves : bool
+        Whether anything is known over time, to show beside the figure.
     legend : mapping of str to tuple of Key
         By what is drawn: joints, forces.
     arrow : float or None
@@ -55,6 +57,7 @@ class Player:
     policy: str
     data: str
     moments: int
+    curves: bool
     legend: Mapping[str, tuple[Key, ...]]
     arrow: float | None
     width: int
@@ -66,7 +69,7 @@ def player(material: Material) -> Player | None:
     if moving is None:
         return None
     drawn = plots(material, moving)
-    roots = {drawn.figure: "player-figure", drawn.curves: "player-curves"}
+    roots = {drawn.figure: "player-figure"} | ({drawn.curves: "player-curves"} if drawn.curves else {})
     held = {"document": drawn.document, "roots": roots, "frames": moving.packed()}
     library, script, policy = _scripts()
     return Player(
@@ -75,6 +78,7 @@ def player(material: Material) -> Player | None:
         policy=policy,
         data=_inert(json.dumps(held, separators=(",", ":"), allow_nan=False)),
         moments=len(moving.time),
+        curves=drawn.curves is not None,
         legend=_legend(material, moving),
         arrow=moving.newton_per_metre,
         width=FRAME[0],

@@ -50,20 +50,21 @@ _SOURCES = (
 
 @dataclass(frozen=True)
 class Plots:
-    """A Bokeh document and its two roots."""
+    """A Bokeh document and its roots; ``curves`` is None where there are none."""
 
     document: dict[str, Any]
     figure: str
-    curves: str
+    curves: str | None
 
 
 def plots(material: Material, frames: Frames) -> Plots:
     """The figure and the curves of a trial, with nothing to move yet but the first moment."""
     document = Document(title=style.printable(material.trial))
     figure, column = _figure(frames), _curves(material, frames)
-    document.add_root(figure)
-    document.add_root(column)
-    return Plots(dict(document.to_json(deferred=False)), figure.id, column.id)
+    for root in (figure, column):
+        if root is not None:
+            document.add_root(root)
+    return Plots(dict(document.to_json(deferred=False)), figure.id, None if column is None else column.id)
 
 
 def _figure(frames: Frames) -> Plot:
@@ -107,11 +108,13 @@ def _to_scale(bounds: FloatArray) -> FloatArray:
     return np.stack([middle - half, middle + half], axis=1)
 
 
-def _curves(material: Material, frames: Frames) -> Column:
-    """A column of plots over time, with one line for now through all of them."""
+def _curves(material: Material, frames: Frames) -> Column | None:
+    """A column of plots over time, with one line for now through all of them; None where nothing is known over time."""
     clock = Range1d(float(frames.time[0]), float(frames.time[-1]))
     now = Span(location=float(frames.time[0]), dimension="height", line_color=style.NOW, line_width=2, name="now")
     found = [*_angles(material, clock), *_wrench(material, clock)]
+    if not found:
+        return None
     for k, plot in enumerate(found):
         plot.add_layout(now)
         if k == len(found) - 1:

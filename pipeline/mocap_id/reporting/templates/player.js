@@ -7,6 +7,7 @@
   const width = packed.length / frames.time.length;
   const slider = part("time"), button = part("play"), speed = part("speed");
 
+  part("without").hidden = true;
   part("body").hidden = false;
   const [views] = await Bokeh.embed.embed_items({ player: plots }, [{ docid: "player", roots, root_ids: Object.keys(roots) }]);
   const model = Bokeh.documents[0];
@@ -25,7 +26,7 @@
       sources[k].data = data;
     });
     const time = frames.time[moment];
-    now.location = time;
+    if (now) now.location = time;
     part("now").value = `${time.toFixed(2)} s`;
     slider.value = moment;
     slider.setAttribute("aria-valuetext", `${time.toFixed(2)} seconds`);
@@ -62,7 +63,7 @@
   slider.addEventListener("keydown", (event) => {
     if (event.key === " ") { event.preventDefault(); set(!playing); }
   });
-  for (const plot of model.get_model_by_name("curves").children) {
+  for (const plot of model.get_model_by_name("curves")?.children ?? []) {
     plot.on_event("tap", ({ x }) => { set(false); show(nearest(x)); });
   }
   show(0);
