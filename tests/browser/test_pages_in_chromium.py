@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import shutil
 import time
@@ -188,7 +189,7 @@ def test_everything_is_reached_without_a_mouse_and_the_headings_are_in_order(pag
         browser = pages.open(name)
         levels = [int(one.tag_name[1]) for one in browser.find_elements(By.CSS_SELECTOR, "h1, h2, h3, h4")]
         assert levels[0] == 1 and levels.count(1) == 1
-        assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False)), name
+        assert all(after <= before + 1 for before, after in itertools.pairwise(levels)), name
         for one in browser.find_elements(By.CSS_SELECTOR, "[role=img], [role=region]"):
             assert one.get_attribute("aria-label")
         for table in browser.find_elements(By.TAG_NAME, "table"):

@@ -122,7 +122,7 @@ def relabelled(trial: Trial) -> dict[str, Artefact]:
 def test_healthy_trial_shows_everything() -> None:
     page = checked(healthy())
     assert page.sections == ["player", "skeleton", "states", "repetitions", "wrench", "parameters", "markers", "origin"]
-    assert page.tags.count("figure") == 8
+    assert page.tags.count("figure") == 9
     for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
         assert wanted in page.text
     assert "somewhere" not in page.text, "folders are nobody's business"
@@ -181,7 +181,7 @@ def test_no_plate_says_so_instead_of_empty_figures() -> None:
     page = checked(report(Trial().artefacts(plates=False)))
     for wanted in ("No contact wrench", "No base parameters", "No point masses"):
         assert f"{wanted}: the recording has no force plate." in page.text
-    assert page.tags.count("figure") == 4
+    assert page.tags.count("figure") == 5
 
 
 def test_standing_still_shows_the_mass_and_draws_the_rest_as_unknown() -> None:
@@ -228,7 +228,7 @@ def test_labels_are_shown_and_never_obeyed() -> None:
 @pytest.mark.parametrize("joints", [1, 4])
 def test_short_and_long_chains(joints: int) -> None:
     page = checked(report(Trial(joints=joints).artefacts()))
-    assert page.tags.count("figure") == 8
+    assert page.tags.count("figure") == 9
 
 
 def test_no_repetition_is_said() -> None:

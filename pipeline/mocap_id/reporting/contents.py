@@ -36,6 +36,14 @@ FIGURES: tuple[FigureEntry, ...] = (
         "without a segment.",
     ),
     FigureEntry(
+        "recovery",
+        "How each joint was found",
+        "Above: the markers of a segment as seen from the segment before, where they move on arcs about the joint (ring); "
+        "pluses are the middles of the circles that fit single markers, where the arc gives one near by. Below: the same "
+        "markers as seen from their own segment, where a rigid body would leave single points; circles are the markers "
+        "of the chain, rings the joints at either end.",
+    ),
+    FigureEntry(
         "states",
         "Joint states",
         "Angle, velocity and acceleration of every joint with 95 % bands. Shaded where a joint has no marker to rest "

@@ -13,6 +13,7 @@ from mocap_id.reporting.figures import (
     parameters,
     phases,
     point_masses,
+    recovery,
     repetitions,
     residuals,
     skeleton,
@@ -24,6 +25,7 @@ from mocap_id.reporting.vector import svg_and_pdf
 
 _DRAW: Mapping[str, Callable[[Material], Figure | str]] = {
     "skeleton": skeleton.draw,
+    "recovery": recovery.draw,
     "states": states.draw,
     "repetitions": repetitions.draw,
     "phases": phases.draw,
@@ -54,9 +56,7 @@ def render(entry: FigureEntry, material: Material, pdf_fonts: PdfFonts = "type-3
     return drawing(entry, material.trial, lambda: _DRAW[entry.name](material), pdf_fonts)
 
 
-def drawing(
-    entry: FigureEntry, of: str, draw: Callable[[], Figure | str], pdf_fonts: PdfFonts = "type-3"
-) -> Drawing:
+def drawing(entry: FigureEntry, of: str, draw: Callable[[], Figure | str], pdf_fonts: PdfFonts = "type-3") -> Drawing:
     """What ``draw`` gives under the house's settings, as files; ``of`` is the name of what it is about."""
     with style.house(pdf_fonts):
         drawn = draw()
@@ -69,5 +69,7 @@ def captions(of: str, drawings: Sequence[Drawing]) -> bytes:
     """What stands under each figure, as Markdown: a figure leaves its page when it goes into a paper."""
     parts = [f"# Figures of {style.printable(of)}"]
     for one in drawings:
-        parts.append(f"**{one.entry.title}** (`{one.entry.name}.svg`, `{one.entry.name}.pdf`). {one.missing or one.entry.caption}")
+        parts.append(
+            f"**{one.entry.title}** (`{one.entry.name}.svg`, `{one.entry.name}.pdf`). {one.missing or one.entry.caption}"
+        )
     return ("\n\n".join(parts) + "\n").encode("utf-8")

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting.material import Material
+from mocap_id.reporting.tracks import tracks
 from mocap_id.reporting.views import Motion, Skeleton
 
 RATE = 30.0
@@ -51,7 +51,9 @@ class Frames:
         seen = [part.values.swapaxes(1, 2).reshape(-1, 2) for part in self.parts if part.columns == ("x", "y")]
         points = np.concatenate(seen)
         points = points[np.isfinite(points).all(axis=1)]
-        found: FloatArray = np.quantile(points, (0.001, 0.999), axis=0).T if len(points) else np.array([[-1, 1], [0, 2]])
+        found: FloatArray = (
+            np.quantile(points, (0.001, 0.999), axis=0).T if len(points) else np.array([[-1, 1], [0, 2]])
+        )
         return found
 
     def packed(self) -> Mapping[str, Any]:
@@ -81,7 +83,7 @@ def frames(material: Material) -> Frames | None:
     time = _moments(np.unique(own), len(labels))
     if len(time) < 2:
         return None
-    parts = [Part("markers", ("x", "y"), _markers(planar, own, time, len(labels)))]
+    parts = [Part("markers", ("x", "y"), tracks(planar, time, labels).swapaxes(1, 2))]
     if skeleton is not None and motion is not None and len(motion.time):
         parts = [*_chain(skeleton, motion, time), *parts]
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
@@ -98,19 +100,6 @@ def _moments(time: FloatArray, markers: int) -> FloatArray:
     wanted = int((time[-1] - time[0]) * RATE) + 1
     count = max(2, min(len(time), wanted, MOST, _VALUES // (2 * markers + 32)))
     return time[np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))]
-
-
-def _markers(planar: pd.DataFrame, own: FloatArray, time: FloatArray, count: int) -> FloatArray:
-    """Markers as measured, (K, 2, M), m; NaN where unseen. The table is sorted by time."""
-    first, last = np.searchsorted(own, time), np.searchsorted(own, time, side="right")
-    size = last - first
-    moment = np.repeat(np.arange(len(time)), size)
-    row = np.arange(size.sum()) + np.repeat(first - np.concatenate([[0], np.cumsum(size)[:-1]]), size)
-    code = planar["marker"].cat.codes.to_numpy()[row]
-    found = np.full((len(time), 2, count), np.nan)
-    for k, axis in enumerate(("x", "y")):
-        found[moment, k, code] = planar[axis].to_numpy(dtype=np.float64)[row]
-    return found
 
 
 def _chain(skeleton: Skeleton, motion: Motion, time: FloatArray) -> tuple[Part, Part]:

@@ -82,11 +82,15 @@ def _figure(frames: Frames) -> Plot:
                 source.data["colour"] = [style.colour(k + 1) for k in range(rows)]
                 _segments(plot, source, "colour", 7, 0.6)
             case "joints":
-                plot.add_glyph(source, Scatter(x="x", y="y", size=13, fill_color=None, line_color=style.INK, line_width=1.5))
+                plot.add_glyph(
+                    source, Scatter(x="x", y="y", size=13, fill_color=None, line_color=style.INK, line_width=1.5)
+                )
             case "markers":
                 source.data["colour"] = [style.colour(max(int(k), 0)) for k in frames.segments]
                 source.data["shape"] = ["x" if k < 0 else "circle" for k in frames.segments]
-                plot.add_glyph(source, Scatter(x="x", y="y", size=5, marker="shape", fill_color="colour", line_color="colour"))
+                plot.add_glyph(
+                    source, Scatter(x="x", y="y", size=5, marker="shape", fill_color="colour", line_color="colour")
+                )
             case _:
                 source.data["colour"] = [style.MEASURED if part.source == "measured" else style.MODEL] * rows
                 _segments(plot, source, "colour", 3 if part.source == "measured" else 2, 1.0)
@@ -111,7 +115,7 @@ def _to_scale(bounds: FloatArray) -> FloatArray:
 def _curves(material: Material, frames: Frames) -> Column | None:
     """A column of plots over time, with one line for now through all of them; None where nothing is known over time."""
     clock = Range1d(float(frames.time[0]), float(frames.time[-1]))
-    now = Span(location=float(frames.time[0]), dimension="height", line_color=style.NOW, line_width=2, name="now")
+    now = Span(location=None, dimension="height", line_color=style.NOW, line_width=2, name="now")
     found = [*_angles(material, clock), *_wrench(material, clock)]
     if not found:
         return None
@@ -161,7 +165,9 @@ def _wrench(material: Material, clock: Range1d) -> Iterable[Plot]:
             model = curves["_model"]
             x, low, high = band(time, model - half, model + half, _BINS)
             inside = np.isfinite(low + high)
-            area = ColumnDataSource({"x": x, "low": np.where(inside, low, np.nan), "high": np.where(inside, high, np.nan)})
+            area = ColumnDataSource(
+                {"x": x, "low": np.where(inside, low, np.nan), "high": np.where(inside, high, np.nan)}
+            )
             plot.add_glyph(area, VArea(x="x", y1="low", y2="high", fill_color=style.MODEL, fill_alpha=0.2))
         for suffix, colour, dash in _SOURCES:
             if np.isfinite(curves[suffix]).any():
@@ -216,7 +222,9 @@ def _dress(plot: Plot, below: str | None, left: str) -> None:
 def _shade(plot: Plot, time: FloatArray, mask: BoolArray) -> None:
     found = spans(time, mask)
     if found:
-        source = ColumnDataSource({"x0": [start for start, _ in found], "x1": [start + width for start, width in found]})
+        source = ColumnDataSource(
+            {"x0": [start for start, _ in found], "x1": [start + width for start, width in found]}
+        )
         plot.add_glyph(source, VStrip(x0="x0", x1="x1", fill_color=style.GRID, fill_alpha=0.5, line_color=None))
 
 

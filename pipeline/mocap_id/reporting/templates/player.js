@@ -11,6 +11,7 @@
   part("body").hidden = false;
   const [views] = await Bokeh.embed.embed_items({ player: plots }, [{ docid: "player", roots, root_ids: Object.keys(roots) }]);
   const model = Bokeh.documents[0];
+  if (!model.is_idle) await new Promise((done) => model.idle.connect(done)); // its first strokes are for no size yet
   const now = model.get_model_by_name("now");
   const sources = frames.parts.map((one) => model.get_model_by_name(one.source));
 
