@@ -121,7 +121,10 @@ def look(browser: webdriver.Chrome, name: str) -> list[int]:
         const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
         let inked = 0, where = 0;
         for (let k = 0; k < data.length; k += 4) {
-          if (data[k + 3] > 0 && data[k] + data[k + 1] + data[k + 2] < 600) { inked += 1; where = (where + k * (data[k] + 1)) % 1e9; }
+          if (data[k + 3] > 0 && data[k] + data[k + 1] + data[k + 2] < 600) {
+            inked += 1;
+            where = (where + k * (data[k] + 1)) % 1e9;
+          }
         }
         return [inked, where];
       });

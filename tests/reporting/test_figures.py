@@ -45,7 +45,8 @@ def test_axes_carry_units(entry: FigureEntry) -> None:
     content = healthy()[entry.svg]
     text = " ".join("".join(element.itertext()) for element in ET.fromstring(content).iter())
     units = {
-        "skeleton": ["(m)"], "recovery": ["(m)"], "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
+        "skeleton": ["(m)"], "recovery": ["(m)"],
+        "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
         "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
         "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"],
     }  # fmt: skip

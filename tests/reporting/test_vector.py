@@ -43,7 +43,7 @@ def test_the_svg_is_matplotlibs_own(name: str, drawn: dict[str, tuple[Figure, by
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_pdf_strokes_as_matplotlibs_own(name: str, drawn: dict[str, tuple[Figure, bytes, bytes]]) -> None:
-    """The same operators; numbers differ as the two formats' measures of a text do, by far less than a tenth of a point."""
+    """The same operators; numbers differ as the two measures of a text do, by far less than a tenth of a point."""
     figure, _, pdf = drawn[name]
     alone = io.BytesIO()
     with style.house(), mpl.rc_context({"pdf.compression": 0}):

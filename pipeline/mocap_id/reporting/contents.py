@@ -38,10 +38,10 @@ FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
         "recovery",
         "How each joint was found",
-        "Above: the markers of a segment as seen from the segment before, where they move on arcs about the joint (ring); "
-        "pluses are the middles of the circles that fit single markers, where the arc gives one near by. Below: the same "
-        "markers as seen from their own segment, where a rigid body would leave single points; circles are the markers "
-        "of the chain, rings the joints at either end.",
+        "Above: the markers of a segment as seen from the segment before, where they move on arcs about the joint "
+        "(ring); pluses are the middles of the circles that fit single markers, where the arc gives one near by. "
+        "Below: the same markers as seen from their own segment, where a rigid body would leave single points; circles "
+        "are the markers of the chain, rings the joints at either end.",
     ),
     FigureEntry(
         "states",

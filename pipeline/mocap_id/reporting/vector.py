@@ -37,8 +37,8 @@ def svg_and_pdf(drawing: Figure, name: str, title: str) -> tuple[bytes, bytes]:
     text, binary = io.StringIO(), io.BytesIO()
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
-        # text stays text in the SVG, so a script that the bundled font lacks is shown by the reader's own fonts; the PDF
-        # shows a box
+        # text stays text in the SVG, so a script that the bundled font lacks is shown by the reader's own fonts;
+        # the PDF shows a box
         warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
         settle(drawing)
         svg = RendererSVG(
@@ -66,7 +66,7 @@ def settle(drawing: Figure) -> None:
 
 
 class _Both(RendererBase):
-    """Hands every stroke to two writers of the same size; the SVG's y points down, which it minds itself but in text."""
+    """Hands every stroke to two writers of one size; the SVG's y points down, which it minds itself but in text."""
 
     def __init__(self, svg: RendererSVG, pdf: RendererPdf) -> None:
         super().__init__()

@@ -67,9 +67,8 @@ def drawing(entry: FigureEntry, of: str, draw: Callable[[], Figure | str], pdf_f
 
 def captions(of: str, drawings: Sequence[Drawing]) -> bytes:
     """What stands under each figure, as Markdown: a figure leaves its page when it goes into a paper."""
-    parts = [f"# Figures of {style.printable(of)}"]
-    for one in drawings:
-        parts.append(
-            f"**{one.entry.title}** (`{one.entry.name}.svg`, `{one.entry.name}.pdf`). {one.missing or one.entry.caption}"
-        )
-    return ("\n\n".join(parts) + "\n").encode("utf-8")
+    told = (
+        f"**{one.entry.title}** (`{one.entry.name}.svg`, `{one.entry.name}.pdf`). {one.missing or one.entry.caption}"
+        for one in drawings
+    )
+    return ("\n\n".join([f"# Figures of {style.printable(of)}", *told]) + "\n").encode("utf-8")

@@ -1,4 +1,4 @@
-"""How each joint was found: circles in the frame of the segment before, and a rigid body about it (figures 5.2, 6.3)."""
+"""How each joint was found: arcs in the frame of the segment before, a rigid body about it (figures 5.2, 6.3)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COLUMNS = 4
 
 
 def draw(material: Material) -> Figure | str:
-    """A column a joint: above, what its segment's markers do as seen from the segment before; below, as seen from it."""
+    """A column a joint: its segment's markers as seen from the segment before, and below from their own."""
     skeleton, motion, planar = material.skeleton, material.motion, material.frame("planar.parquet")
     if skeleton is None or motion is None or planar is None or not len(motion.time):
         return f"No joint to show: {material.why_missing('chain.h5')}."
