@@ -68,18 +68,21 @@ def settle(drawing: Figure) -> None:
 class _Both(RendererBase):
     """Hands every stroke to two writers of one size; the SVG's y points down, which it minds itself but in text."""
 
-    def __init__(self, svg: RendererSVG, pdf: RendererPdf) -> None:
+    def __init__(self, svg: Any, pdf: Any) -> None:  # the backends have no types
         super().__init__()
         self._svg, self._pdf = svg, pdf
 
     def new_gc(self) -> GraphicsContextBase:
-        return self._pdf.new_gc()  # the PDF's holds more than the SVG asks of one
+        found: GraphicsContextBase = self._pdf.new_gc()  # the PDF's holds more than the SVG asks of one
+        return found
 
     def get_canvas_width_height(self) -> tuple[float, float]:
-        return self._svg.get_canvas_width_height()
+        found: tuple[float, float] = self._svg.get_canvas_width_height()
+        return found
 
     def get_text_width_height_descent(self, *args: Any) -> tuple[float, float, float]:
-        return self._svg.get_text_width_height_descent(*args)
+        found: tuple[float, float, float] = self._svg.get_text_width_height_descent(*args)
+        return found
 
     def flipy(self) -> bool:
         return False

@@ -128,8 +128,8 @@ def _forces(material: Material, time: FloatArray, height: float) -> tuple[float 
     if not largest > 0 or not height > 0:
         return None, []
     scale = float(largest) / (_REACH * height)
-    columns = ("x0", "y0", "x1", "y1")
-    return scale, [Part(name, columns, _arrows(force, scale)) for name, force in found.items()]
+    ends = ("x0", "y0", "x1", "y1")
+    return scale, [Part(name, ends, _arrows(force, scale)) for name, force in found.items()]
 
 
 def _arrows(force: FloatArray, scale: float) -> FloatArray:
