@@ -13,8 +13,10 @@ from reporting_cases import Trial, context, healthy
 
 from mocap_id.reporting import figures, style
 from mocap_id.reporting.contents import FIGURES, FILES, FigureEntry
+from mocap_id.reporting.figures import recovery
 from mocap_id.reporting.figures.repetitions import on_common_time
 from mocap_id.reporting.figures.skeleton import two_moments
+from mocap_id.reporting.tracks import tracks
 from mocap_id.reporting.views import Dynamics, Motion
 from mocap_id.stages.report import STAGE, material
 from mocap_id.store.schemas import SCHEMAS
@@ -32,18 +34,19 @@ def test_the_stage_promises_what_it_writes() -> None:
 def test_same_trial_same_bytes_and_nothing_global_left() -> None:
     settings = dict(mpl.rcParams)
     for entry in FIGURES:
-        again = figures.render(entry, material(context(Trial().artefacts()))).svg
-        assert again == healthy()[entry.file]
-        assert b"<dc:date>" not in again
+        again = figures.render(entry, material(context(Trial().artefacts()))).files
+        assert all(healthy()[file] == content for file, content in again.items())
+        assert b"<dc:date>" not in again[entry.svg] and b"/CreationDate" not in again[entry.pdf]
     assert dict(mpl.rcParams) == settings
 
 
 @pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry.name)
 def test_axes_carry_units(entry: FigureEntry) -> None:
-    content = healthy()[entry.file]
+    content = healthy()[entry.svg]
     text = " ".join("".join(element.itertext()) for element in ET.fromstring(content).iter())
     units = {
-        "skeleton": ["(m)"], "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
+        "skeleton": ["(m)"], "recovery": ["(m)"],
+        "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
         "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
         "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"],
     }  # fmt: skip
@@ -138,4 +141,29 @@ def test_states_without_standard_deviations_are_drawn_without_bands() -> None:
     given = {**trial.artefacts(), "states.parquet": unknown}
     for entry in FIGURES:
         drawn = figures.render(entry, material(context(given))).svg
-        assert (drawn == healthy()[entry.file]) == (entry.name != "states")
+        assert (drawn == healthy()[entry.svg]) == (entry.name != "states")
+
+
+def test_tracks_are_the_tables_where_it_has_the_moment() -> None:
+    trial = Trial(frames=200)
+    table = trial.planar().frame.drop(index=[5])  # a marker that has no row at all in the first frame
+    time = np.array([0.0, 0.5, 0.505])
+    found = tracks(table, time, ["torso12", "nobody", trial.labels[5]])
+    own = table[(table["marker"] == "torso12") & (table["time"] == 0.5)]
+    assert found[1, 0] == pytest.approx(own[["x", "y"]].to_numpy()[0], nan_ok=True)
+    assert np.isnan(found[:, 1]).all() and np.isnan(found[0, 2]).all() and np.isnan(found[2]).all()
+
+
+def test_seen_from_the_segment_before_markers_run_on_arcs_about_the_joint() -> None:
+    """The distance of every drawn marker from its joint is as steady as the markers' noise."""
+    trial = Trial(frames=600)
+    with style.house():
+        figure = recovery.draw(material(context(trial.artefacts())))
+    assert not isinstance(figure, str)
+    above = [axes for axes in figure.axes if "seen from" in axes.get_title(loc="left")][:3]
+    for j, axes in enumerate(above):
+        assert axes.get_title(loc="left") == f"{trial.joints[j]}, seen from {trial.names[j]}"
+        drawn = np.column_stack([values.astype(float) for values in axes.lines[0].get_data()])
+        arcs = np.split(drawn, np.flatnonzero(np.isnan(drawn).all(axis=1)))
+        spread = [np.nanstd(np.linalg.norm(arc - trial.centres[j], axis=1)) for arc in arcs if len(arc) > 50]
+        assert spread and max(spread) < 0.004

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 import time
 import xml.etree.ElementTree as ET
@@ -45,6 +47,7 @@ class Page(HTMLParser):
         self.references: list[str] = []
         self.handlers: list[str] = []
         self.text = ""
+        self.scripts: list[str] = []
         self.source = content.decode("utf-8")
         self.feed(self.source)
         self.close()
@@ -62,7 +65,10 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        self.text += data
+        if self.open[-1:] != ["script"]:
+            self.text += data
+        elif '<script type="application/json"' not in (self.get_starttag_text() or ""):
+            self.scripts.append(data)
 
     def _element(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
@@ -80,15 +86,21 @@ class Page(HTMLParser):
         return re.findall(r'<section id="(\w+)"', self.source)
 
 
+def digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode()
+
+
 def report(artefacts: dict[str, Artefact], refused: Refused | None = None) -> dict[str, bytes]:
     return contents(STAGE.function(context(artefacts, refused)))
 
 
 def checked(files: Mapping[str, bytes]) -> Page:
-    """The page, known to need nothing from outside and to be whole; the figures, known to be XML."""
+    """The page, known to need nothing from outside, to run nothing but the player, and to be whole; figures are XML."""
     page = Page(files["report.html"])
-    assert not {"script", "link", "iframe", "object", "embed", "img", "form"} & set(page.tags)
+    assert not {"link", "iframe", "object", "embed", "img", "form"} & set(page.tags)
     assert not page.handlers
+    allowed = re.search(r"script-src ([^;\"]*)", page.source)
+    assert [f"'sha256-{digest(script)}'" for script in page.scripts] == (allowed[1].split() if allowed else [])
     assert len(page.ids) == len(set(page.ids)), "an id stands twice"
     inside = {f"#{name}" for name in page.ids}
     assert set(page.references) <= inside, set(page.references) - inside
@@ -109,8 +121,8 @@ def relabelled(trial: Trial) -> dict[str, Artefact]:
 
 def test_healthy_trial_shows_everything() -> None:
     page = checked(healthy())
-    assert page.sections == ["skeleton", "states", "repetitions", "wrench", "parameters", "markers", "origin"]
-    assert page.tags.count("figure") == 8
+    assert page.sections == ["player", "skeleton", "states", "repetitions", "wrench", "parameters", "markers", "origin"]
+    assert page.tags.count("figure") == 9
     for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
         assert wanted in page.text
     assert "somewhere" not in page.text, "folders are nobody's business"
@@ -155,7 +167,7 @@ def test_refused_trial_is_a_short_page() -> None:
     trial = Trial()
     artefacts: dict[str, Artefact] = {"planar.parquet": trial.planar(), "wrench.parquet": trial.wrench()}
     page = checked(report(artefacts, Refused("no-motion", "no joint moves: all within 15 mm", 0.004, 0.015)))
-    assert page.sections == ["skeleton", "wrench", "origin"]
+    assert page.sections == ["player", "skeleton", "wrench", "origin"]
     for wanted in ("Refused", "No joint moves: all within 15 mm.", "What to do", "71.4 kg"):
         assert wanted in page.text
 
@@ -169,7 +181,7 @@ def test_no_plate_says_so_instead_of_empty_figures() -> None:
     page = checked(report(Trial().artefacts(plates=False)))
     for wanted in ("No contact wrench", "No base parameters", "No point masses"):
         assert f"{wanted}: the recording has no force plate." in page.text
-    assert page.tags.count("figure") == 4
+    assert page.tags.count("figure") == 5
 
 
 def test_standing_still_shows_the_mass_and_draws_the_rest_as_unknown() -> None:
@@ -216,7 +228,7 @@ def test_labels_are_shown_and_never_obeyed() -> None:
 @pytest.mark.parametrize("joints", [1, 4])
 def test_short_and_long_chains(joints: int) -> None:
     page = checked(report(Trial(joints=joints).artefacts()))
-    assert page.tags.count("figure") == 8
+    assert page.tags.count("figure") == 9
 
 
 def test_no_repetition_is_said() -> None:

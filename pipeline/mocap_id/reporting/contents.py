@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+PdfFonts: TypeAlias = Literal["type-3", "truetype"]
+"""How letters stand in a PDF."""
 
 
 @dataclass(frozen=True)
@@ -14,8 +18,12 @@ class FigureEntry:
     caption: str
 
     @property
-    def file(self) -> str:
+    def svg(self) -> str:
         return f"figures/{self.name}.svg"
+
+    @property
+    def pdf(self) -> str:
+        return f"figures/{self.name}.pdf"
 
 
 FIGURES: tuple[FigureEntry, ...] = (
@@ -26,6 +34,14 @@ FIGURES: tuple[FigureEntry, ...] = (
         "measured, open circles the same markers as the chain predicts them, large rings the joint centres. Grey "
         "belongs to the base; each other colour to one segment, here and in every figure below; crosses are markers "
         "without a segment.",
+    ),
+    FigureEntry(
+        "recovery",
+        "How each joint was found",
+        "Above: the markers of a segment as seen from the segment before, where they move on arcs about the joint "
+        "(ring); pluses are the middles of the circles that fit single markers, where the arc gives one near by. "
+        "Below: the same markers as seen from their own segment, where a rigid body would leave single points; circles "
+        "are the markers of the chain, rings the joints at either end.",
     ),
     FigureEntry(
         "states",
@@ -74,5 +90,10 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
 )
 
-SUMMARY_FILE, PAGE_FILE = "summary.json", "report.html"
-FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE, *(entry.file for entry in FIGURES))
+SUMMARY_FILE, PAGE_FILE, CAPTIONS_FILE = "summary.json", "report.html", "figures/captions.md"
+FILES: tuple[str, ...] = (
+    SUMMARY_FILE,
+    PAGE_FILE,
+    CAPTIONS_FILE,
+    *(file for entry in FIGURES for file in (entry.svg, entry.pdf)),
+)

@@ -1,4 +1,4 @@
-"""``report.html``: one file that opens anywhere, with no script and nothing to fetch."""
+"""``report.html``: one file that opens anywhere, with nothing to fetch and no script but the player's own."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.explanations import EXPLANATIONS, LEVELS
 from mocap_id.reporting.figures import Drawing
 from mocap_id.reporting.material import Material
+from mocap_id.reporting.player.embedding import player
 from mocap_id.reporting.sections import glance, sections
 from mocap_id.reporting.shape import ReasonEntry, Summary
 
@@ -58,6 +59,7 @@ def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> by
             glance=glance(material, summary),
             sections=sections(material, summary),
             figures={drawing.entry.name: drawing for drawing in figures},
+            player=player(material),
             inline=style.inline,
         )
     )

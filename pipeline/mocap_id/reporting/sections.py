@@ -38,10 +38,9 @@ class Glance:
 def sections(material: Material, summary: Summary) -> list[Section]:
     """What the page holds; a refused trial's page is short, so what was never reached is left out."""
     skeleton = "Markers as recorded" if material.skeleton is None else "Skeleton"
+    figures = ("skeleton",) if material.skeleton is None else ("skeleton", "recovery")
     parts = [
-        Section(
-            "skeleton", skeleton, "planar.parquet", ("skeleton",), (tables.joints(summary), tables.lengths(summary))
-        ),
+        Section("skeleton", skeleton, "planar.parquet", figures, (tables.joints(summary), tables.lengths(summary))),
         Section("states", "Joint states", "states.parquet", ("states",), _states(material, summary)),
         Section(
             "repetitions",

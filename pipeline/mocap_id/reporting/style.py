@@ -7,9 +7,7 @@ under :func:`house`, so that nothing global outlives a drawing. The page replace
 
 from __future__ import annotations
 
-import io
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -21,12 +19,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
+from mocap_id.reporting.contents import PdfFonts
 
 INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#8a8d94"
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 MEASURED, MODEL, REFERENCE = INK, BLUE, ORANGE
 OTHER = "#b2182b"
 """Another system's curves."""
+NOW = "#882255"
+"""The player's time."""
 HEAT = "cividis"
 SHADES = 24
 """Steps of the heat colours: few enough to read off the bar, and to draw it as vectors."""
@@ -71,11 +72,12 @@ _RC: dict[Any, object] = {
 
 
 @contextmanager
-def house() -> Iterator[None]:
+def house(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
     """The house's matplotlib settings, for the length of one drawing."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
+        mpl.rcParams["pdf.fonttype"] = {"type-3": 3, "truetype": 42}[pdf_fonts]
         yield
 
 
@@ -109,16 +111,32 @@ def notice(text: str) -> Figure:
     return drawing
 
 
+def label_left(axes: Axes, text: str) -> None:
+    """Label the y axis at a fixed distance, so that labels of one column stand under each other."""
+    axes.set_ylabel(text)
+    axes.yaxis.set_label_coords(-0.62 / WIDTH, 0.5)
+
+
 def fit_y(axes: Axes, curves: Sequence[FloatArray], tail: float = 0.0) -> None:
     """Frame the curves, each without this share of its samples at either end; unknown samples do not count."""
-    known = [curve[np.isfinite(curve)] for curve in curves]
-    ends = np.array([np.quantile(curve, (tail, 1 - tail)) for curve in known if len(curve)]).reshape(-1, 2)
-    if not len(ends):
+    found = extent(curves, tail)
+    if found is None:
         return
-    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    margin = 0.1 * (high - low)
+    margin = 0.1 * (found[1] - found[0])
     if margin > 0:
-        axes.set_ylim(low - margin, high + margin)
+        axes.set_ylim(found[0] - margin, found[1] + margin)
+
+
+def extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
+    """Lowest and highest of the curves, each without this share of its samples at either end; None of nothing known."""
+    known = [curve[np.isfinite(curve)] for curve in curves]
+    if tail:
+        ends = [tuple(np.quantile(curve, (tail, 1 - tail))) for curve in known if len(curve)]
+    else:
+        ends = [(curve.min(), curve.max()) for curve in known if len(curve)]
+    if not ends:
+        return None
+    return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
 
 def legend_above(drawing: Figure, panels: Iterable[Axes]) -> None:
@@ -135,27 +153,6 @@ def legend_above(drawing: Figure, panels: Iterable[Axes]) -> None:
 def unit(text: str) -> str:
     """A unit as it is set: ``kg*m^2`` as kg·m²."""
     return text.replace("*", "·").replace("^2", "²").replace("^3", "³")
-
-
-def svg(drawing: Figure, name: str, title: str) -> bytes:
-    """The figure as SVG: the same bytes for the same drawing, no date in it, ids that no other figure has.
-
-    Parameters
-    ----------
-    drawing : Figure
-        Drawn under :func:`house`, which still holds.
-    name : str
-        The figure's own: the ids within the SVG come from it.
-    title : str
-        What a screen reader says.
-    """
-    buffer = io.BytesIO()
-    silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    with mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
-        # the text stays text, so a script that the bundled font lacks is shown by the reader's own fonts
-        warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
-        drawing.savefig(buffer, format="svg", metadata={**silent, "Title": title})
-    return buffer.getvalue()
 
 
 def inline(content: bytes, name: str) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from mocap_id import __version__
-from mocap_id.reporting.contents import FILES
+from mocap_id.reporting.contents import FILES, PdfFonts
 from mocap_id.reporting.material import Material
 from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
 from mocap_id.stages.lineup import LINEUP
@@ -12,7 +14,11 @@ from mocap_id.verdict import Reason
 
 
 class ReportSettings(Settings):
-    """The report has nothing to set: it shows what there is."""
+    """How the figures are written; what they show is not to be set."""
+
+    pdf_fonts: PdfFonts = Field(
+        "type-3", description="letters of the PDF figures: drawn (type-3), or as some journals ask truetype: 1 s more"
+    )
 
 
 def report(context: Context) -> Outputs:
@@ -25,7 +31,7 @@ def report(context: Context) -> Outputs:
     """
     from mocap_id.reporting.report import documents  # noqa: PLC0415  drawing is imported by whoever draws
 
-    return documents(material(context))
+    return documents(material(context), context.settings.pdf_fonts)
 
 
 def material(context: Context) -> Material:
@@ -63,7 +69,7 @@ def _asked_for(trial: TrialKeys) -> dict[str, str]:
 
 STAGE = Stage(
     name="report",
-    version=3,
+    version=4,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),

@@ -10,6 +10,7 @@ import pandas as pd
 
 from mocap_id.reporting.shape import ReasonEntry
 
+PAGE_FILE = "cohort.html"
 COHORT = "cohort"
 """The subject of the rows that are about all people; so nobody may have this id."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,10 @@ import pandas as pd
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort import tables
 from mocap_id.reporting.cohort.figures import FIGURES, render
-from mocap_id.reporting.cohort.material import CohortMaterial, Fate, TrialEntry
+from mocap_id.reporting.cohort.material import PAGE_FILE, CohortMaterial, Fate, TrialEntry
+from mocap_id.reporting.contents import CAPTIONS_FILE
 from mocap_id.reporting.explanations import LEVELS
+from mocap_id.reporting.figures import Drawing, captions
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.page import Advice, Prose, advice, environment, prose, sentence
 from mocap_id.reporting.sections import Glance
@@ -45,8 +48,15 @@ class Part:
     of_people: tuple[Grid, ...]
 
 
-def page(material: CohortMaterial) -> bytes:
-    """The page as UTF-8."""
+def documents(material: CohortMaterial) -> dict[str, bytes]:
+    """The page, its figures and their captions, by file."""
+    drawn = [render(entry, material) for entry in FIGURES]
+    files = {file: content for drawing in drawn for file, content in drawing.files.items()}
+    return {PAGE_FILE: page(material, drawn), CAPTIONS_FILE: captions(material.study, drawn), **files}
+
+
+def page(material: CohortMaterial, drawn: Sequence[Drawing]) -> bytes:
+    """The page as UTF-8, of every figure of :data:`mocap_id.reporting.cohort.figures.FIGURES`."""
     html = (
         environment()
         .get_template("cohort.html.j2")
@@ -60,7 +70,7 @@ def page(material: CohortMaterial) -> bytes:
             trials=[told(trial) for trial in material.trials],
             overview=tables.trials(material),
             parts=_parts(material),
-            figures={entry.name: render(entry, material) for entry in FIGURES},
+            figures={drawing.entry.name: drawing for drawing in drawn},
             inline=style.inline,
         )
     )

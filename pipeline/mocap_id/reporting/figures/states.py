@@ -27,12 +27,11 @@ def draw(material: Material) -> Figure | str:
     rows = figure.subplots(4, sharex=True, height_ratios=(1.8, 1.8, 1.8, strip))
     names = material.skeleton.joints if material.skeleton is not None else ()
     for k, (axes, label) in enumerate(zip(rows, _QUANTITIES, strict=False)):
-        axes.set_ylabel(label)
+        style.label_left(axes, label)
         _curves(axes, motion, k, names)
         gaps = spans(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
         axes.broken_barh(gaps, (0, 1), transform=axes.get_xaxis_transform(), color=style.GRID, alpha=0.6, lw=0)
     _strips(rows[3], motion)
-    figure.align_ylabels(rows[:3])
     style.legend_above(figure, rows[:1])
     rows[3].set_xlabel("time (s)")
     return figure

@@ -28,10 +28,9 @@ def draw(material: Material) -> Figure | str:
     figure = style.figure(7.0)
     rows = figure.subplots(4, sharex=True)
     for axes, (name, label) in zip(rows, _ROWS, strict=True):
-        axes.set_ylabel(label)
+        style.label_left(axes, label)
         _row(axes, frame, name)
     rows[3].set_xlabel("time (s)")
-    figure.align_ylabels(rows)
     style.legend_above(figure, rows)
     return figure
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from mocap_id import __version__
 from mocap_id.config import Study, load_study
-from mocap_id.reporting.cohort.material import CohortMaterial, TrialEntry
+from mocap_id.reporting.cohort.material import PAGE_FILE, CohortMaterial, TrialEntry
 from mocap_id.reporting.shape import ReasonEntry
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.store.atomic import replace_together
@@ -29,7 +29,7 @@ from mocap_id.workflows.study import (
 from mocap_id.workflows.study.cases import Case, case
 from mocap_id.workflows.study.columns import TABLES, frame
 
-_VERSION = 1  # raised whenever the same trials would give other tables or another page
+_VERSION = 2  # raised whenever the same trials would give other tables or another page
 _ROWS: Mapping[str, Callable[[Sequence[Case]], Any]] = {
     "trials": trials_table.rows,
     "lengths": lengths_table.rows,
@@ -68,7 +68,7 @@ class Outcome:
     @property
     def page(self) -> Path:
         """The cohort's page."""
-        return self.study.folder / writing.PAGE
+        return self.study.folder / PAGE_FILE
 
 
 def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
@@ -100,7 +100,7 @@ def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
             return Outcome(study, performed, standing, reused=True)
         cases = [case(study, one, done) for one, done in zip(study.trials, performed, strict=True)]
         frames = tables(cases)
-        files = {**writing.table_files(frames), writing.PAGE: _page(study, cases, frames)}
+        files = {**writing.table_files(frames), **_documents(study, cases, frames)}
         document = writing.document(study, cases, frames, files, key)
         replace_together(study.folder, {**files, writing.DOCUMENT: writing.as_bytes(document)})
     return Outcome(study, performed, document, reused=False)
@@ -111,10 +111,10 @@ def tables(cases: Sequence[Case]) -> dict[str, pd.DataFrame]:
     return {name: frame(schema, _ROWS[name](cases)) for name, schema in TABLES.items()}
 
 
-def _page(study: Study, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> bytes:
-    from mocap_id.reporting.cohort.page import page  # noqa: PLC0415  drawing is imported by whoever draws
+def _documents(study: Study, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
+    from mocap_id.reporting.cohort.page import documents  # noqa: PLC0415  drawing is imported by whoever draws
 
-    return page(CohortMaterial(study.name, __version__, tuple(map(_entry, cases)), frames))
+    return documents(CohortMaterial(study.name, __version__, tuple(map(_entry, cases)), frames))
 
 
 def _entry(case: Case) -> TrialEntry:

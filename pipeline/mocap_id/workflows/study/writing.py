@@ -15,6 +15,7 @@ import pyarrow.parquet
 
 from mocap_id import __version__
 from mocap_id.config import Study
+from mocap_id.reporting.cohort.material import PAGE_FILE
 from mocap_id.store import Table, TableSchema, hash_bytes
 from mocap_id.store.parquet import columns_of, conform
 from mocap_id.store.provenance import PREFIX
@@ -23,7 +24,6 @@ from mocap_id.workflows.study.columns import TABLES
 from mocap_id.workflows.study.trials_table import codes, level
 
 DOCUMENT = "study.json"
-PAGE = "cohort.html"
 
 
 def table_files(
@@ -49,7 +49,7 @@ def document(
         "product": __version__,
         "about": "Each table stands as CSV and as Parquet (units and meanings in the field metadata). A row of the "
         "subject `cohort` is about all people. Missing is empty in CSV and NaN in Parquet.",
-        "page": PAGE,
+        "page": PAGE_FILE,
         "subjects": {
             subject: [case.trial.name for case in cases if case.subject == subject] for subject in study.subjects
         },

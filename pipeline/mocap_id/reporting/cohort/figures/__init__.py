@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping
 
 from matplotlib.figure import Figure
 
-from mocap_id.reporting import style
 from mocap_id.reporting.cohort.figures import lengths, parameters, pressure
 from mocap_id.reporting.cohort.material import CohortMaterial
 from mocap_id.reporting.contents import FigureEntry
-from mocap_id.reporting.figures import Drawing
+from mocap_id.reporting.figures import Drawing, drawing
 
 FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
@@ -42,9 +41,4 @@ _DRAW: Mapping[str, Callable[[CohortMaterial], Figure | str]] = {
 
 def render(entry: FigureEntry, material: CohortMaterial) -> Drawing:
     """Draw one figure of the page."""
-    title = f"{entry.title}: {style.printable(material.study)}"
-    with style.house():
-        drawn = _DRAW[entry.name](material)
-        if isinstance(drawn, Figure):
-            return Drawing(entry, style.svg(drawn, entry.name, title), None)
-        return Drawing(entry, style.svg(style.notice(drawn), entry.name, title), style.printable(drawn))
+    return drawing(entry, material.study, lambda: _DRAW[entry.name](material))
