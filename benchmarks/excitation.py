@@ -33,7 +33,7 @@ better known, and says what it would be worth: the standard deviation of every p
 mocap-id advise runs/s01                                    # a run folder, or a trial's YAML
 mocap-id advise trial.yaml --angle knee=-90:0 --seconds 30  # what the person can do; length of the recording
 mocap-id advise trial.yaml --for condition --support -10:4  # another aim; room for the centre of pressure, cm
-mocap-id advise robot.yaml --out advised                    # advice.json, movement.csv, movement.svg
+mocap-id advise robot.yaml --out advised                    # advice.json, movement.csv, movement.svg and .pdf
 ```
 
 It tells the best movement, simple changes from the best down, one movement of all joints together that a search

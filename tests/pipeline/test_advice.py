@@ -79,7 +79,7 @@ def test_a_run_folder_is_advised_on_as_its_yaml(weak, advised) -> None:
 
 def test_what_is_written(advised, tmp_path: Path) -> None:
     files = write(advised, tmp_path / "new" / "advice")
-    assert [file.name for file in files] == ["advice.json", "movement.csv", "movement.svg"]
+    assert [file.name for file in files] == ["advice.json", "movement.csv", "movement.svg", "movement.pdf"]
     told = json.loads(files[0].read_text())
     assert told["helps"] is True
     assert len(told["now"]["parameters"]) == len(told["designed"]["parameters"]) == 5

@@ -66,7 +66,11 @@ def test_the_example_writes_everything(tmp_path: Path) -> None:
     result = call("prescribe", SHOULDER, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.exception
     files = {path.name for path in (tmp_path / "out").iterdir()}
-    assert files == {"prescription.json", "range.svg", "level_set.svg", "horizons.csv"}
+    assert files == {
+        "prescription.json",
+        "horizons.csv",
+        *(f"{one}.{kind}" for one in ("range", "level_set") for kind in ("svg", "pdf")),
+    }
     found = json.loads((tmp_path / "out" / "prescription.json").read_text("utf-8"))
     nodes = {node["name"]: node for node in found["sub_workspaces"]["nodes"]}
     assert nodes["table"]["tasks"] == ["feeding", "drinking"]
@@ -141,7 +145,7 @@ def test_a_chain_in_yaml_has_a_volume(tmp_path: Path) -> None:
     found = json.loads(result.stdout)["workspace"]
     assert found["kind"] == "volume"
     assert 0.2 < found["low"] < found["value"] < found["high"] < 0.35
-    assert {path.name for path in tmp_path.iterdir()} == {"workspace.json", "workspace.csv", "workspace.svg"}
+    assert {path.name for path in tmp_path.iterdir()} == {f"workspace.{kind}" for kind in ("json", "csv", "svg", "pdf")}
 
 
 @pytest.mark.parametrize(

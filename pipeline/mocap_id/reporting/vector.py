@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import matplotlib as mpl
@@ -16,6 +17,8 @@ from matplotlib.backend_bases import GraphicsContextBase, RendererBase
 from matplotlib.backends.backend_pdf import PdfFile, RendererPdf
 from matplotlib.backends.backend_svg import RendererSVG
 from matplotlib.figure import Figure
+
+from mocap_id.reporting import style
 
 _POINTS = 72  # an inch; either format counts in them
 
@@ -55,6 +58,13 @@ def svg_and_pdf(drawing: Figure, name: str, title: str) -> tuple[bytes, bytes]:
         finally:
             file.close()
     return text.getvalue().encode("utf-8"), binary.getvalue()
+
+
+def drawn(name: str, title: str, draw: Callable[[], Figure]) -> dict[str, bytes]:
+    """What ``draw`` draws under the house's settings, in both formats by their files' names."""
+    with style.house():
+        svg, pdf = svg_and_pdf(draw(), name, style.printable(title))
+    return {f"{name}.svg": svg, f"{name}.pdf": pdf}
 
 
 def settle(drawing: Figure) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 
 from mocap_id.reporting import style
 from mocap_id.reporting.sensitivity.material import ParameterEntry, SensitivityMaterial
+from mocap_id.reporting.vector import svg_and_pdf
 
 TITLE = "How far each kind of error moves each parameter"
 _LIMIT = 300.0  # %: bars end here
@@ -32,11 +32,7 @@ _LEGEND = (
 def render(material: SensitivityMaterial) -> tuple[bytes, bytes]:
     """The figure as SVG and as PDF, the same bytes for the same study."""
     with style.house():
-        figure = draw(material)
-        svg = style.svg(figure, "tornado", f"{TITLE}: {style.printable(material.trial)}")
-        stream = io.BytesIO()
-        figure.savefig(stream, format="pdf", metadata={"CreationDate": None, "Producer": None, "Creator": None})
-    return svg, stream.getvalue()
+        return svg_and_pdf(draw(material), "tornado", f"{TITLE}: {style.printable(material.trial)}")
 
 
 def draw(material: SensitivityMaterial) -> Figure:

@@ -15,8 +15,8 @@ from mocap_id.dynamics.course import Course
 from mocap_id.dynamics.excitation import standing
 from mocap_id.dynamics.foresight import Foreseen
 from mocap_id.dynamics.proposal import OBJECTIVES, Proposal
-from mocap_id.reporting import style
 from mocap_id.reporting.movement import draw
+from mocap_id.reporting.vector import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.advice.advise import Advised
 
@@ -158,7 +158,7 @@ def csv_text(advised: Advised, course: Course) -> str:
 
 
 def write(advised: Advised, folder: Path) -> tuple[Path, ...]:
-    """Write ``advice.json``; and ``movement.csv`` and ``movement.svg`` of the best movement that is one of its own.
+    """Write ``advice.json``; and ``movement.csv`` and ``movement.svg`` (and PDF) of the best movement of its own.
 
     Raises
     ------
@@ -170,9 +170,8 @@ def write(advised: Advised, folder: Path) -> tuple[Path, ...]:
     made = advised.design.made
     if made is not None:
         contents["movement.csv"] = csv_text(advised, made.course).encode()
-        with style.house():
-            drawn = draw(made.course, advised.joints, advised.limits, made.words)
-            contents["movement.svg"] = style.svg(drawn, "movement", f"A movement to record after {advised.trial}")
+        title = f"A movement to record after {advised.trial}"
+        contents |= drawn("movement", title, lambda: draw(made.course, advised.joints, advised.limits, made.words))
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)

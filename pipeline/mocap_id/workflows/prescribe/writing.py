@@ -14,7 +14,7 @@ from mocap_id import __version__
 from mocap_id.prescription.several_springs import holds
 from mocap_id.prescription.sub_workspaces import Graph
 from mocap_id.reporting.reach import functional, heat, ranges, timed
-from mocap_id.reporting.reach.drawing import drawn
+from mocap_id.reporting.vector import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.prescribe.performing import Prescribed, Timed
 from mocap_id.workflows.prescribe.searching import SpringMap
@@ -68,20 +68,18 @@ def write(folder: Path, found: Prescribed) -> tuple[str, ...]:
     name = found.config.wishes.prescription
     one, joint, over, springs = found.one, found.joint, found.timed, found.map
     if one is not None and joint is not None:
-        contents["range.svg"] = drawn(
-            "range", f"range with and without a spring: {name}", lambda: ranges.draw(joint, one)
-        )
+        contents |= drawn("range", f"range with and without a spring: {name}", lambda: ranges.draw(joint, one))
     if found.postures is not None and found.several is not None:
-        contents["functional.svg"] = drawn("functional", f"what can be held: {name}", lambda: _held(found))
+        contents |= drawn("functional", f"what can be held: {name}", lambda: _held(found))
     if over is not None:
-        contents["level_set.svg"] = drawn(
-            "level-set",
+        contents |= drawn(
+            "level_set",
             f"reachable set over time: {name}",
             lambda: timed.draw(over.reached, over.bounds, over.dynamics),
         )
         contents["horizons.csv"] = "\n".join([*_horizons(over), ""]).encode()
     if springs is not None:
-        contents["search.svg"] = drawn(
+        contents |= drawn(
             "search",
             f"springs by their reachable sets: {name}",
             lambda: heat.draw(springs.stiffness, springs.rest, springs.width, springs.horizon),

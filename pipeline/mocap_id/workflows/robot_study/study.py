@@ -134,7 +134,7 @@ def _write(
     with explained(out):
         (out / "figures").mkdir(exist_ok=True)
     files = {**table_files(frames, _SCHEMAS, "robot-study"), PAGE: page(material, drawings)}
-    files |= {f"figures/{name}.svg": drawing.svg for name, drawing in drawings.items()}
+    files |= {file: content for drawing in drawings.values() for file, content in drawing.files.items()}
     files |= {MARKDOWN: f"# {study.name}\n\n{markdown(material, shown)}".encode(), DOCUMENT: as_bytes(document)}
     replace_together(out, files)
 

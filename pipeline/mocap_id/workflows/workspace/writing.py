@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id import __version__
 from mocap_id.prescription.overlay import Overlay
 from mocap_id.reporting.reach import area, gains, volume
-from mocap_id.reporting.reach.drawing import drawn
+from mocap_id.reporting.vector import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.workspace.performing import Reach, first_joint
 
@@ -43,30 +43,26 @@ def write(folder: Path, reach: Reach, later: Reach | None = None, change: Overla
     contents = {
         "workspace.json": json.dumps(as_json(reach, later, change), indent=1, ensure_ascii=False).encode(),
         "workspace.csv": "\n".join([*_edge(reach), ""]).encode(),
-        "workspace.svg": _figure(reach),
+        **_figure("workspace", reach),
     }
     if later is not None and change is not None:
         contents["compared_with.csv"] = "\n".join([*_edge(later), ""]).encode()
-        contents["compared_with.svg"] = _figure(later)
+        contents |= _figure("compared_with", later)
         names = (reach.subject.name, later.subject.name)
-        contents["change.svg"] = drawn("change", "workspaces over each other", lambda: gains.draw(change, names))
+        contents |= drawn("change", "workspaces over each other", lambda: gains.draw(change, names))
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)
     return tuple(contents)
 
 
-def _figure(reach: Reach) -> bytes:
+def _figure(name: str, reach: Reach) -> dict[str, bytes]:
     subject, workspace = reach.subject, reach.workspace
+    title, joint = f"reachable workspace of {subject.name}", first_joint(subject.arm)
     if subject.arm.dimension == 2:
         seen = subject.arm.tips(subject.observed)
-        title = f"reachable workspace of {subject.name}"
-        return drawn("workspace", title, lambda: area.draw(workspace, seen, first_joint(subject.arm)))
-    return drawn(
-        "workspace",
-        f"reachable workspace of {subject.name}",
-        lambda: volume.draw(workspace, first_joint(subject.arm)),
-    )
+        return drawn(name, title, lambda: area.draw(workspace, seen, joint))
+    return drawn(name, title, lambda: volume.draw(workspace, joint))
 
 
 def _one(reach: Reach) -> dict[str, Any]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from matplotlib.figure import Figure
 
-from mocap_id.reporting import style
 from mocap_id.reporting.contents import FigureEntry
-from mocap_id.reporting.figures import Drawing
+from mocap_id.reporting.figures import Drawing, drawing
 from mocap_id.reporting.robot.figures import accelerations, recovery, wrench
 from mocap_id.reporting.robot.material import RobotMaterial
 
@@ -17,19 +16,10 @@ NAMES = ("recovery-1", "recovery-2", "wrench", "residuals", "accelerations")
 
 def render(material: RobotMaterial) -> dict[str, Drawing]:
     """Every figure of the page, by name."""
-    return {entry.name: _drawing(entry, drawn) for entry, drawn in _drawn(material)}
+    return {entry.name: drawing(entry, material.study, draw) for entry, draw in _drawn(material)}
 
 
-def _drawing(entry: FigureEntry, draw: object) -> Drawing:
-    with style.house():
-        drawn = draw() if callable(draw) else draw
-        if isinstance(drawn, Figure):
-            return Drawing(entry, style.svg(drawn, entry.name, entry.title), None)
-        words = str(drawn)
-        return Drawing(entry, style.svg(style.notice(words), entry.name, entry.title), style.printable(words))
-
-
-def _drawn(material: RobotMaterial) -> Iterator[tuple[FigureEntry, object]]:
+def _drawn(material: RobotMaterial) -> Iterator[tuple[FigureEntry, Callable[[], Figure | str]]]:
     for k, one in enumerate(material.recoveries, start=1):
         title = f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})"
         yield FigureEntry(f"recovery-{k}", title, recovery.CAPTION), lambda one=one: recovery.draw(one)
@@ -38,14 +28,14 @@ def _drawn(material: RobotMaterial) -> Iterator[tuple[FigureEntry, object]]:
     averaged = material.averaged
     yield (
         FigureEntry("wrench", f"Measured and recovered contact wrench{cell}", wrench.CAPTION),
-        missing if averaged is None else lambda: wrench.draw(averaged),
+        lambda: missing if averaged is None else wrench.draw(averaged),
     )
     yield (
         FigureEntry("residuals", f"Errors of the recovered contact wrench{cell}", wrench.RESIDUALS),
-        missing if averaged is None else lambda: wrench.draw_residuals(averaged),
+        lambda: missing if averaged is None else wrench.draw_residuals(averaged),
     )
     traces = material.traces
     yield (
         FigureEntry("accelerations", "Acceleration by the smoother and by differences", accelerations.CAPTION),
-        "No trial went through." if traces is None else lambda: accelerations.draw(traces),
+        lambda: "No trial went through." if traces is None else accelerations.draw(traces),
     )
