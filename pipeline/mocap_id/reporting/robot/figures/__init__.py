@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from matplotlib.figure import Figure
 
@@ -22,7 +23,7 @@ def render(material: RobotMaterial) -> dict[str, Drawing]:
 def _drawn(material: RobotMaterial) -> Iterator[tuple[FigureEntry, Callable[[], Figure | str]]]:
     for k, one in enumerate(material.recoveries, start=1):
         title = f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})"
-        yield FigureEntry(f"recovery-{k}", title, recovery.CAPTION), lambda one=one: recovery.draw(one)
+        yield FigureEntry(f"recovery-{k}", title, recovery.CAPTION), partial(recovery.draw, one)
     cell = "" if material.averaged is None else f": {material.averaged.cell}, {material.averaged.repetitions} swings"
     missing = "No repetition is complete in any trial that went through."
     averaged = material.averaged
