@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from html import unescape
+from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree
 
@@ -15,6 +16,7 @@ from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 
 TAG = re.compile(r"\\tag\{([\d.]+)\}")
+MATHML = "http://www.w3.org/1998/Math/MathML"
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 
 
@@ -36,18 +38,26 @@ def mathml(latex: str, display: str) -> str:
     left = re.search(r"\\\w+|&(?!#?\w+;)", made)
     if left:
         raise PluginError(f"equation not understood at {left[0]!r}: {latex.strip()}")
-    ElementTree.fromstring(made)
-    return made
+    ElementTree.register_namespace("", MATHML)
+    tree = ElementTree.fromstring(made)
+    for accented in tree.iter(f"{{{MATHML}}}mover"):
+        if accented[1].tag == f"{{{MATHML}}}mo":
+            accented.set("accent", "true")  # a dot of full size, close above its letter
+    for row in tree.iter(f"{{{MATHML}}}mrow"):
+        for before, bracket in pairwise(row):
+            if before.tag == f"{{{MATHML}}}mtable" and bracket.tag == f"{{{MATHML}}}mo":
+                bracket.attrib.update(form="postfix", rspace="0.17em")  # a matrix does not touch what follows
+    return ElementTree.tostring(tree, encoding="unicode")
 
 
 def fence(source: str, *_: Any, **__: Any) -> str:
     """A displayed equation with its number."""
-    number = TAG.search(source)
+    found = TAG.search(source)
+    name = found[1] if found else ""
+    anchor = f' id="eq-{name.replace(".", "-")}"' if found else ""
+    number = f'<span class="number">({name})</span>' if found else ""
     made = mathml(TAG.sub("", source), "block")
-    if number is None:
-        return f'<div class="equation">{made}</div>'
-    name = number[1]
-    return f'<div class="equation" id="eq-{name.replace(".", "-")}">{made}<span class="number">({name})</span></div>'
+    return f'<div class="equation"{anchor}><div class="scroll">{made}</div>{number}</div>'
 
 
 def on_config(config: Any) -> Any:
