@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
+from pymdownx.superfences import SuperFencesException
 
 TAG = re.compile(r"\\tag\{([\d.]+)\}")
 MATHML = "http://www.w3.org/1998/Math/MathML"
@@ -56,7 +57,10 @@ def fence(source: str, *_: Any, **__: Any) -> str:
     name = found[1] if found else ""
     anchor = f' id="eq-{name.replace(".", "-")}"' if found else ""
     number = f'<span class="number">({name})</span>' if found else ""
-    made = mathml(TAG.sub("", source), "block")
+    try:
+        made = mathml(TAG.sub("", source), "block")
+    except PluginError as error:
+        raise SuperFencesException(str(error)) from error  # any other one would leave the source as code
     return f'<div class="equation"{anchor}><div class="scroll">{made}</div>{number}</div>'
 
 

@@ -1,4 +1,4 @@
-"""The font of the equations, a part of STIX Two Math: few systems have a font for mathematics, and a site brings its own.
+"""The font of the equations, a part of STIX Two Math: few systems have a font for it, so the site brings one.
 
 It comes with ziamath (SIL Open Font License) and is cut down to letters, Greek, operators and their larger forms.
 """

@@ -1,6 +1,6 @@
 """Links from a page to files of the source tree outside ``docs/``: on the site they lead to a page with that file.
 
-On GitHub such links lead to the file itself; a site has only what it was built from. Links to folders become their text.
+On GitHub such links lead to the file itself; a site has only what it was built from. Links to folders become text.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _page(target: str) -> str:
 
 
 def _shown(path: Path, target: str) -> str:
-    """The file as a page: Markdown as it is, with its links as seen from there, code in a fence; search leaves it out."""
+    """The file as a page: Markdown with its links as seen from there, code in a fence; search leaves it out."""
     text = path.read_text("utf-8")
     head = "---\nsearch: {exclude: true}\n---\n\n"
     if path.suffix != ".md":

@@ -34,46 +34,61 @@ def edit(root: Path, note: str, text: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the source tree with the page's edits made."""
     root = tmp_path_factory.mktemp("tree")
-    leave = shutil.ignore_patterns("__pycache__", "runs")
     for part in ("pipeline", "cli", "configs", "docs", "tests/house", "sample_trials/robot-joint"):
-        shutil.copytree(ROOT / part, root / part, ignore=leave)
-    shutil.copy(ROOT / "pyproject.toml", root)
+        shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("runs"))
     for block in blocks(PAGE):
         if block.kind == "python":
             edit(root, block.note, block.text)
+    trial = root / "sample_trials" / "robot-joint" / "trial.yaml"
+    trial.write_text(trial.read_text("utf-8") + "\nspeeds: {limit: 0.1}\n", "utf-8")
     return root
 
 
-def python(root: Path, *arguments: str) -> str:
-    """Standard output of Python in the copied tree."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root / "pipeline"), str(root / "cli")])}
+FOLLOW = """
+import json, sys
+import pyarrow.parquet as pq
+from typer.testing import CliRunner
+import test_stages_and_pages as house
+from mocap_id.stages import STAGES
+from mocap_id_cli.app import build
+
+said = {}
+for command in json.loads(sys.argv[1]):
+    result = CliRunner().invoke(build(), command.split())
+    assert result.exit_code == 0, (command, result.output, result.exception)
+    said[command] = result.stdout
+for stage in STAGES:
+    house.test_a_stage_reads_what_earlier_ones_wrote(stage)
+    house.test_a_stage_says_what_it_is(stage)
+house.test_every_artefact_is_written_by_one_stage()
+house.test_the_last_stage_is_the_report()
+said["metadata"] = pq.read_schema("runs/robot-joint/speeds.parquet").metadata[b"mocap-id.reasons"].decode()
+print(json.dumps(said))
+"""
+
+
+def test_the_page_leads_to_a_stage_that_runs(tree: Path) -> None:
+    shown = [line for block in blocks(PAGE) if block.kind == "console" for line in block.text.splitlines()]
+    commands = [line.removeprefix("$ mocap-id ") for line in shown]
+    assert commands == ["speeds trial.yaml", "schema", "stages"]
+    folder = tree / "sample_trials" / "robot-joint"
+    rooms = os.pathsep.join(str(tree / room) for room in ("pipeline", "cli", "tests/house"))
     result = subprocess.run(
-        [sys.executable, *arguments], cwd=root, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", FOLLOW, json.dumps(["planarise trial.yaml", *commands])],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": rooms},
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    assert result.returncode == 0, result.stderr + result.stdout
-    return result.stdout
-
-
-def test_the_new_stage_is_a_command(copy: Path) -> None:
-    trial = copy / "sample_trials" / "robot-joint" / "trial.yaml"
-    trial.write_text(trial.read_text() + "\nspeeds: {limit: 0.1}\n")
-    commands = [line.removeprefix("$ mocap-id ") for block in blocks(PAGE) for line in block.text.splitlines()
-                if block.kind == "console"]  # fmt: skip
-    assert commands[0] == "speeds trial.yaml"
-    python(copy, "-m", "mocap_id_cli", "planarise", str(trial))
-    said = [python(copy, "-m", "mocap_id_cli", *command.replace("trial.yaml", str(trial)).split()) for command in commands]
-    out = trial.parent / "runs" / "robot-joint"
-    table = pd.read_parquet(out / "speeds.parquet")
+    assert result.returncode == 0, result.stderr
+    said = json.loads(result.stdout.splitlines()[-1])
+    assert "speeds" in json.loads(said["schema"])["properties"]
+    assert "speeds.parquet" in said["stages"]
+    assert "marker-fast" in said["metadata"]
+    table = pd.read_parquet(folder / "runs" / "robot-joint" / "speeds.parquet")
     assert (table["median"] <= table["fastest"]).all()
     assert (table["fastest"] > 0.1).any()
-    assert "speeds" in json.loads(said[1])["properties"]
-    assert "speeds.parquet" in said[2]
-    assert "marker-fast" in python(copy, "-c", f"import pyarrow.parquet as q; print(q.read_schema({str(out / 'speeds.parquet')!r}).metadata)")
-
-
-def test_the_house_finds_it_in_order(copy: Path) -> None:
-    chosen = "reads_what_earlier or says_what_it_is or written_by_one_stage or last_stage"
-    said = python(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/house/test_stages_and_pages.py", "-k", chosen)
-    assert re.search(r"\b16 passed", said), said

@@ -137,7 +137,9 @@ def check_command(line: str, *, whole: bool = True) -> None:
     while words and hasattr(command, "commands") and not words[0].startswith("-"):
         assert words[0] in command.commands, f"there is no command {words[0]}"
         entry = next((entry for entry in COMMANDS if entry.name == words[0]), None)
-        command = loaded(entry) if entry and entry.name == command.commands[words[0]].name else command.commands[words[0]]
+        command = (
+            loaded(entry) if entry and entry.name == command.commands[words[0]].name else command.commands[words[0]]
+        )
         words = words[1:]
     if whole:
         command.make_parser(typer.Context(command)).parse_args(words)

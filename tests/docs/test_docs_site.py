@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from shutil import which
+from typing import ClassVar
 from urllib.parse import unquote
 
 import pytest
@@ -105,7 +106,7 @@ def test_an_equation_that_is_not_understood_stops_the_build(tmp_path: Path) -> N
 
 
 class _Quiet(SimpleHTTPRequestHandler):
-    missed: list[str] = []
+    missed: ClassVar[list[str]] = []
 
     def log_message(self, format: str, *args: object) -> None:
         if "404" in str(args[1:2]):
@@ -120,12 +121,22 @@ def test_a_browser_has_nothing_to_complain_of(site: Path, page: str) -> None:
         pytest.skip("no Chromium on this machine")
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(site)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=3000", "--enable-logging=stderr"]
+    options = [
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--virtual-time-budget=3000",
+        "--enable-logging=stderr",
+    ]
     only_here = "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"
     address = f"http://127.0.0.1:{server.server_port}/{page}"
     try:
         result = subprocess.run(
-            [browser, *options, only_here, "--dump-dom", address], capture_output=True, text=True, timeout=60, check=False
+            [browser, *options, only_here, "--dump-dom", address],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
     finally:
         server.shutdown()
