@@ -171,6 +171,16 @@ def test_the_checks_can_fail(tmp_path: Path) -> None:
         check_trial({"segment": {"cuont": 4}}, tmp_path)
 
 
+def test_types_of_settings_are_words() -> None:
+    """The generated page shows no Python."""
+    (page,) = (page for page in PAGES if page.name == "settings.md")
+    types = re.findall(r"^\| `[^|]*` \| ([^|]*) \|", page.read_text("utf-8"), flags=re.MULTILINE)
+    assert len(types) > 40
+    assert [
+        kind for kind in types if not re.fullmatch(r"(list of )?(`[^`]+`(, )?)+|[a-z0-9 ]+(: [a-z ]+)?", kind)
+    ] == []
+
+
 def test_make_knows_every_target_that_is_shown() -> None:
     rules = (PAGES[0].parents[0] / "Makefile").read_text("utf-8")
     (phony,) = re.findall(r"^\.PHONY: (help .*)$", rules, flags=re.MULTILINE)

@@ -16,7 +16,7 @@ from typing import ClassVar
 from urllib.parse import unquote
 
 import pytest
-from pages_of_docs import DOCS, ROOT
+from pages_of_docs import DOCS, ROOT, blocks
 
 pytest.importorskip("mkdocs", reason="the site needs `pip install mocap-id[docs]`")
 
@@ -88,6 +88,8 @@ def test_equations_are_equations(site: Path) -> None:
         text = page.read_text("utf-8")
         body = re.sub(r"<(pre|code)\b.*?</\1>", "", text, flags=re.DOTALL)
         assert not re.search(r"\\\(|\$\w|\\[a-z]+\{|arithmatex", body), page.name
+        source = (DOCS / page.relative_to(site)).with_suffix(".md")
+        assert text.count('class="equation"') == sum(block.kind == "math" for block in blocks(source)), page.name
         numbers |= set(re.findall(r'id="eq-([\d-]+)"', text))
     assert {"2-40", "3-16", "3-17", "3-18", "4-15", "4-26"} <= numbers
     assert (site / "_site" / "stix-two-math.woff").stat().st_size < 250_000
