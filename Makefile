@@ -36,6 +36,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest
+	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
 
 # The rules come from the program's own tuple of stages; -j and -k reach them through $(MAKE).
 trials: $(VENV)/installed

@@ -55,6 +55,26 @@ COMMANDS = (
         partial(_found, "studying", "study"),
     ),
     Entry(
+        "batch",
+        "Run many trials and write one table over them; what is up to date is reused.",
+        partial(_found, "batching", "batch"),
+    ),
+    Entry(
+        "regress",
+        "Run recorded trials anew and compare every headline number with a baseline.",
+        partial(_found, "regressing", "regress"),
+    ),
+    Entry(
+        "status",
+        "Tell what of the trials is done, what would be computed anew and why, and what failed.",
+        partial(_found, "housekeeping", "status"),
+    ),
+    Entry(
+        "clean",
+        "Take away what runs have made; recordings, configurations and anybody else's files stay.",
+        partial(_found, "housekeeping", "clean"),
+    ),
+    Entry(
         "transfer",
         "Apply the body identified on one trial to other trials of the same person.",
         partial(_found, "transferring", "transfer"),

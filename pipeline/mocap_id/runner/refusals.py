@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap_id.errors import Refused
-from mocap_id.store.atomic import replace_together
+from mocap_id.store.atomic import explained, replace_together
 
 _FILE = ".mocap-id/refusal.json"
 
@@ -32,3 +32,9 @@ def remembered(folder: Path, stage: str, key: str) -> Refused | None:
         return Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def forget_refusal(folder: Path) -> None:
+    """Have the stage asked again."""
+    with explained(folder / _FILE):
+        (folder / _FILE).unlink(missing_ok=True)
