@@ -40,7 +40,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for part in ("pipeline", "cli", "configs", "docs", "tests/house", "sample_trials/robot-joint"):
         shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("runs"))
     for block in blocks(PAGE):
-        if block.kind == "python":
+        if block.note.startswith(("file: ", "edit: ")):
             edit(root, block.note, block.text)
     trial = root / "sample_trials" / "robot-joint" / "trial.yaml"
     trial.write_text(trial.read_text("utf-8") + "\nspeeds: {limit: 0.1}\n", "utf-8")

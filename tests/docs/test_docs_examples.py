@@ -16,6 +16,7 @@ from typer.main import get_command
 
 from mocap_id.config import load, load_study, trial_model
 from mocap_id.stages import LINEUP
+from mocap_id.workflows.performing import engine
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
 
@@ -55,6 +56,12 @@ def check_study(shown: dict[str, Any], folder: Path) -> None:
     load_study(file)
 
 
+def check_cluster(shown: dict[str, Any]) -> None:
+    """A cluster's file: its own keys; the others are Dask's."""
+    assert shown["kind"] in engine._KINDS
+    assert isinstance(shown["workers"], int)
+
+
 @by_name
 def test_configurations_are_valid(page: Path, tmp_path: Path) -> None:
     for block in blocks(page):
@@ -63,6 +70,10 @@ def test_configurations_are_valid(page: Path, tmp_path: Path) -> None:
         for text in alternatives(block.text):
             shown = YAML(typ="safe").load(text)
             keys = set(shown)
+            if "kind" in keys:
+                check_cluster(shown)
+            if not keys & (KEYS | STUDY_KEYS):
+                continue  # of another program
             assert keys <= KEYS or keys <= STUDY_KEYS, f"{block.where}: {sorted(keys - KEYS)} are no keys of a trial"
             try:
                 (check_trial if keys <= KEYS else check_study)(shown, tmp_path)
