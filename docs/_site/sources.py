@@ -75,7 +75,7 @@ def _page(target: str) -> str:
 def _shown(path: Path, target: str) -> str:
     """The file as a page: Markdown with its links as seen from there, code in a fence; search leaves it out."""
     text = path.read_text("utf-8")
-    head = "---\nsearch: {exclude: true}\n---\n\n"
+    head = "---\nsearch: {exclude: true}\nhide: [navigation, toc]\n---\n\n"
     if path.suffix != ".md":
         return f"{head}# `{target}`\n\n`````{LANGUAGES.get(path.suffix, 'text')}\n{text}\n`````\n"
     return head + LOCAL.sub(lambda found: f"]({_relinked(target, found[1])})", text)
