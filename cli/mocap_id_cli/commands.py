@@ -80,6 +80,36 @@ COMMANDS = (
         partial(_found, "transferring", "transfer"),
     ),
     Entry(
+        "compare",
+        "Hold two runs against each other: what changed, and by how much.",
+        partial(_found, "comparing", "compare"),
+    ),
+    Entry(
+        "export",
+        "Write a run for OpenSim (trc, mot, sto, osim) or as tables (csv).",
+        partial(_found, "exporting", "export"),
+    ),
+    Entry(
+        "explain",
+        "Say what a code of a verdict, an error or an exit code means, how it is judged, and what to do.",
+        partial(_found, "explaining", "explain"),
+    ),
+    Entry(
+        "doctor",
+        "Check this installation: what is needed, what is there, and what to do; exit code 1 where something fails.",
+        partial(_found, "doctoring", "doctor"),
+    ),
+    Entry(
+        "workspace",
+        "What the tip of the chain can reach within the joint limits that were seen: area, or volume in space.",
+        partial(_found, "workspace", "workspace"),
+    ),
+    Entry(
+        "prescribe",
+        "The springs that let a weak person hold most of a joint's, or a chain's, range.",
+        partial(_found, "prescribing", "prescribe"),
+    ),
+    Entry(
         "inspect",
         "Print what a recording holds: markers, rates, gaps, force plates, oddities.",
         partial(_found, "inspecting", "inspect"),
