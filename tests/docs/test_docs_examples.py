@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from ruamel.yaml import YAML, YAMLError
 from typer.main import get_command
 
 from mocap_id.config import load, load_study, trial_model
+from mocap_id.config.chain import load_chain
+from mocap_id.config.prescription import load_prescription
 from mocap_id.stages import LINEUP
 from mocap_id.workflows.performing import engine
 from mocap_id_cli.app import build, loaded
@@ -33,11 +35,14 @@ def alternatives(text: str) -> list[str]:
     return re.split(r"^# or\n", text, flags=re.MULTILINE)
 
 
-def check_trial(shown: dict[str, Any], folder: Path) -> None:
-    file = folder / "trial.yaml"
+def written(shown: dict[str, Any], file: Path) -> Path:
     with file.open("w") as stream:
-        YAML().dump({"trial": "shown", "recording": "trial.c3d"} | dict(shown), stream)
-    load(file)
+        YAML().dump(shown, stream)
+    return file
+
+
+def check_trial(shown: dict[str, Any], folder: Path) -> None:
+    load(written({"trial": "shown", "recording": "trial.c3d"} | dict(shown), folder / "trial.yaml"))
 
 
 def check_study(shown: dict[str, Any], folder: Path) -> None:
@@ -52,16 +57,42 @@ def check_study(shown: dict[str, Any], folder: Path) -> None:
         for person in whole["subjects"]
         if person not in used
     ]
-    file = folder / "study.yaml"
-    with file.open("w") as stream:
-        YAML().dump(whole | {"trials": [*trials, *extra]}, stream)
-    load_study(file)
+    load_study(written(whole | {"trials": [*trials, *extra]}, folder / "study.yaml"))
 
 
-def check_cluster(shown: dict[str, Any]) -> None:
+def check_prescription(shown: dict[str, Any], folder: Path) -> None:
+    load_prescription(written(shown, folder / "prescription.yaml"))
+
+
+def check_chain(shown: dict[str, Any], folder: Path) -> None:
+    load_chain(written(shown, folder / "chain.yaml"))
+
+
+def check_cluster(shown: dict[str, Any], folder: Path) -> None:
     """A cluster's file: its own keys; the others are Dask's."""
     assert shown["kind"] in engine._KINDS
     assert isinstance(shown["workers"], int)
+
+
+def checker(shown: dict[str, Any]) -> Callable[[dict[str, Any], Path], None]:
+    """By the keys at the top, which may be some of those of a file."""
+    keys = set(shown)
+    for key, check in OTHER_FILES.items():
+        if key in keys:
+            return check
+    assert keys <= KEYS or keys <= STUDY_KEYS, (
+        f"{sorted(keys - KEYS - STUDY_KEYS)} are keys of neither a trial nor a study; a new kind of file needs a line "
+        "in OTHER_FILES of this test"
+    )
+    return check_trial if keys <= KEYS else check_study
+
+
+OTHER_FILES: dict[str, Callable[[dict[str, Any], Path], None]] = {
+    "prescription": check_prescription,
+    "chain": check_chain,
+    "kind": check_cluster,
+}
+"""Configurations of other commands, by a key that only they have."""
 
 
 @by_name
@@ -71,14 +102,10 @@ def test_configurations_are_valid(page: Path, tmp_path: Path) -> None:
             continue
         for text in alternatives(block.text):
             shown = YAML(typ="safe").load(text)
-            keys = set(shown)
-            if "kind" in keys:
-                check_cluster(shown)
-            if "kind" in keys or text.startswith(OTHER_PROGRAMS):
+            if text.startswith(OTHER_PROGRAMS):
                 continue
-            assert keys <= KEYS or keys <= STUDY_KEYS, f"{block.where}: {sorted(keys - KEYS)} are no keys of a trial"
             try:
-                (check_trial if keys <= KEYS else check_study)(shown, tmp_path)
+                checker(shown)(shown, tmp_path)
             except Exception as error:
                 raise AssertionError(f"{block.where}: {error}") from error
 

@@ -14,12 +14,12 @@ from mocap_id.store.schemas import STATES
 
 ELSEWHERE = {"docs/sit-to-stand.md": "tests/pipeline/test_docs_sit_to_stand.py"}
 """Pages whose blocks another test runs."""
-EDITS = ("file: ", "edit: ")
-"""Remarks before blocks that go into files: tests/docs/test_adding_a_stage.py puts them there."""
+NOT_HERE = ("file: ", "edit: ", "not run: ")
+"""Remarks before blocks that go into files (tests/docs/test_adding_a_stage.py puts them there), or that need more."""
 
 
 def scripts(page: Path) -> list[Block]:
-    return [block for block in blocks(page) if block.kind == "python" and not block.note.startswith(EDITS)]
+    return [block for block in blocks(page) if block.kind == "python" and not block.note.startswith(NOT_HERE)]
 
 
 WITH_PYTHON = [page for page in PAGES if scripts(page) and name(page) not in ELSEWHERE]
