@@ -17,13 +17,14 @@ TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
 OPENSIM := .venv-opensim
 
-.PHONY: help demo test trials docs lock opensim clean
+.PHONY: help demo test trials docs docs-site lock opensim clean
 
 help:
 	@echo 'make demo    install, run the whole pipeline on a sample trial and say where the report is'
 	@echo 'make test    install with the tools of development, check and test everything'
 	@echo 'make trials  build every trial under sample_trials/, with -j several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
+	@echo 'make docs-site   build the pages under docs/ into build/site/index.html'
 	@echo 'make lock    resolve the versions of requirements.lock anew'
 	@echo 'make opensim an environment with OpenSim, which some tests ask (400 MB)'
 	@echo 'make clean   remove what the others made'
@@ -46,6 +47,10 @@ trials: $(VENV)/installed
 
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m mocap_id_cli.pages .
+
+docs-site: $(VENV)/installed-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@echo build/site/index.html
 
 lock: $(VENV)/installed-dev
 	$(PIP_INSTALL) pip-tools

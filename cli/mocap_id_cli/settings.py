@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
@@ -12,7 +12,7 @@ from pydantic_core import to_jsonable_python
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import TrialKeys
 
-_PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts"}
+_PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts", "list of texts": "lists of texts"}
 
 
 def settings_yaml(stages: Sequence[Stage] = STAGES) -> str:
@@ -68,7 +68,7 @@ def _row(name: str, field: FieldInfo) -> str:
 
 def _inner(field: FieldInfo) -> dict[str, FieldInfo] | None:
     annotation = field.annotation
-    if get_origin(annotation) is tuple:
+    if get_origin(annotation) is tuple or type(None) in get_args(annotation):
         annotation = get_args(annotation)[0]
     return getattr(annotation, "model_fields", None)
 
@@ -83,6 +83,10 @@ def _type(annotation: Any) -> str:
     if annotation in names:
         return names[annotation]
     arguments = [argument for argument in get_args(annotation) if argument is not type(None)]
+    if get_origin(annotation) is Annotated:
+        return _type(arguments[0])
+    if get_origin(annotation) is dict:
+        return f"{_type(arguments[0])}: {_type(arguments[1])}"
     if all(isinstance(argument, str) for argument in arguments) and arguments:
         return ", ".join(f"`{argument}`" for argument in arguments)
     if get_origin(annotation) is tuple:

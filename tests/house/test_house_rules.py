@@ -97,10 +97,13 @@ def test_the_lock_file_pins_every_dependency_and_no_server() -> None:
     lines = (ROOT / "requirements.lock").read_text("utf-8").splitlines()
     pins = dict(line.split("==") for line in lines if re.fullmatch(r"[\w.-]+==\S+", line))
     document = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    extras = document["project"]["optional-dependencies"]
+    assert "mocap-id[docs]" in extras["dev"]
     wanted = [
         *document["build-system"]["requires"],
         *document["project"]["dependencies"],
-        *document["project"]["optional-dependencies"]["dev"],
+        *(one for one in extras["dev"] if one != "mocap-id[docs]"),
+        *extras["docs"],
     ]
     for requirement in wanted:
         package, bound = re.split(r">=", requirement)

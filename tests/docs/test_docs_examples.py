@@ -1,0 +1,233 @@
+"""Every configuration, setting and command that the documentation shows is one that the program takes."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from pages_of_docs import PAGES, Block, blocks, inline_code, name
+from ruamel.yaml import YAML, YAMLError
+from typer.main import get_command
+
+from mocap_id.config import load, load_study, trial_model
+from mocap_id.config.chain import load_chain
+from mocap_id.config.prescription import load_prescription
+from mocap_id.stages import LINEUP
+from mocap_id.workflows.performing import engine
+from mocap_id_cli.app import build, loaded
+from mocap_id_cli.commands import COMMANDS
+
+KEYS = {field.alias or key for key, field in trial_model().model_fields.items()}
+STUDY_KEYS = {"study", "subjects", "defaults", "trials", "out"}
+OTHER_PROGRAMS = ("# .github/", "# .gitlab-ci.yml")
+"""First lines of configurations that are not ours."""
+FORMS = {"window: [from, to]"}  # how it is written, with words for the numbers
+by_name = pytest.mark.parametrize("page", PAGES, ids=name)
+
+
+def alternatives(text: str) -> list[str]:
+    """A block that shows several ways of writing something has a line ``# or`` between them."""
+    return re.split(r"^# or\n", text, flags=re.MULTILINE)
+
+
+def written(shown: dict[str, Any], file: Path) -> Path:
+    with file.open("w") as stream:
+        YAML().dump(shown, stream)
+    return file
+
+
+def check_trial(shown: dict[str, Any], folder: Path) -> None:
+    load(written({"trial": "shown", "recording": "trial.c3d"} | dict(shown), folder / "trial.yaml"))
+
+
+def check_study(shown: dict[str, Any], folder: Path) -> None:
+    """What is not shown is filled in: a study, its people, a trial."""
+    trials = shown.get("trials", [{"trial": "x", "subject": "s01", "strategy": "normal", "recording": "x.c3d"}])
+    people: dict[str, Any] = {str(trial["subject"]): {} for trial in trials}
+    whole = {"study": "shown", "trials": trials} | dict(shown)
+    whole["subjects"] = people | dict(shown.get("subjects", {}))
+    used = set(people)
+    extra = [
+        {"trial": f"of-{person}", "subject": person, "strategy": "normal", "recording": f"{person}.c3d"}
+        for person in whole["subjects"]
+        if person not in used
+    ]
+    load_study(written(whole | {"trials": [*trials, *extra]}, folder / "study.yaml"))
+
+
+def check_prescription(shown: dict[str, Any], folder: Path) -> None:
+    load_prescription(written(shown, folder / "prescription.yaml"))
+
+
+def check_chain(shown: dict[str, Any], folder: Path) -> None:
+    load_chain(written(shown, folder / "chain.yaml"))
+
+
+def check_cluster(shown: dict[str, Any], folder: Path) -> None:
+    """A cluster's file: its own keys; the others are Dask's."""
+    assert shown["kind"] in engine._KINDS
+    assert isinstance(shown["workers"], int)
+
+
+def checker(shown: dict[str, Any]) -> Callable[[dict[str, Any], Path], None]:
+    """By the keys at the top, which may be some of those of a file."""
+    keys = set(shown)
+    for key, check in OTHER_FILES.items():
+        if key in keys:
+            return check
+    assert keys <= KEYS or keys <= STUDY_KEYS, (
+        f"{sorted(keys - KEYS - STUDY_KEYS)} are keys of neither a trial nor a study; a new kind of file needs a line "
+        "in OTHER_FILES of this test"
+    )
+    return check_trial if keys <= KEYS else check_study
+
+
+OTHER_FILES: dict[str, Callable[[dict[str, Any], Path], None]] = {
+    "prescription": check_prescription,
+    "chain": check_chain,
+    "kind": check_cluster,
+}
+"""Configurations of other commands, by a key that only they have."""
+
+
+@by_name
+def test_configurations_are_valid(page: Path, tmp_path: Path) -> None:
+    for block in blocks(page):
+        if block.kind not in ("yaml", "yml"):
+            continue
+        for text in alternatives(block.text):
+            shown = YAML(typ="safe").load(text)
+            if text.startswith(OTHER_PROGRAMS):
+                continue
+            try:
+                checker(shown)(shown, tmp_path)
+            except Exception as error:
+                raise AssertionError(f"{block.where}: {error}") from error
+
+
+def settings_in_text(page: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Inline code such as ``segment: {count: 4}``; ``…`` and a lone key stand for any value."""
+    for code in inline_code(page):
+        if not re.match(rf"({'|'.join(sorted(KEYS, key=len, reverse=True))}): ?\S", code) or code in FORMS:
+            continue
+        try:
+            shown = YAML(typ="safe").load(code)
+        except YAMLError:
+            shown = None
+        if isinstance(shown, dict):
+            yield code, shown
+
+
+def without_gaps(shown: dict[str, Any]) -> dict[str, Any]:
+    """A stage's section without the keys whose value is left to the reader."""
+    section = {key: value for key, value in shown.items() if value not in (None, "…")}
+    return {key: without_gaps(value) if isinstance(value, dict) else value for key, value in section.items()}
+
+
+def named(shown: dict[str, Any]) -> set[tuple[str, str]]:
+    """Every (stage, setting) that is named, with a value or without."""
+    pairs = set()
+    for stage, section in shown.items():
+        if stage in LINEUP:
+            pairs |= {(stage, key) for key in ([section] if isinstance(section, str) else section)}
+    return pairs
+
+
+@by_name
+def test_settings_in_the_text_exist(page: Path, tmp_path: Path) -> None:
+    fields = {key: field.annotation for key, field in trial_model().model_fields.items()}
+    for code, shown in settings_in_text(page):
+        for stage, key in named(shown):
+            model: Any = fields[stage.replace("-", "_")]
+            assert str(key) in model.model_fields, f"{name(page)}: `{code}`: {stage} has no setting {key}"
+        section = {key: value for key, value in without_gaps(shown).items() if not isinstance(value, str)}
+        protocol = {"protocol": shown["protocol"]} if shown.get("protocol") not in (None, "…") else {}
+        try:
+            check_trial(section | protocol, tmp_path)
+        except Exception as error:
+            raise AssertionError(f"{name(page)}: `{code}`: {error}") from error
+
+
+def commands(page: Path) -> Iterator[tuple[str, str, bool]]:
+    """(where, command line, whether it can be typed so) of every call: on a prompt, in a script, in the text."""
+    for block in blocks(page):
+        if not block.note.startswith("run by tests/"):
+            yield from ((block.where, line, True) for line in _typed(block))
+    for code in inline_code(page):
+        yield name(page), code, False
+
+
+def _typed(block: Block) -> Iterator[str]:
+    text = block.text.replace("\\\n", " ")
+    if block.kind == "console":
+        yield from (line[2:] for line in text.splitlines() if line.startswith("$ "))
+    elif block.kind in ("sh", "bash"):
+        yield from text.splitlines()
+    elif block.kind == "yaml":
+        yield from re.findall(r"^ *- (?:run: )?(mocap-id .*)$", text, flags=re.MULTILINE)
+
+
+def check_command(line: str, *, whole: bool = True) -> None:
+    """Its commands and options exist, with what they need if it is ``whole``; nothing is run, no path is looked up."""
+    words = [word for word in shlex.split(line, comments=True)[1:] if word not in ("…", "...")]
+    command: Any = get_command(build())
+    while words and hasattr(command, "commands") and not words[0].startswith("-"):
+        assert words[0] in command.commands, f"there is no command {words[0]}"
+        entry = next((entry for entry in COMMANDS if entry.name == words[0]), None)
+        command = (
+            loaded(entry) if entry and entry.name == command.commands[words[0]].name else command.commands[words[0]]
+        )
+        words = words[1:]
+    if whole:
+        command.make_parser(typer.Context(command)).parse_args(words)
+    known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    known |= {"--help"}
+    for word in words:
+        assert not word.startswith("-") or word.partition("=")[0] in known, f"No such option: {word}"
+
+
+@by_name
+def test_commands_exist(page: Path) -> None:
+    for where, line, whole in commands(page):
+        if not re.match(r"mocap-id( |$)", line):
+            continue
+        try:
+            check_command(line, whole=whole)
+        except Exception as error:
+            raise AssertionError(f"{where}: {line}: {error}") from error
+
+
+def test_the_checks_can_fail(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="No such option"):
+        check_command("mocap-id run trial.yaml --no-such-option")
+    with pytest.raises(AssertionError):
+        check_command("mocap-id no-such-command")
+    with pytest.raises(AssertionError):
+        check_command("mocap-id simulate sit-to-stand --no-such-option", whole=False)
+    with pytest.raises(Exception, match="did you mean"):
+        check_trial({"segment": {"cuont": 4}}, tmp_path)
+
+
+def test_types_of_settings_are_words() -> None:
+    """The generated page shows no Python."""
+    (page,) = (page for page in PAGES if page.name == "settings.md")
+    types = re.findall(r"^\| `[^|]*` \| ([^|]*) \|", page.read_text("utf-8"), flags=re.MULTILINE)
+    assert len(types) > 40
+    assert [
+        kind for kind in types if not re.fullmatch(r"(list of )?(`[^`]+`(, )?)+|[a-z0-9 ]+(: [a-z ]+)?", kind)
+    ] == []
+
+
+def test_make_knows_every_target_that_is_shown() -> None:
+    rules = (PAGES[0].parents[0] / "Makefile").read_text("utf-8")
+    (phony,) = re.findall(r"^\.PHONY: (help .*)$", rules, flags=re.MULTILINE)
+    for page in PAGES:
+        for where, line, _ in commands(page):
+            if line.startswith("make "):
+                target = shlex.split(line, comments=True)[1]
+                assert target.startswith("-") or target in phony.split(), f"{where}: {line}"
