@@ -17,8 +17,10 @@ from typer.main import get_command
 from mocap_id.config import load, load_study, trial_model
 from mocap_id.config.chain import load_chain
 from mocap_id.config.prescription import load_prescription
+from mocap_id.config.robot_study import load_robot_study
 from mocap_id.stages import LINEUP
 from mocap_id.workflows.performing import engine
+from mocap_id.workflows.sensitivity.asking import read_asked
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
 
@@ -74,6 +76,19 @@ def check_cluster(shown: dict[str, Any], folder: Path) -> None:
     assert isinstance(shown["workers"], int)
 
 
+def check_perturbations(shown: dict[str, Any], folder: Path) -> None:
+    read_asked(written(shown, folder / "perturbations.yaml"))
+
+
+def check_robot_study(shown: dict[str, Any], folder: Path) -> None:
+    """Of a robot study, whose trials are files of their own."""
+    for number, one in enumerate(shown["trials"]):
+        file = folder / one["file"]
+        file.parent.mkdir(parents=True, exist_ok=True)
+        written({"trial": f"t{number}", "protocol": "robot-joint", "recording": "trial.c3d"}, file)
+    load_robot_study((written(shown, folder / "robot-study.yaml"),))
+
+
 def checker(shown: dict[str, Any]) -> Callable[[dict[str, Any], Path], None]:
     """By the keys at the top, which may be some of those of a file."""
     keys = set(shown)
@@ -91,6 +106,8 @@ OTHER_FILES: dict[str, Callable[[dict[str, Any], Path], None]] = {
     "prescription": check_prescription,
     "chain": check_chain,
     "kind": check_cluster,
+    "perturbations": check_perturbations,
+    "reference": check_robot_study,
 }
 """Configurations of other commands, by a key that only they have."""
 
