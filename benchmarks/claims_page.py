@@ -188,10 +188,11 @@ A list of perturbations alone will do as well.
 
 ## The thesis's claims
 
-{robots} trials of the thesis's robot (slow shoulder, slow and fast elbow: [robot](robot.md)) and {sits} sit-to-stands,
-seeds from {first} up, none of which was used for tuning, and the recordings `ur5-elbow-fast` and `sts-normal`. Each
-number is the worst over the trials: of states 100 (1 − r²) against the unperturbed ones, of parameters the largest change
-in % of its size, with the parameter that it is. *Negligible* is taken as the thesis takes it for the clock: below 0.5 %.
+{robots} trials of the thesis's robot (slow shoulder, slow and fast elbow: [robot](robot.md)) and {sits}
+sit-to-stands, seeds from {first} up, none of which was used for tuning, and the recordings `ur5-elbow-fast` and
+`sts-normal`. Each number is the worst over the trials: of states 100 (1 − r²) against the unperturbed ones, of
+parameters the largest change in % of its size, with the parameter that it is. *Negligible* is taken as the
+thesis takes it for the clock: below 0.5 %.
 
 {claims}
 
