@@ -36,7 +36,7 @@ def parquet_columns(table: pa.Table, rng: np.random.Generator) -> pa.Table:
     if what == 0:
         return table.remove_column(k)
     if what == 1:
-        return table.select([*reversed(table.column_names)])
+        return table.select([*reversed(range(table.num_columns))])
     if what == 2:
         names = [*table.column_names]
         names[k] = str(rng.choice(["", "x", "theta_0", "theta_99999999999999999999", name.upper(), names[0], "a" * 5000]))

@@ -22,6 +22,7 @@ _REFUSALS = (
     AssertionError,
     AttributeError,
     LookupError,
+    NameError,
     OSError,
     RuntimeError,
     TypeError,

@@ -74,7 +74,9 @@ def establish(file: C3DFile) -> Layout:
     oddities: list[str] = []
     scale, rate = _scale_and_rate(file, oddities)
     start = _data_start(file, oddities)
-    points, words, frames = _counts(file, 4 if scale < 0 else 2, len(file.data) - start, oddities)
+    word = 4 if scale < 0 else 2
+    points, words, frames = _counts(file, word, len(file.data) - start, oddities)
+    _look_at_the_end(file.data[start:], (4 * points + words) * word, frames, oddities)
     channels, per_frame = _channels(file, words, rate, oddities)
     first = _first_frame(file, frames, oddities)
     if file.repeated:
@@ -185,6 +187,26 @@ def _counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tu
         if others:
             oddities.append(f"it declares {taken} and {', '.join(map(str, others))} {name}: {taken} fits its size")
     return best
+
+
+def _look_at_the_end(stored: bytes, frame: int, frames: int, oddities: list[str]) -> None:
+    """Whether the frames before and after the declared end look like frames, as far as the size leaves that open."""
+    blank = 0
+    while blank < frames and not any(stored[(frames - blank - 1) * frame : (frames - blank) * frame]):
+        blank += 1
+    if 0 < blank < frames:
+        oddities.append(
+            f"the last {blank} of {frames} frames hold nothing but zeros: the recording may end before them"
+        )
+    more = 0
+    while any(stored[(frames + more) * frame : (frames + more + 1) * frame]) and len(stored) >= (
+        (frames + more + 1) * frame
+    ):
+        more += 1
+    if more and not any("follow the last declared frame" in oddity for oddity in oddities):
+        oddities.append(
+            f"what follows the last of {frames} declared frames is not empty and has room for {more} more: not read"
+        )
 
 
 def _uncounted(

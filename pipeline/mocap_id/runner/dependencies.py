@@ -50,16 +50,34 @@ class FileHashes:
         """
         return {role: self._hash(role, path) for role, path in user_files(self.trial, stage).items()}
 
+    def unchanged(self, stage: Stage) -> None:
+        """Make sure that the files are still those whose hashes are known, now that the stage has read them.
+
+        Raises
+        ------
+        RecordingError
+            One was written to, or is gone: what the stage has made is of nobody knows which content.
+        """
+        for role, path in user_files(self.trial, stage).items():
+            if self._read(role, path) != self._known.get(path):
+                raise RecordingError(
+                    f"{path}: changed while it was being read, named as `{role}` in {self.trial.file}; nothing was "
+                    "written: wait until it is complete, then run again"
+                )
+
     def _hash(self, role: str, path: Path) -> str:
-        named = f"named as `{role}` in {self.trial.file}"
         if path not in self._known:
-            try:
-                self._known[path] = hash_file(path)
-            except FileNotFoundError as error:
-                raise RecordingError(f"{path}: no such file, {named}") from error
-            except OSError as error:
-                raise RecordingError(f"{path}: cannot be read ({error.strerror}), {named}") from error
+            self._known[path] = self._read(role, path)
         return self._known[path]
+
+    def _read(self, role: str, path: Path) -> str:
+        named = f"named as `{role}` in {self.trial.file}"
+        try:
+            return hash_file(path)
+        except FileNotFoundError as error:
+            raise RecordingError(f"{path}: no such file, {named}") from error
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be read ({error.strerror}), {named}") from error
 
 
 def _paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:

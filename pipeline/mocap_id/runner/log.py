@@ -10,7 +10,7 @@ import platform
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from mocap_id import __version__
+from mocap_id import __version__, plain_files
 
 RUN_LOG = "run.log"
 """In the run folder."""
@@ -58,8 +58,8 @@ def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[log
 def verdict_line(folder: Path) -> str:
     """The verdict that stands in a run folder, with its codes."""
     try:
-        verdict = json.loads((folder / "summary.json").read_text("utf-8"))["verdict"]
-    except (OSError, ValueError, KeyError):
+        verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
+    except (OSError, ValueError, KeyError, TypeError):
         return "no verdict"
     codes = [reason["code"] for reason in verdict["reasons"] if reason.get("level") != "ok"]
     return ": ".join([f"verdict {verdict['level']}", *([", ".join(codes)] if codes else [])])
@@ -87,6 +87,8 @@ class _Lines(logging.Handler):
 
 def _append(folder: Path, text: str) -> None:
     path = folder / RUN_LOG
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        return  # not ours: it would lead out of the folder
     if not path.exists() and not any(file.is_file() for file in folder.iterdir()):
         return
     with path.open("a", encoding="utf-8") as stream:
