@@ -77,7 +77,9 @@ def _check(path: Path, found: os.stat_result) -> None:
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
     if not stat.S_ISREG(found.st_mode):
-        raise OSError(errno.EINVAL, next((what for is_, what in _KINDS if is_(found.st_mode)), "it is no file"), str(path))
+        raise OSError(
+            errno.EINVAL, next((what for is_, what in _KINDS if is_(found.st_mode)), "it is no file"), str(path)
+        )
     if found.st_size > LARGEST:
         raise OSError(errno.EFBIG, f"its {found.st_size} bytes are more than any recording holds", str(path))
 

@@ -74,7 +74,13 @@ def campaign(
     """Try cases in a process of their own; one that hangs or dies is told of, and a new process goes on."""
     left = list(indexes)
     while left:
-        options = ["--worker", "--seed", str(seed), *(["--only", only] if only else []), *([] if shared else ["--alone"])]
+        options = [
+            "--worker",
+            "--seed",
+            str(seed),
+            *(["--only", only] if only else []),
+            *([] if shared else ["--alone"]),
+        ]
         command = [sys.executable, str(Path(__file__).resolve()), *options]
         with subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
@@ -202,7 +208,9 @@ def main() -> int:
     parser.add_argument("--only", help="one format alone")
     parser.add_argument("--alone", action="store_true", help="without the shared recordings")
     parser.add_argument("--state", type=Path, default=Path(".fuzz"), help="folder from which a later call goes on")
-    parser.add_argument("--repeat", metavar="SEED:INDEX", help="try one case once more, without bounds, and keep its file")
+    parser.add_argument(
+        "--repeat", metavar="SEED:INDEX", help="try one case once more, without bounds, and keep its file"
+    )
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:

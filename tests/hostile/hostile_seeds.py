@@ -89,12 +89,11 @@ def c3d(with_shared: bool) -> tuple[Seed, ...]:
         "integer.c3d": build_c3d(points, analog=np.round(analog), scale=0.05, parameters={**plate, **trial}),
         "uncounted.c3d": build_c3d(points, drop=("POINT:FRAMES",)),
     }
-    made = {name: data for name, data in made.items()}
     seeds = [Seed(name, data, 40) for name, data in made.items()]
     folder = shared() if with_shared else None
-    for path in sorted((folder / "c3d").glob("*")) if folder else []:
-        if 0 < path.stat().st_size <= LARGEST:
-            seeds.append(Seed(path.name.lower(), path.read_bytes(), -1))
+    there = sorted((folder / "c3d").glob("*")) if folder else []
+    small = [path for path in there if 0 < path.stat().st_size <= LARGEST]
+    seeds += [Seed(path.name.lower(), path.read_bytes(), -1) for path in small]
     return tuple(seeds)
 
 

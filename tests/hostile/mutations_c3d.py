@@ -129,7 +129,9 @@ def parameter_shape(data: bytearray, rng: np.random.Generator) -> None:
 def parameter_offset(data: bytearray, rng: np.random.Generator) -> None:
     place = some(data, rng)
     if place is not None:
-        put_word(data, place.offset, near(rng, struct.unpack(order(data) + "H", data[place.offset : place.offset + 2])[0]))
+        put_word(
+            data, place.offset, near(rng, struct.unpack(order(data) + "H", data[place.offset : place.offset + 2])[0])
+        )
 
 
 def group_id(data: bytearray, rng: np.random.Generator) -> None:

@@ -13,9 +13,38 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 TEXTS = (
-    *("", "null", "[]", "{}", "0", "-1", "1e999", "NaN", "[1,2]", '{"a":[]}', '"x"', "true", "\x00", "ü", "nope", "9" * 5000),
-    *("[" * 100_000, "[" * 900 + "]" * 900, '{"a":' * 990 + "1" + "}" * 990, '[{"code": 1}]', '[{"code":"a","message":"b","x":1}]'),
-    *('[{"code":"a","message":null}]', '[{"code":"a","message":"b","level":"grave"}]', "[[1]]", '{"a": 1e400}', "x" * 100_000),
+    *(
+        "",
+        "null",
+        "[]",
+        "{}",
+        "0",
+        "-1",
+        "1e999",
+        "NaN",
+        "[1,2]",
+        '{"a":[]}',
+        '"x"',
+        "true",
+        "\x00",
+        "ü",
+        "nope",
+        "9" * 5000,
+    ),
+    *(
+        "[" * 100_000,
+        "[" * 900 + "]" * 900,
+        '{"a":' * 990 + "1" + "}" * 990,
+        '[{"code": 1}]',
+        '[{"code":"a","message":"b","x":1}]',
+    ),
+    *(
+        '[{"code":"a","message":null}]',
+        '[{"code":"a","message":"b","level":"grave"}]',
+        "[[1]]",
+        '{"a": 1e400}',
+        "x" * 100_000,
+    ),
 )
 META = ("schema", "schema_version", "stage", "stage_version", "parameters", "inputs", "key", "seconds", "product")
 META = (*META, "content", "facts", "reasons")
@@ -39,7 +68,9 @@ def parquet_columns(table: pa.Table, rng: np.random.Generator) -> pa.Table:
         return table.select([*reversed(range(table.num_columns))])
     if what == 2:
         names = [*table.column_names]
-        names[k] = str(rng.choice(["", "x", "theta_0", "theta_99999999999999999999", name.upper(), names[0], "a" * 5000]))
+        names[k] = str(
+            rng.choice(["", "x", "theta_0", "theta_99999999999999999999", name.upper(), names[0], "a" * 5000])
+        )
         return table.rename_columns(names)
     if what == 3:
         kinds = (pa.string(), pa.float32(), pa.int8(), pa.large_string(), pa.binary(), pa.date32(), pa.decimal128(38))
@@ -190,7 +221,15 @@ def _kinds(file: h5py.File, name: str, rng: np.random.Generator) -> None:
 
 
 def _attributes(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    values = (_text(rng), np.arange(5), h5py.Empty("f8"), np.bytes_(b"\xff\xfe"), 7, ["a", "b"], _text(rng).replace("\0", "x"))
+    values = (
+        _text(rng),
+        np.arange(5),
+        h5py.Empty("f8"),
+        np.bytes_(b"\xff\xfe"),
+        7,
+        ["a", "b"],
+        _text(rng).replace("\0", "x"),
+    )
     chosen = values[rng.integers(len(values))]
     key = _named(rng)
     if rng.random() < 0.2:
@@ -236,9 +275,31 @@ def record(data: bytearray, rng: np.random.Generator) -> None:
     except ValueError:
         return
     documents = (
-        *("[]", "1", "null", '["../x"]', '{"../../x": "y"}', '{"a\\u0000b": "y"}', '{"/etc/passwd": "y"}', '{"": "y"}', '{".": ""}'),
-        *('{"figures": "y"}', '{"figures/../../x": "y"}', '{"report.html": 5}', '{"lock": []}', '{"' + "x" * 5000 + '": "y"}'),
-        *('{"planar.parquet": "y"}', '{".mocap-id/lock": "y"}', "[" * 50_000, '{"\\ud800": "y"}', '{"trial.yaml": "y"}'),
+        *(
+            "[]",
+            "1",
+            "null",
+            '["../x"]',
+            '{"../../x": "y"}',
+            '{"a\\u0000b": "y"}',
+            '{"/etc/passwd": "y"}',
+            '{"": "y"}',
+            '{".": ""}',
+        ),
+        *(
+            '{"figures": "y"}',
+            '{"figures/../../x": "y"}',
+            '{"report.html": 5}',
+            '{"lock": []}',
+            '{"' + "x" * 5000 + '": "y"}',
+        ),
+        *(
+            '{"planar.parquet": "y"}',
+            '{".mocap-id/lock": "y"}',
+            "[" * 50_000,
+            '{"\\ud800": "y"}',
+            '{"trial.yaml": "y"}',
+        ),
     )
     for _ in range(int(rng.integers(1, 3))):
         key = str(rng.choice([*found])) if isinstance(found, dict) and found else "x"

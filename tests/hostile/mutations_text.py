@@ -10,10 +10,50 @@ import numpy as np
 CELLS = (
     *("", " ", "nan", "NaN", "inf", "-inf", "1e400", "1e308", "-1e308", "1e-320", "-", ".", "1,5", "1.5.2", "0x10"),
     *("NA", "null", "None", "True", "#", "#N/A", "(null)", "1_000", "１２", "²", "٣", "ü", "𝟙", '"', "'", '"5', "1d3"),
-    *("\x00", "\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\ufeff", "\t", "9" * 25, "9" * 400, "9" * 5000, "-0", "+1", "1e"),
-    *("9223372036854775808", "1e19", "-1e19", "1e16", "0", "1", "-1", "65536", "4294967296", "a" * 3000, "\\N", "%s", "{0}"),
+    *(
+        "\x00",
+        "\x0b",
+        "\x0c",
+        "\x1c",
+        "\x85",
+        "\u2028",
+        "\ufeff",
+        "\t",
+        "9" * 25,
+        "9" * 400,
+        "9" * 5000,
+        "-0",
+        "+1",
+        "1e",
+    ),
+    *(
+        "9223372036854775808",
+        "1e19",
+        "-1e19",
+        "1e16",
+        "0",
+        "1",
+        "-1",
+        "65536",
+        "4294967296",
+        "a" * 3000,
+        "\\N",
+        "%s",
+        "{0}",
+    ),
 )
-KEYS = ("nRows", "nColumns", "inDegrees", "NumFrames", "NumMarkers", "DataRate", "Units", "endheader", "version", "time")
+KEYS = (
+    "nRows",
+    "nColumns",
+    "inDegrees",
+    "NumFrames",
+    "NumMarkers",
+    "DataRate",
+    "Units",
+    "endheader",
+    "version",
+    "time",
+)
 
 
 def lines_of(data: bytearray) -> list[bytes]:
@@ -44,11 +84,27 @@ def header_number(data: bytearray, rng: np.random.Generator) -> None:
     row = int(rng.choice(rows))
     for separator in (b"\t", b"=", b" "):
         cells = lines[row].split(separator)
-        numeric = [k for k, text in enumerate(cells) if text.strip().replace(b".", b"").isdigit()]
+        numeric = [k for k, text in enumerate(cells) if text.strip().replace(b".", b"", 1).isdigit()]
         if numeric:
             k = int(rng.choice(numeric))
             value = float(cells[k])
-            lies = (0, -1, value + 1, value - 1, 2 * value, 1e9, 1e30, 2**31, 2**63, "", "x", "²", "nan", "inf", "1e999")
+            lies = (
+                0,
+                -1,
+                value + 1,
+                value - 1,
+                2 * value,
+                1e9,
+                1e30,
+                2**31,
+                2**63,
+                "",
+                "x",
+                "²",
+                "nan",
+                "inf",
+                "1e999",
+            )
             lie = lies[rng.integers(len(lies))]
             cells[k] = (f"{lie:g}" if isinstance(lie, float) else str(lie)).encode()
             lines[row] = separator.join(cells)

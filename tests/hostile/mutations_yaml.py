@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable
 
@@ -9,14 +10,100 @@ import mutations_bytes
 import numpy as np
 
 VALUES = (
-    *("null", "~", "", "true", "no", "0", "-1", "1e400", "-1e400", ".nan", ".inf", "1e-3", "0x1F", "0o17", "0b1", "1_000"),
-    *("9" * 30, "9" * 5000, "1" + "0" * 400, "1e" + "9" * 50, "12:30:45", "2001-12-14", "2001-99-99", "[]", "{}", "[[]]"),
-    *("[1, 2]", "[1, 2, 3, 4]", "{a: 1}", "{? [a, b] : c}", "? a", "|", ">", "|9", "'", '"', '"\\0"', '"\\ud800"', '"\\x07"'),
+    *(
+        "null",
+        "~",
+        "",
+        "true",
+        "no",
+        "0",
+        "-1",
+        "1e400",
+        "-1e400",
+        ".nan",
+        ".inf",
+        "1e-3",
+        "0x1F",
+        "0o17",
+        "0b1",
+        "1_000",
+    ),
+    *(
+        "9" * 30,
+        "9" * 5000,
+        "1" + "0" * 400,
+        "1e" + "9" * 50,
+        "12:30:45",
+        "2001-12-14",
+        "2001-99-99",
+        "[]",
+        "{}",
+        "[[]]",
+    ),
+    *(
+        "[1, 2]",
+        "[1, 2, 3, 4]",
+        "{a: 1}",
+        "{? [a, b] : c}",
+        "? a",
+        "|",
+        ">",
+        "|9",
+        "'",
+        '"',
+        '"\\0"',
+        '"\\ud800"',
+        '"\\x07"',
+    ),
     *('"../../../etc/passwd"', '"/dev/zero"', '"/dev/stdin"', '"/dev/tty"', '"~nobody-here/x"', '"."', '".."', '"/"'),
-    *('"a\\0b.c3d"', '"' + "x" * 5000 + '"', '"' + "a/" * 3000 + '"', "!!python/object:os.system [x]", "!!int x", "!!int ''"),
-    *("!!float x", "!!bool maybe", "!!binary ===", "!!null x", "!!set {a, b}", "!!omap [a: 1]", "!!timestamp x", "!x y"),
-    *("!!str", "!!map []", "!!seq {}", "!<tag:yaml.org,2002:int> z", "&a [*a]", "&a {b: *a}", "*nowhere", "<<", "%", "@x", "`x"),
-    *("- 1", "ü", "\u2028", "\x85", "\ufeff", "\x07", "𝟙", "CON", "..", "trial.c3d", "fifo", "loop", "folder", "socket", "big"),
+    *(
+        '"a\\0b.c3d"',
+        '"' + "x" * 5000 + '"',
+        '"' + "a/" * 3000 + '"',
+        "!!python/object:os.system [x]",
+        "!!int x",
+        "!!int ''",
+    ),
+    *(
+        "!!float x",
+        "!!bool maybe",
+        "!!binary ===",
+        "!!null x",
+        "!!set {a, b}",
+        "!!omap [a: 1]",
+        "!!timestamp x",
+        "!x y",
+    ),
+    *(
+        "!!str",
+        "!!map []",
+        "!!seq {}",
+        "!<tag:yaml.org,2002:int> z",
+        "&a [*a]",
+        "&a {b: *a}",
+        "*nowhere",
+        "<<",
+        "%",
+        "@x",
+        "`x",
+    ),
+    *(
+        "- 1",
+        "ü",
+        "\u2028",
+        "\x85",
+        "\ufeff",
+        "\x07",
+        "𝟙",
+        "CON",
+        "..",
+        "trial.c3d",
+        "fifo",
+        "loop",
+        "folder",
+        "socket",
+        "big",
+    ),
 )
 LINES = (
     "<<: {trial: x}",
@@ -52,9 +139,7 @@ def bomb(rng: np.random.Generator) -> str:
     """A billion laughs."""
     names = "abcdefghi"
     lines = [f"{names[0]}: &{names[0]} [lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
-    lines += [
-        f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]" for old, new in zip(names[:-1], names[1:], strict=True)
-    ]
+    lines += [f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]" for old, new in itertools.pairwise(names)]
     return "\n".join(lines)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,6 +76,9 @@ def _text(file: Path) -> str:
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: not a text file; expected a YAML file such as trial.yaml") from error
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            many = f"{file}: more than {_MAX_BYTES} bytes are no configuration"
+            raise ConfigError(f"{many}; expected a YAML file such as trial.yaml") from error
         told = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
         raise ConfigError(told) from error
 

@@ -23,7 +23,7 @@ _BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, OSError, R
 """What the library raises on damaged files."""
 _MOST_NODES = 1000
 _ROOM, _LEAST_ROOM = 4, 1 << 24
-"""Bytes in memory for each byte of the file, which is never compressed; text takes four a character. At least so many."""
+"""Bytes in memory for each byte of the file, which is never compressed (text takes four a character); and at least."""
 
 
 def encode(tree: Tree, origin: Origin) -> bytes:
