@@ -140,15 +140,15 @@ def worker(seed: int, only: str | None, shared: bool) -> None:
     told, sys.stdout = sys.stdout, sys.stderr
     with tempfile.TemporaryDirectory() as folder:
         bench = oracles.Bench(Path(folder), shared)
-        warm_up(bench)
+        warm_up(bench, only)
         print(json.dumps({"ready": True}), file=told, flush=True)
         for line in sys.stdin:
             print(json.dumps(attempt(bench, seed, int(line), only)), file=told, flush=True)
 
 
-def warm_up(bench: Any) -> None:
+def warm_up(bench: Any, only: str | None) -> None:
     """Load what is loaded on first use, so that it counts towards no case."""
-    for form in ("c3d", "trc", "csv", "trial", "stored"):
+    for form in (only,) if only else ("c3d", "trc", "csv", "trial", "stored"):
         for index in range(2):
             bench.judge(bench.case(0, index, form))
 

@@ -73,11 +73,13 @@ def test_plates_that_no_parameter_tells_of_take_no_memory(tmp_path: Path) -> Non
     assert "promises 65535 plates, TYPE tells of 1" in found.plates[1].problem
 
 
-def test_a_parameter_block_where_the_library_looks_for_none(tmp_path: Path) -> None:
+@pytest.mark.parametrize("block", [0, 1, 3, 255])
+def test_a_parameter_block_where_the_library_looks_for_none(tmp_path: Path, block: int) -> None:
     """Its UnboundLocalError came through."""
     data = bytearray(build_c3d(POINTS))
-    data[0] = 0
-    assert len(read_c3d(tmp_path, bytes(data)).frames) == 40
+    data[0] = block
+    with pytest.raises(RecordingError, match=r"case.c3d: (no library reads|the parameter section)"):
+        read_c3d(tmp_path, bytes(data))
 
 
 def trc(folder: Path) -> tuple[Path, list[bytes]]:
@@ -152,15 +154,15 @@ def test_only_line_ends_end_lines(tmp_path: Path, end: bytes) -> None:
         recording.read(path)
 
 
-@pytest.mark.parametrize("cell", ["9" * 25, "1e400"])
-def test_giants_in_a_mot_table(tmp_path: Path, cell: str) -> None:
+@pytest.mark.parametrize(("cell", "row"), [("9" * 25, 8), ("9" * 25, 40), ("1e400", 8), ("1e400", 106)])
+def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
+    """An endless last time passed for one that increases."""
     path = tmp_path / "grf.mot"
-    for row in (8, 106):  # the last time as well
-        lines = hostile_seeds.mot(False)[0].data.split(b"\n")
-        lines[row] = cell.encode() + b"\t" + lines[row].partition(b"\t")[2]
-        path.write_bytes(b"\n".join(lines))
-        with pytest.raises(RecordingError, match=r"grf.mot"):
-            read_table(path)
+    lines = hostile_seeds.mot(False)[0].data.split(b"\n")
+    lines[row] = cell.encode() + b"\t" + lines[row].partition(b"\t")[2]
+    path.write_bytes(b"\n".join(lines))
+    with pytest.raises(RecordingError, match=r"grf.mot"):
+        read_table(path)
 
 
 @pytest.mark.parametrize(
@@ -174,13 +176,14 @@ def test_giants_in_a_mot_table(tmp_path: Path, cell: str) -> None:
         ("deep: " + "[" * 5000, "deep"),
         ("deep: " + "- " * 100_000, "not valid YAML"),
         ("deep: " + "{a: " * 40 + "}" * 40, "more than 32 deep"),
-        ("wide: [" + "1," * 45_000 + "]", "more than 40000 values"),
+        ("wide: [" + "1," * 600 + "]", "more than 500 values"),
         ("trial: !!python/object/apply:os.system [echo]", "tag"),
         ("trial: x\ntrial: y", "stands twice"),
         ('recording: "a\\0b"\ntrial: x', ""),
     ],
 )
-def test_configurations_that_are_none(tmp_path: Path, text: str, told: str) -> None:
+def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str) -> None:
+    monkeypatch.setattr("mocap_id.config.source._MAX_VALUES", 500)  # 40,000 take seconds
     path = tmp_path / "trial.yaml"
     path.write_text(text)
     if not told:

@@ -116,6 +116,8 @@ class _Reader:
         if id(node) in self._seen:
             raise self._error(node, "an alias (`*name`) is of no use here: write the value out")
         self._seen.add(id(node))
+        if not isinstance(node, ScalarNode) and str(node.tag) not in (_YAML + "map", _YAML + "seq"):
+            raise self._error(node, f"the tag `{node.tag}` is of no use here: write the values alone")
         match node:
             case MappingNode():
                 return self._mapping(node, location)
