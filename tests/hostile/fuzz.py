@@ -28,7 +28,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 HANG = 20.0
-"""Seconds that a case may take."""
+"""Seconds that a case may take, less those for which it waited for a processor that others were using."""
 
 SPARE, FACTOR = 384 << 20, 64
 """Bytes that a case may ask for beyond what the process holds: so many, and so many times its file's size."""
@@ -93,7 +93,7 @@ def campaign(
                 while left:
                     process.stdin.write(f"{left[0]}\n")
                     process.stdin.flush()
-                    told = _next(lines, hang + 5.0)
+                    told = _in_time(process, lines, hang + 5.0)
                     index = left.pop(0)
                     if told is None:
                         process.kill()
@@ -122,6 +122,27 @@ def _lines(process: subprocess.Popen[str]) -> queue.Queue[str | None]:
 
     threading.Thread(target=pump, daemon=True).start()
     return lines
+
+
+def _in_time(process: subprocess.Popen[str], lines: queue.Queue[str | None], seconds: float) -> dict[str, Any] | None:
+    """What comes of a case; None where nothing comes although the process had so many seconds for it."""
+    end, before = time.monotonic() + seconds, _starved(process.pid)
+    while process.poll() is None or not lines.empty():
+        left = end + _starved(process.pid) - before - time.monotonic()
+        if left <= 0:
+            return None
+        with contextlib.suppress(queue.Empty):
+            line = lines.get(timeout=min(left, 1.0))
+            return None if line is None else dict(json.loads(line))
+    return _next(lines, 1.0)
+
+
+def _starved(process: int | str) -> float:
+    """Seconds for which a process was ready but had no processor, where the system tells."""
+    try:
+        return int(Path(f"/proc/{process}/schedstat").read_text().split()[1]) * 1e-9
+    except (OSError, ValueError, IndexError):
+        return 0.0
 
 
 def _next(lines: queue.Queue[str | None], seconds: float) -> dict[str, Any] | None:
@@ -157,10 +178,10 @@ def attempt(bench: Any, seed: int, index: int, only: str | None = None) -> dict[
     """Try one case within its bounds."""
     case = bench.case(seed, index, only)
     before = _peak(reset=True)
-    start = time.perf_counter()
+    start = time.perf_counter() - _starved("self")
     with _bounded(WHOLE_RUN if case.form == "run" else SPARE + FACTOR * len(case.data)):
         found = bench.judge(case)
-    seconds = time.perf_counter() - start
+    seconds = time.perf_counter() - _starved("self") - start
     outcome, said = found.outcome, found.said
     if seconds > HANG:
         outcome, said = "finding", f"hangs: {seconds:.0f} s"

@@ -115,12 +115,14 @@ def parquet_metadata(table: pa.Table, rng: np.random.Generator) -> pa.Table:
 def parquet_bomb(table: pa.Table, rng: np.random.Generator) -> pa.Table:
     """A small file of a great many rows, all alike."""
     rows = int(rng.choice([1_000_000, 20_000_000]))
-    names = [name for name in table.column_names if table.schema.field(name).type != pa.string()][:2]
+    names = [name for name in table.column_names if table.schema.types[table.schema.names.index(name)] != pa.string()][
+        :2
+    ]
     columns = [pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array(["a" * 100])) for _ in names]
     return pa.table(dict(zip(names, columns, strict=True))).replace_schema_metadata(table.schema.metadata)
 
 
-def parquet(data: bytearray, rng: np.random.Generator) -> None:
+def _edit_parquet(data: bytearray, rng: np.random.Generator) -> None:
     if rng.random() < 0.5:
         mutations_bytes.apply(data, rng)
         return
@@ -238,7 +240,7 @@ def _attributes(file: h5py.File, name: str, rng: np.random.Generator) -> None:
         file.attrs[key] = chosen
 
 
-def hdf5(data: bytearray, rng: np.random.Generator) -> None:
+def _edit_hdf5(data: bytearray, rng: np.random.Generator) -> None:
     if rng.random() < 0.45:
         mutations_bytes.apply(data, rng)
         return
@@ -319,3 +321,21 @@ def record(data: bytearray, rng: np.random.Generator) -> None:
     data[:] = json.dumps(found).encode()
     if rng.random() < 0.1:
         data[:] = _text(rng).encode("utf-8", "replace")
+
+
+def parquet(data: bytearray, rng: np.random.Generator) -> None:
+    _or_bytes(_edit_parquet, data, rng)
+
+
+def hdf5(data: bytearray, rng: np.random.Generator) -> None:
+    _or_bytes(_edit_hdf5, data, rng)
+
+
+def _or_bytes(
+    edit: Callable[[bytearray, np.random.Generator], None], data: bytearray, rng: np.random.Generator
+) -> None:
+    """Edit a file by its own library; where that will not write such a thing, spoil its bytes."""
+    try:
+        edit(data, rng)
+    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError):
+        mutations_bytes.apply(data, rng)

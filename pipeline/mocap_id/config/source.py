@@ -83,7 +83,7 @@ def _text(file: Path) -> str:
         raise ConfigError(told) from error
 
 
-class _Composer(Composer):  # type: ignore[misc]
+class _Composer(Composer):
     """Builds the tree of nodes, which a configuration keeps flat and small."""
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
