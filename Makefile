@@ -15,8 +15,9 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 DEMO := sample_trials/sit-to-stand
 TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
+OPENSIM := .venv-opensim
 
-.PHONY: help demo test fuzz trials docs lock clean
+.PHONY: help demo test fuzz trials docs lock opensim clean
 
 help:
 	@echo 'make demo    install, run the whole pipeline on a sample trial and say where the report is'
@@ -25,6 +26,7 @@ help:
 	@echo 'make trials  build every trial under sample_trials/, with -j several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
 	@echo 'make lock    resolve the versions of requirements.lock anew'
+	@echo 'make opensim an environment with OpenSim, which some tests ask (400 MB)'
 	@echo 'make clean   remove what the others made'
 
 demo: $(VENV)/installed
@@ -36,6 +38,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest
+	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
 
 NUMBER := 10000
 SEED := 1
@@ -58,6 +61,14 @@ lock: $(VENV)/installed-dev
 	  --all-build-deps --allow-unsafe --no-emit-index-url --no-emit-trusted-host --no-emit-find-links \
 	  --output-file $(LOCK) pyproject.toml
 
+# OpenSim's wheel wants an environment of its own; tests/export looks for it here.
+opensim: $(OPENSIM)/installed
+
+$(OPENSIM)/installed: | require-python
+	$(PYTHON) -m venv --clear $(OPENSIM)
+	$(OPENSIM)/bin/python -m pip install --quiet --disable-pip-version-check --constraint $(LOCK) opensim==4.6
+	@touch $@
+
 $(VENV)/created: | require-python
 	$(PYTHON) -m venv --clear $(VENV)
 	@touch $@
@@ -77,5 +88,5 @@ require-python:
 	@test -n '$(PYTHON)' || { echo 'No Python 3.11 or later with venv was found: make … PYTHON=/path/to/python' >&2; exit 1; }
 
 clean:
-	rm -rf $(VENV) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .fuzz
+	rm -rf $(VENV) $(OPENSIM) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .fuzz
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -44,7 +44,6 @@ def build() -> typer.Typer:
         name="mocap-id",
         cls=_Commands,
         no_args_is_help=True,
-        add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
     )

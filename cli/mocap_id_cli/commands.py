@@ -55,9 +55,59 @@ COMMANDS = (
         partial(_found, "studying", "study"),
     ),
     Entry(
+        "batch",
+        "Run many trials and write one table over them; what is up to date is reused.",
+        partial(_found, "batching", "batch"),
+    ),
+    Entry(
+        "regress",
+        "Run recorded trials anew and compare every headline number with a baseline.",
+        partial(_found, "regressing", "regress"),
+    ),
+    Entry(
+        "status",
+        "Tell what of the trials is done, what would be computed anew and why, and what failed.",
+        partial(_found, "housekeeping", "status"),
+    ),
+    Entry(
+        "clean",
+        "Take away what runs have made; recordings, configurations and anybody else's files stay.",
+        partial(_found, "housekeeping", "clean"),
+    ),
+    Entry(
         "transfer",
         "Apply the body identified on one trial to other trials of the same person.",
         partial(_found, "transferring", "transfer"),
+    ),
+    Entry(
+        "compare",
+        "Hold two runs against each other: what changed, and by how much.",
+        partial(_found, "comparing", "compare"),
+    ),
+    Entry(
+        "export",
+        "Write a run for OpenSim (trc, mot, sto, osim) or as tables (csv).",
+        partial(_found, "exporting", "export"),
+    ),
+    Entry(
+        "explain",
+        "Say what a code of a verdict, an error or an exit code means, how it is judged, and what to do.",
+        partial(_found, "explaining", "explain"),
+    ),
+    Entry(
+        "doctor",
+        "Check this installation: what is needed, what is there, and what to do; exit code 1 where something fails.",
+        partial(_found, "doctoring", "doctor"),
+    ),
+    Entry(
+        "workspace",
+        "What the tip of the chain can reach within the joint limits that were seen: area, or volume in space.",
+        partial(_found, "workspace", "workspace"),
+    ),
+    Entry(
+        "prescribe",
+        "The springs that let a weak person hold most of a joint's, or a chain's, range.",
+        partial(_found, "prescribing", "prescribe"),
     ),
     Entry(
         "inspect",

@@ -52,7 +52,7 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     for trial in found.trials:
         files = [path.relative_to(folder).as_posix() for path in (trial.markers, trial.forces) if path is not None]
         rows.append([trial.trial, trial.subject, trial.name, trial.strategy, " + ".join(files)])
-    yield from _aligned(rows)
+    yield from aligned(rows)
     people, strategies = len(found.names), len({trial.strategy for trial in found.trials})
     shown = [trial for trial in found.trials if trial.name.casefold() in trial.markers.stem.casefold()]
     if shown and shown[0].name != shown[0].subject:
@@ -65,7 +65,8 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
         yield f"left out: {path.relative_to(folder).as_posix()}: {why}"
 
 
-def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Rows with their columns below one another."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

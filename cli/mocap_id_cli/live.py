@@ -34,6 +34,14 @@ def show(what: str, total: int | None = None) -> None:
     _shown.append(shown)
 
 
+def say(line: str) -> None:
+    """Print a line on standard error, above whatever moves there."""
+    if _shown:
+        _shown[-1].console.print(line, highlight=False, markup=False, soft_wrap=True)
+    else:
+        print(line, file=sys.stderr)
+
+
 def advance() -> None:
     """Count one part more."""
     for shown in _shown:

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
+from mocap_id.workflows.batch import BATCH
 from mocap_id.workflows.study.columns import TABLES
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
@@ -53,10 +54,11 @@ def _commands() -> Iterator[str]:
 
 
 def columns() -> str:
-    """The schemas of all artefacts, and of a study's tables."""
+    """The schemas of all artefacts, of a study's tables and of a batch's."""
     artefacts = (line for schema in SCHEMAS.values() for line in _schema(schema, schema.file))
     tables = (line for name, schema in TABLES.items() for line in _schema(schema, name))
-    return "\n".join([*artefacts, "\n## Tables of a study", *tables]) + "\n"
+    batch = _schema(BATCH, BATCH.file)
+    return "\n".join([*artefacts, "\n## Tables of a study", *tables, "\n## The table of a batch", *batch]) + "\n"
 
 
 def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:

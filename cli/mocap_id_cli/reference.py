@@ -10,6 +10,7 @@ import typer
 
 from mocap_id.config import load, study_schema
 from mocap_id.config import schema as trial_schema
+from mocap_id.config.prescription import prescription_schema
 from mocap_id.runner import make_rules
 from mocap_id.stages import STAGES
 from mocap_id_cli.settings import settings_yaml
@@ -17,9 +18,11 @@ from mocap_id_cli.settings import settings_yaml
 
 def schema(
     study: Annotated[bool, typer.Option("--study", help="Of a study's file instead.")] = False,
+    prescription: Annotated[bool, typer.Option("--prescription", help="Of a prescription's file instead.")] = False,
 ) -> None:
     """Print the JSON Schema of a trial's YAML file, for editors."""
-    typer.echo(json.dumps(study_schema() if study else trial_schema(), indent=2, ensure_ascii=False))
+    found = prescription_schema() if prescription else study_schema() if study else trial_schema()
+    typer.echo(json.dumps(found, indent=2, ensure_ascii=False))
 
 
 def stages(

@@ -41,9 +41,9 @@ def stage_command(name: str) -> Callable[..., None]:
         outcome = runner.run_stage(load(trial), stage.name, progress=progress(quiet))
         if outcome.refused is not None:
             _say(outcome, as_json)
-        files = [_short(outcome.folder / file) for file in stage.outputs]
+        files = [short(outcome.folder / file) for file in stage.outputs]
         if as_json:
-            typer.echo(_json({"folder": _short(outcome.folder), "steps": outcome.steps, "files": files}))
+            typer.echo(_json({"folder": short(outcome.folder), "steps": outcome.steps, "files": files}))
         else:
             typer.echo("\n".join(files))
 
@@ -53,9 +53,9 @@ def stage_command(name: str) -> Callable[..., None]:
 
 def _say(outcome: runner.Outcome, as_json: bool) -> None:
     """The verdict, its reasons and where the report is; the exit code of a refusal."""
-    summary, report = outcome.summary(), _short(outcome.folder / "report.html")
+    summary, report = outcome.summary(), short(outcome.folder / "report.html")
     if as_json:
-        told = {"trial": summary["trial"], "verdict": summary["verdict"], "folder": _short(outcome.folder)}
+        told = {"trial": summary["trial"], "verdict": summary["verdict"], "folder": short(outcome.folder)}
         typer.echo(_json(told | {"report": report, "steps": outcome.steps}))
     else:
         _print_verdict(summary["verdict"], report)
@@ -104,7 +104,7 @@ def log_to_stderr(quiet: bool, verbose: bool) -> None:
     logging.getLogger("py.warnings").setLevel(logging.WARNING if verbose else logging.CRITICAL)
 
 
-def _short(path: Path) -> str:
+def short(path: Path) -> str:
     """A path as seen from the working folder."""
     here = Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)

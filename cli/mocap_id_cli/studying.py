@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mocap_id_cli.running import Quiet, Verbose, log_to_stderr
+from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, short
 
 if TYPE_CHECKING:
+    from mocap_id.workflows.performing import Performed
     from mocap_id.workflows.study import Outcome
-    from mocap_id.workflows.study.performing import Performed
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.", show_default=False)]
 _LEVELS = {0: "", 4: "refused"}
@@ -59,8 +59,8 @@ def _lines(found: Outcome) -> Iterator[str]:
         if done.message is not None:  # files by their names: whoever runs it has to find them
             yield from (f"{'':<{width}}    {line}" for line in done.message.splitlines())
     yield f"{len(verdicts) - len(found.failed)} of {len(verdicts)} trials went through"
-    yield f"tables: {_short(found.study.folder)}"
-    yield f"page: {_short(found.page)}"
+    yield f"tables: {short(found.study.folder)}"
+    yield f"page: {short(found.page)}"
 
 
 def _verdict(trial: Mapping[str, Any]) -> str:
@@ -68,8 +68,3 @@ def _verdict(trial: Mapping[str, Any]) -> str:
     if trial["verdict"] == "failed":
         about = f"exit code {trial['exit_code']}"
     return f"{trial['verdict']}" + (f" ({about})" if about else "")
-
-
-def _short(path: Path) -> str:
-    here = Path.cwd()
-    return str(path.relative_to(here) if path.is_relative_to(here) else path)

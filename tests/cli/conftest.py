@@ -1,49 +1,19 @@
-"""The command line as a function, and a small recording to spoil."""
+"""A small recording to spoil."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from swinging_link import LABELS, RATE
 
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writing import write_c3d, write_trc
 from mocap_id.runner import RUN_LOG
-from mocap_id_cli.__main__ import main
-
-
-@dataclass(frozen=True)
-class Said:
-    """What a command did."""
-
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
-    """``cli("run", path)``: exit code and output; there is never a traceback."""
-
-    def call(*arguments: object) -> Said:
-        monkeypatch.setattr(sys, "argv", ["mocap-id", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main()
-        out, err = capsys.readouterr()
-        assert "Traceback" not in out + err
-        code = left.value.code
-        assert code is None or isinstance(code, int)
-        return Said(code or 0, out, err)
-
-    return call
+from swinging_link import LABELS, RATE
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from swinging_link import pendulum
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
 from mocap_id_cli.app import loaded
 from mocap_id_cli.commands import COMMANDS, Entry
+from swinging_link import pendulum
 
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "h5py", "numba", "matplotlib", "pydantic", "rich"}
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "equations.md"
-EQUATIONS = {2: 57, 3: 18, 4: 26}
+EQUATIONS = {2: 57, 3: 18, 4: 26, 7: 20}
 ROW = re.compile(r"^\| (\d\.\d+[^|]*)\|", re.MULTILINE)
-NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics)\.[\w.]+)`")
+NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics|prescription)\.[\w.]+)`")
 
 
 def numbers(cell: str):

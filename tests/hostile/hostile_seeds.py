@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-for room in ("recording", "cli"):
-    if str(HERE.parent / room) not in sys.path:
-        sys.path.append(str(HERE.parent / room))
+for room in (HERE.parent, HERE.parent / "recording"):
+    if str(room) not in sys.path:
+        sys.path.append(str(room))
 
 from recording_cases import body, build_c3d, plate_parameters  # noqa: E402
 from swinging_link import LABELS, RATE, pendulum, plate_under  # noqa: E402

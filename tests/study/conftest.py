@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from small_study import NAME, STUDY, Ran, record
 
+from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.study import run
-from mocap_id.workflows.study.performing import Performed
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mocap_id.recording.writing import write_c3d
+from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.simulate import Options, generate
 from mocap_id.workflows.study import Outcome
-from mocap_id.workflows.study.performing import Performed
 
 NAME = "DoeJane"
 """What the person is called, in folder, file names and labels, and nowhere in what is made."""

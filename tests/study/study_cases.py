@@ -12,8 +12,8 @@ import numpy as np
 from mocap_id.config import Person
 from mocap_id.config.study import Landmarks
 from mocap_id.dynamics.predict import Agreement
+from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.study.cases import Case, Parameters, length_reference
-from mocap_id.workflows.study.performing import Performed
 from mocap_id.workflows.transfer import Body
 
 SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")

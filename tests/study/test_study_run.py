@@ -18,9 +18,9 @@ from small_study import NAME, Ran
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder
 from mocap_id.workflows.finished import finished
+from mocap_id.workflows.performing import Here, Performed, perform_all
 from mocap_id.workflows.study import run
 from mocap_id.workflows.study.columns import TABLES
-from mocap_id.workflows.study.performing import Performed, perform_all
 from mocap_id.workflows.transfer import SERIES, apply
 
 
@@ -78,7 +78,7 @@ def test_several_at_a_time_give_the_same(ran: Ran) -> None:
 
     trials = [one.trial for one in ran.outcome.study.trials]
     told: list[Performed] = []
-    side_by_side = perform_all(trials, 2, told.append)
+    side_by_side = perform_all(trials, Here(2), told.append)
     assert list(map(fate, side_by_side)) == list(map(fate, ran.outcome.performed))
     assert sorted(done.trial for done in told) == sorted(trial.name for trial in trials)
 
@@ -96,7 +96,7 @@ class Deadly:
 def test_a_killed_process_is_the_failure_of_its_trials() -> None:
     trials: Any = [Deadly("one"), Deadly("two")]
     told: list[Performed] = []
-    done = perform_all(trials, 2, told.append)
+    done = perform_all(trials, Here(2), told.append)
     assert [(one.trial, one.exit_code, one.key) for one in done] == [("one", 5, None), ("two", 5, None)]
     assert all("fewer --jobs" in (one.message or "") for one in told)
 

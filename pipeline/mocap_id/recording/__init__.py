@@ -11,6 +11,7 @@ from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reading import read
 from mocap_id.recording.seat import Seat, ZeroRule, seat_wrench
 from mocap_id.recording.tables import MotionTable, read_table
+from mocap_id.recording.text_writing import motion_text, trc_text
 from mocap_id.recording.writing import write_c3d, write_trc
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "decimate",
     "describe",
     "doubtful",
+    "motion_text",
     "read",
     "read_angles",
     "read_force_log",
@@ -37,6 +39,7 @@ __all__ = [
     "seat_wrench",
     "standing_mass",
     "to_z_up",
+    "trc_text",
     "write_c3d",
     "write_trc",
 ]

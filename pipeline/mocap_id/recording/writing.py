@@ -12,6 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.text_writing import trc_text
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -71,26 +72,12 @@ def write_trc(path: Path, labels: Sequence[str], positions: FloatArray, rate: fl
     path, labels, positions, rate, first_frame
         As in :func:`write_c3d`.
     """
-    frames, markers = positions.shape[:2]
-    if len(labels) != markers:
-        raise ValueError(f"positions of shape {positions.shape} do not fit {len(labels)} labels")
-    y_up = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1) * 1e3
-    header = [
-        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate:g}\t{rate:g}\t{frames}\t{markers}\tmm\t{rate:g}\t{first_frame}\t{frames}",
-        "Frame#\tTime\t" + "\t\t\t".join(labels),
-        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, markers + 1)),
-        "",
-    ]
-    rows = [
-        f"{first_frame + i}\t{(first_frame - 1 + i) / rate:.9g}\t"
-        + "\t".join("" if np.isnan(value) else f"{value:.5f}" for value in row)
-        for i, row in enumerate(y_up.reshape(frames, -1))
-    ]
+    y_up = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
+    numbers = first_frame + np.arange(len(positions))
+    text = trc_text(path.name, labels, y_up, time=(numbers - 1) / rate, frames=numbers, rate=rate)
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
-        partial.write_text("\n".join([*header, *rows, ""]), encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -15,6 +15,7 @@ from mocap_id import __version__, plain_files
 RUN_LOG = "run.log"
 """In the run folder."""
 
+_NO_VERDICT = "no verdict yet"
 _LARGEST = 1_000_000  # bytes; of a longer log the newer half stays
 
 
@@ -60,9 +61,19 @@ def verdict_line(folder: Path) -> str:
     try:
         verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
     except (OSError, ValueError, KeyError, TypeError):
-        return "no verdict"
+        return _NO_VERDICT
     codes = [reason["code"] for reason in verdict["reasons"] if reason.get("level") != "ok"]
     return ": ".join([f"verdict {verdict['level']}", *([", ".join(codes)] if codes else [])])
+
+
+def last_failure(folder: Path) -> str | None:
+    """How the last run of a folder ended, if not with a verdict or as it was asked to."""
+    try:
+        lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
+    except OSError:
+        return None
+    said = lines[-1].partition(" ")[2] if lines else "verdict"
+    return None if said.startswith(("verdict", _NO_VERDICT)) else said
 
 
 class _Lines(logging.Handler):

@@ -8,7 +8,7 @@ from typing import Any
 
 from mocap_id import plain_files
 from mocap_id.errors import Refused
-from mocap_id.store.atomic import replace_together
+from mocap_id.store.atomic import explained, replace_together
 
 _FILE = ".mocap-id/refusal.json"
 
@@ -34,3 +34,9 @@ def remembered(folder: Path, stage: str, key: str) -> Refused | None:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return refused if refused is not None and isinstance(refused.message, str) else None
+
+
+def forget_refusal(folder: Path) -> None:
+    """Have the stage asked again."""
+    with explained(folder / _FILE):
+        (folder / _FILE).unlink(missing_ok=True)

@@ -172,6 +172,14 @@ class Folder:
                 with explained(path):
                     utime(path, ns=(stamp, stamp))
 
+    def dissolve(self) -> None:
+        """Take the folder away, if nothing is left in it."""
+        with contextlib.suppress(OSError):
+            (self.path / _HIDDEN / "lock").unlink(missing_ok=True)
+            (self.path / _HIDDEN).rmdir()
+            for folder in (*filter(Path.is_dir, self.path.iterdir()), self.path):
+                folder.rmdir()
+
     def _tidy(self, made: Sequence[Path]) -> None:
         """After a run that wrote nothing, take away the folders that it made, innermost first."""
         lock = self.path / _HIDDEN / "lock"

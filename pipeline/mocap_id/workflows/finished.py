@@ -16,8 +16,8 @@ from mocap_id.config import load
 from mocap_id.dynamics.carry import Skeleton
 from mocap_id.dynamics.reference_term import Prior, deviations
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
-from mocap_id.errors import StoreError
 from mocap_id.store import Folder, Table, Tree
+from mocap_id.workflows.run_folder import check_origins
 
 _LAST = "identify-dim"
 _READ = ("wrench.parquet", "chain.h5", "states.parquet", "dynamics.parquet", "dynamics.h5")
@@ -110,7 +110,7 @@ def finished(path: Path, progress: runner.Progress = lambda step: None) -> Finis
 
 def _read(source: Path, path: Path) -> Finished:
     folder = Folder(path)
-    _check_origins(folder)
+    check_origins(path, {file: folder.provenance(file) for file in _READ})
     chain, dynamics = _tree(folder, "chain.h5"), _tree(folder, "dynamics.h5")
     states, wrench = _table(folder, "states.parquet").frame, _table(folder, "wrench.parquet")
     asked = folder.provenance("dynamics.h5").origin.parameters
@@ -154,17 +154,6 @@ def _skeleton(chain: Tree) -> Skeleton:
         segment=_array(chain, "markers", "segment").astype(np.int64),
         local=_array(chain, "markers", "local").astype(np.float64),
     )
-
-
-def _check_origins(folder: Folder) -> None:
-    """StoreError where artefacts of a folder were not made from one another: someone changed a part of a run."""
-    for file in _READ:
-        for needed, content in folder.provenance(file).origin.inputs.items():
-            if needed in _READ and folder.provenance(needed).content != content:
-                raise StoreError(
-                    f"{folder.path / file} was made from another {needed} than the one beside it: run the trial again "
-                    "(`mocap-id run TRIAL.yaml`)"
-                )
 
 
 def _array(tree: Tree, group: str, name: str) -> np.ndarray[Any, Any]:

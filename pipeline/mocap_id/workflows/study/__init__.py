@@ -1,6 +1,6 @@
 """A study: trials of several people by several strategies, and the tables of the thesis's chapter 6 over them.
 
-`performing` runs the trials, `cases` reads what they left, one module a table says what stands in its rows, `columns`
+`cases` reads what the trials left, one module a table says what stands in its rows, `columns`
 what the columns are, `writing` makes files of them, `study` puts it together.
 """
 

@@ -17,7 +17,7 @@ from mocap_id.errors import Refused
 from mocap_id.reporting.contents import SUMMARY_FILE
 from mocap_id.store import Folder, Tree
 from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.study.performing import Performed
+from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.transfer import Body, at_home
 
 SEGMENTS = ("shank", "thigh")

@@ -16,6 +16,7 @@ from mocap_id.reporting.cohort.material import CohortMaterial, TrialEntry
 from mocap_id.reporting.shape import ReasonEntry
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.store.atomic import replace_together
+from mocap_id.workflows.performing import Here, Performed, Tell, perform_all
 from mocap_id.workflows.study import (
     lengths_table,
     models_table,
@@ -27,7 +28,6 @@ from mocap_id.workflows.study import (
 )
 from mocap_id.workflows.study.cases import Case, case
 from mocap_id.workflows.study.columns import TABLES, frame
-from mocap_id.workflows.study.performing import Performed, Tell, perform_all
 
 _VERSION = 1  # raised whenever the same trials would give other tables or another page
 _ROWS: Mapping[str, Callable[[Sequence[Case]], Any]] = {
@@ -93,7 +93,7 @@ def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
     study = load_study(file)
     folder = Folder(study.folder)
     with folder.locked():
-        performed = perform_all([one.trial for one in study.trials], jobs, tell)
+        performed = perform_all([one.trial for one in study.trials], Here(jobs), tell)
         key = _key(study, performed)
         standing = _standing(study.folder, key)
         if standing is not None:

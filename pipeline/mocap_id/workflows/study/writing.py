@@ -32,7 +32,7 @@ def table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
     for name, frame in frames.items():
         whole = conform(Table(TABLES[name], frame))
         files[f"{name}.csv"] = _csv(whole)
-        files[f"{name}.parquet"] = _parquet(whole, TABLES[name])
+        files[f"{name}.parquet"] = parquet(whole, TABLES[name])
     return files
 
 
@@ -105,8 +105,9 @@ def _without_nan(whole: pa.Table) -> Iterator[tuple[str, Any]]:
         yield name, column
 
 
-def _parquet(whole: pa.Table, schema: TableSchema) -> bytes:
-    told = {"schema": f"study/{schema.file}", "schema_version": str(schema.version), "product": __version__}
+def parquet(whole: pa.Table, schema: TableSchema, kind: str = "study") -> bytes:
+    """A table as Parquet, which says of what kind it is, by which schema and product."""
+    told = {"schema": f"{kind}/{schema.file}", "schema_version": str(schema.version), "product": __version__}
     stream = io.BytesIO()
     named = whole.replace_schema_metadata({f"{PREFIX}{key}": text for key, text in told.items()})
     pyarrow.parquet.write_table(named, stream)

@@ -1,0 +1,103 @@
+"""Time of a level set solve beside the `hj_reachability` package, on the same equation and grid, in one run.
+
+    python benchmarks/levelset.py [NODES]
+
+It needs `hj_reachability` (with jax, on the CPU), which is not among this program's dependencies. Both solve the tube
+of states that the joint of docs/prescribe.md reaches within 2 s, with the second-order scheme of each. The first solve
+of either, which compiles, does not count. What is printed is the least of several times, their ratio, and by how much
+the two sets differ.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mocap_id.prescription.level_set import Dynamics, Grid, Scheme, grid_for, reach, solve
+from mocap_id.prescription.one_joint import OneJoint
+
+HORIZON = 2.0
+WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, np.radians(210)
+
+
+def joint() -> Dynamics:
+    """The thesis's arm with a fifth of the strength that it needs, and its spring."""
+    limits = np.radians([-60, 180])
+    one = OneJoint(WEIGHT, 0.0, float(limits[0]), float(limits[1]), -0.2 * WEIGHT, 0.2 * WEIGHT)
+    return Dynamics(one, INERTIA, STIFFNESS, float(REST))
+
+
+def first_set(dynamics: Dynamics, grid: Grid) -> Any:
+    """χ at the beginning: a small ellipse about the equilibrium."""
+    at = dynamics.equilibrium()
+    assert at is not None
+    size = Scheme().radius * grid.steps
+    return np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1]) - 1.0
+
+
+def theirs(dynamics: Dynamics, grid: Grid, first: Any) -> Callable[[], Any]:
+    """The same tube by `hj_reachability`: backwards in time with the motion reversed."""
+    import hj_reachability as hj  # noqa: PLC0415
+    import jax.numpy as jnp  # noqa: PLC0415
+
+    class Reversed(hj.ControlAndDisturbanceAffineDynamics):
+        def __init__(self) -> None:
+            none = hj.sets.Box(jnp.zeros(1), jnp.zeros(1))
+            strength = jnp.array([0.2 * WEIGHT])
+            super().__init__("min", "max", hj.sets.Box(-strength, strength), none)
+
+        def open_loop_dynamics(self, state: Any, _time: Any) -> Any:
+            torque = WEIGHT * jnp.sin(state[0]) + STIFFNESS * (state[0] - REST)
+            return jnp.array([-state[1], torque / INERTIA])
+
+        def control_jacobian(self, _state: Any, _time: Any) -> Any:
+            return jnp.array([[0.0], [1.0 / INERTIA]])
+
+        def disturbance_jacobian(self, _state: Any, _time: Any) -> Any:
+            return jnp.zeros((2, 1))
+
+    axes = (grid.angle, grid.velocity)
+    corners = (jnp.array([axis[0] for axis in axes]), jnp.array([axis[-1] for axis in axes]))
+    lattice = hj.Grid.from_lattice_parameters_and_boundary_conditions(
+        hj.sets.Box(*corners), (len(grid.angle), len(grid.velocity))
+    )
+    settings = hj.SolverSettings.with_accuracy("medium", hamiltonian_postprocessor=hj.solver.backwards_reachable_tube)
+    start, motion = jnp.array(first), Reversed()
+    return lambda: np.asarray(hj.step(settings, motion, lattice, 0.0, start, -HORIZON, progress_bar=False))
+
+
+def least(call: Callable[[], Any], repetitions: int = 5) -> tuple[float, Any]:
+    """Least wall time, s, and the result."""
+    result = call()
+    times = []
+    for _ in range(repetitions):
+        start = time.perf_counter()
+        result = call()
+        times.append(time.perf_counter() - start)
+    return min(times), result
+
+
+def main() -> None:
+    """Print both times."""
+    nodes = int(sys.argv[1]) if len(sys.argv) > 1 else 101
+    dynamics, scheme = joint(), Scheme(nodes, nodes)
+    grid = grid_for(dynamics, scheme, HORIZON)
+    first, free = first_set(dynamics, grid), np.full((len(grid.angle), len(grid.velocity)), -np.inf)
+    whole, plain = least(lambda: solve(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
+    band, _ = least(lambda: reach(dynamics, (HORIZON,), scheme))
+    other, values = least(theirs(dynamics, grid, first))
+    apart = float(np.mean((plain <= 0) != (values <= 0)) / np.mean(plain <= 0))
+    print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, least of 5:")
+    print(f"  mocap-id, where the front is   {band:.3f} s")
+    print(f"  mocap-id, the whole grid       {whole:.3f} s")
+    print(f"  hj_reachability, the same      {other:.3f} s")
+    print(f"  theirs by ours: {other / band:.1f} and {other / whole:.1f}")
+    print(f"  the sets differ in {100 * apart:.1f} % of their states")
+
+
+if __name__ == "__main__":
+    main()

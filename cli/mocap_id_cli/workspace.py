@@ -1,0 +1,83 @@
+"""``mocap-id workspace``: what a recovered chain can reach."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from mocap_id.prescription.overlay import Overlay
+from mocap_id.workflows import workspace as workflow
+from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress
+
+
+def workspace(
+    trial: Annotated[
+        Path,
+        typer.Argument(metavar="TRIAL", help="Trial's YAML or run folder, or a chain's YAML.", show_default=False),
+    ],
+    *,
+    compare: Annotated[
+        Path | None, typer.Option(metavar="TRIAL", help="A later session, to lay over the first.", show_default=False)
+    ] = None,
+    tip: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MARKER", help="Marker of the last segment, or x,y in its frame, m.", show_default="the farthest"
+        ),
+    ] = None,
+    quantile: Annotated[float, typer.Option(help="Share of samples left out at either end of an angle.")] = 0.0,
+    samples: Annotated[int, typer.Option(help="Postures to sample.")] = 10_000,
+    seed: Annotated[int, typer.Option(help="Of the samples.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write JSON, CSV and figures there.", show_default=False)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """What the tip of the chain can reach within the joint limits that were seen: area, or volume in space.
+
+    Forces are not needed. A trial's YAML file is run as far as the joint states; a run folder is taken as it is.
+    """
+    log_to_stderr(quiet, verbose)
+    paths = [trial] if compare is None else [trial, compare]
+    subjects = [workflow.subject(path, tip, quantile, progress(quiet)) for path in paths]
+    reaches = [workflow.measure(subject, samples, seed) for subject in subjects]
+    change = workflow.compare(*reaches) if compare is not None else None
+    later = reaches[1] if compare is not None else None
+    files = () if out is None else workflow.write(out, reaches[0], later, change)
+    if as_json:
+        found = workflow.as_json(reaches[0], later, change)
+        typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+        return
+    for reach in reaches:
+        typer.echo("\n".join(_lines(reach)))
+    if change is not None:
+        typer.echo(_change(change))
+    if files:
+        typer.echo(f"written to {out}: {', '.join(files)}")
+
+
+def _lines(reach: workflow.Reach) -> Iterator[str]:
+    subject, found = reach.subject, reach.workspace
+    kind, unit = ("area", "m²") if subject.arm.dimension == 2 else ("volume", "m³")
+    low, high = found.interval
+    yield f"{subject.name}: {kind} {found.measure:.5f} {unit}, 95 % interval {low:.5f} to {high:.5f}; tip {subject.tip}"
+    bounds = zip(subject.joints, *np.degrees([subject.limits.lower, subject.limits.upper]), strict=True)
+    yield from (f"  {name}: {lower:.1f}° to {upper:.1f}°" for name, lower, upper in bounds)
+    steps = ", ".join(f"{value:.5f} with {count}" for count, _, value in found.convergence)
+    yield f"  samples: {steps}"
+    yield from (f"  note: {note}" for note in subject.notes)
+
+
+def _change(change: Overlay) -> str:
+    unit = "m²" if change.points.shape[1] == 2 else "m³"
+    return (
+        f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
+        f"{change.kept:.5f}; laid over each other at the first joint"
+    )

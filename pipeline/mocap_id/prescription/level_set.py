@@ -1,0 +1,237 @@
+"""What a joint with a spring can reach in a given time: level sets (thesis 7.4.2, eq. 7.12 to 7.20, corrected)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.prescription.one_joint import OneJoint
+from mocap_id.prescription.upwind import Method, Motion, march
+
+CFL = 0.8
+"""Share of the largest stable step."""
+_PAD = 2
+_CAP = 3.0  # radii of the first set: nothing is computed farther from what was reached
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """A joint that swings, with a spring (eq. 7.17).
+
+    Parameters
+    ----------
+    joint : OneJoint
+    inertia : float
+        About the joint, arm and device, kg·m²: I_T.
+    stiffness, rest : float
+        N·m/rad, rad.
+    damping : float
+        N·m·s/rad.
+
+    Raises
+    ------
+    ValueError
+        The inertia is not positive, or stiffness or damping are negative.
+    """
+
+    joint: OneJoint
+    inertia: float
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.inertia > 0:
+            raise ValueError(f"the inertia is {self.inertia:g} kg·m²; expected more than 0")
+        for name, value in (("stiffness", self.stiffness), ("damping", self.damping)):
+            if not value >= 0:
+                raise ValueError(f"the {name} is negative: {value:g}")
+
+    def drift(self, angle: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Acceleration without the person's torque, rad/s²."""
+        torque = self.joint.torque(angle, self.stiffness, self.rest) + self.damping * velocity
+        return np.asarray(-torque / self.inertia)
+
+    def equilibrium(self) -> float | None:
+        """Where the joint rests by itself, rad: stable, and nearest to the middle of the limits; None without one."""
+        grid = np.linspace(self.joint.lower, self.joint.upper, 2001)
+        value = self.joint.torque(grid, self.stiffness, self.rest)
+        stable = np.flatnonzero((value[:-1] <= 0) & (value[1:] > 0))
+        if not len(stable):
+            return None
+        root = grid[stable] - value[stable] * (grid[1] - grid[0]) / (value[stable + 1] - value[stable])
+        middle = 0.5 * (self.joint.lower + self.joint.upper)
+        return float(root[np.abs(root - middle).argmin()])
+
+    def fastest(self) -> float:
+        """A speed, rad/s, that nothing reaches from rest at the equilibrium.
+
+        All torque along all angles, there and back, and the deepest fall of the potential have gone into it.
+        """
+        grid = np.linspace(self.joint.lower, self.joint.upper, 721)
+        force = self.joint.torque(grid, self.stiffness, self.rest)
+        potential = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(grid))])
+        start = self.equilibrium()
+        level = potential.max() if start is None else float(np.interp(start, grid, potential))
+        strength = max(abs(self.joint.torque_low), abs(self.joint.torque_high))
+        work = 2 * strength * (self.joint.upper - self.joint.lower)
+        return float(np.sqrt(2 * (max(level - potential.min(), 0.0) + work) / self.inertia))
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """How the equation is solved.
+
+    Parameters
+    ----------
+    angles, velocities : int
+        Nodes of the grid; velocities are made odd, so that rest is on it.
+    second_order : bool
+        In space and time.
+    friedrichs : bool
+        Lax–Friedrichs rather than Godunov's upwind Hamiltonian.
+    grows_only : bool
+        What was reached stays reached (within the time rather than at it).
+    radius : float
+        Of the set that it starts from, in nodes.
+    """
+
+    angles: int = 121
+    velocities: int = 121
+    second_order: bool = True
+    friedrichs: bool = False
+    grows_only: bool = True
+    radius: float = 2.0
+
+
+@dataclass(frozen=True)
+class Grid:
+    """States: angles (N,), rad, and velocities (M,), rad/s, evenly spaced."""
+
+    angle: FloatArray
+    velocity: FloatArray
+
+    @property
+    def steps(self) -> FloatArray:
+        """(2,): rad and rad/s."""
+        return np.array([self.angle[1] - self.angle[0], self.velocity[1] - self.velocity[0]])
+
+
+@dataclass(frozen=True)
+class Reached:
+    """The reachable set at some times.
+
+    Parameters
+    ----------
+    grid : Grid
+    times : tuple of float
+        s.
+    values : (len(times), N, M) array
+        χ; reached where it is 0 or less.
+    arrival : (N, M) array
+        s; infinite where a state was not reached.
+    """
+
+    grid: Grid
+    times: tuple[float, ...]
+    values: FloatArray
+    arrival: FloatArray
+
+
+def grid_for(dynamics: Dynamics, scheme: Scheme, horizon: float) -> Grid:
+    """All angles of the joint and all velocities that can come about within a time, s."""
+    joint = dynamics.joint
+    angle = np.linspace(joint.lower, joint.upper, scheme.angles)
+    widest = np.abs(dynamics.drift(angle, np.zeros_like(angle))).max()
+    strength = max(abs(joint.torque_low), abs(joint.torque_high)) / dynamics.inertia
+    top = 1.05 * min(dynamics.fastest(), (widest + strength) * horizon)
+    return Grid(angle, np.linspace(-top, top, scheme.velocities | 1))
+
+
+def reach(dynamics: Dynamics, times: Sequence[float], scheme: Scheme = Scheme(), start: float | None = None) -> Reached:
+    """The states that can be reached from rest near an angle, within the joint's limits.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    times : sequence of float
+        At which the set is kept, s, ascending.
+    scheme : Scheme
+    start : float, optional
+        rad; by default the equilibrium.
+
+    Raises
+    ------
+    ValueError
+        There is no equilibrium within the limits, or the times do not ascend from 0.
+    """
+    at = dynamics.equilibrium() if start is None else start
+    if at is None:
+        raise ValueError("the joint has no stable equilibrium within its limits to start from")
+    grid = grid_for(dynamics, scheme, max(times))
+    size = scheme.radius * grid.steps
+    around = np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1])
+    edge = np.maximum(dynamics.joint.lower - grid.angle, grid.angle - dynamics.joint.upper)
+    barrier = np.broadcast_to((edge / size[0])[:, None], around.shape)
+    return solve(dynamics, grid, around - 1.0, barrier, times, scheme, _CAP)
+
+
+def solve(  # noqa: PLR0917
+    dynamics: Dynamics,
+    grid: Grid,
+    first: FloatArray,
+    barrier: FloatArray,
+    times: Sequence[float],
+    scheme: Scheme,
+    cap: float = np.inf,
+) -> Reached:
+    """Advance χ from its first values (N, M) to each of the times; never below the barrier (N, M), nor above the cap.
+
+    Raises
+    ------
+    ValueError
+        The times do not ascend from 0.
+    """
+    ends = np.array([0.0, *times])
+    if np.any(np.diff(ends) <= 0):
+        raise ValueError(f"the times {list(times)} do not ascend from 0")
+    drift = dynamics.drift(grid.angle[:, None], grid.velocity)
+    low = np.ascontiguousarray(drift + dynamics.joint.torque_low / dynamics.inertia)
+    high = np.ascontiguousarray(drift + dynamics.joint.torque_high / dynamics.inertia)
+    motion = Motion(grid.velocity, low, high, grid.steps, np.minimum(barrier, cap))
+    method = Method(CFL, cap, scheme.second_order, scheme.friedrichs, scheme.grows_only)
+    padded = np.pad(np.minimum(np.maximum(first, barrier), cap), _PAD)
+    arrival = np.where(padded[_PAD:-_PAD, _PAD:-_PAD] <= 0, 0.0, np.inf)
+    values = []
+    for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        march(padded, arrival, motion, method, begin, end)
+        values.append(padded[_PAD:-_PAD, _PAD:-_PAD].copy())
+    return Reached(grid, tuple(times), np.stack(values), arrival)
+
+
+def reached_and_held(dynamics: Dynamics, reached: Reached, index: int = -1) -> list[tuple[float, float]]:
+    """Intervals of angles, rad, that are reached at rest by a time and, by eq. 7.8, can be held (table 7.2)."""
+    grid, joint = reached.grid, dynamics.joint
+    row = reached.values[index][:, len(grid.velocity) // 2]
+    return sorted(
+        (max(a, c), min(b, d))
+        for a, b in _negative_runs(grid.angle, row)
+        for c, d in joint.held(dynamics.stiffness, dynamics.rest)
+        if max(a, c) < min(b, d)
+    )
+
+
+def _negative_runs(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
+    """Intervals in which the curve through the points is 0 or less."""
+    below = np.concatenate([[False], y <= 0, [False]])
+    starts, ends = np.flatnonzero(~below[:-1] & below[1:]), np.flatnonzero(below[:-1] & ~below[1:]) - 1
+
+    def crossing(inner: int, outer: int) -> float:
+        if not 0 <= outer < len(x):
+            return float(x[inner])
+        return float(x[inner] + (x[outer] - x[inner]) * y[inner] / (y[inner] - y[outer]))
+
+    return [(crossing(s, s - 1), crossing(e, e + 1)) for s, e in zip(starts.tolist(), ends.tolist(), strict=True)]

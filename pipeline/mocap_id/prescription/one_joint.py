@@ -1,0 +1,132 @@
+"""One joint that gravity pulls and a spring helps: what can be held still (eq. 7.8), and how far it moves.
+
+The torque that holds the joint still is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ; for an arm that hangs
+down at θ = 0, a = mgl and b = 0. What a person can hold is where τ_H is within their limits.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from math import ceil, floor
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+
+_SLACK = 1e-8  # of the torque's size: a limit that is touched is not crossed
+
+
+@dataclass(frozen=True)
+class OneJoint:
+    """A joint, its limits and the person's.
+
+    Parameters
+    ----------
+    sine, cosine : float
+        a and b, N·m; a is mgl of eq. 7.7.
+    lower, upper : float
+        Limits of the angle, rad.
+    torque_low, torque_high : float
+        What the person can do, N·m; negative is extension.
+
+    Raises
+    ------
+    ValueError
+        The limits are crossed, or nothing is there to be held.
+    """
+
+    sine: float
+    cosine: float
+    lower: float
+    upper: float
+    torque_low: float
+    torque_high: float
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise ValueError(
+                f"the limits of the angle are crossed: {np.degrees(self.lower):.1f}° is not below "
+                f"{np.degrees(self.upper):.1f}°"
+            )
+        if not self.torque_low < self.torque_high:
+            raise ValueError(
+                f"the limits of the torque are crossed: {self.torque_low:g} N·m is not below {self.torque_high:g} N·m"
+            )
+        if not 0 < self.weight < np.inf:
+            raise ValueError("there is nothing to hold: mass and lever give no moment of gravity")
+
+    @property
+    def weight(self) -> float:
+        """Largest moment of gravity, N·m: mgl."""
+        return float(np.hypot(self.sine, self.cosine))
+
+    def gravity(self, angle: FloatArray) -> FloatArray:
+        """g(θ), N·m."""
+        return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
+
+    def torque(self, angle: FloatArray, stiffness: float, rest: float) -> FloatArray:
+        """What holds the joint still, N·m (eq. 7.8)."""
+        return self.gravity(angle) + stiffness * (np.asarray(angle) - rest)
+
+    def turning_points(self, stiffness: float) -> FloatArray:
+        """Angles within the limits where the torque has an extremum, rad (eq. 7.9, corrected).
+
+        With a sin θ + b cos θ = mgl sin(θ + φ) they are where cos(θ + φ) = -k/mgl: none for k > mgl.
+        """
+        share = -stiffness / self.weight
+        if share < -1:
+            return np.zeros(0)
+        phase, half = np.arctan2(self.cosine, self.sine), np.arccos(share)
+        found = []
+        for base in (half - phase, -half - phase):
+            first = ceil((self.lower - base) / (2 * np.pi))
+            last = floor((self.upper - base) / (2 * np.pi))
+            found += [base + 2 * np.pi * turn for turn in range(first, last + 1)]
+        return np.unique(found)
+
+    def held(self, stiffness: float, rest: float) -> list[tuple[float, float]]:
+        """Intervals of angles, rad, that a person with this spring can hold, from below."""
+        slack = _SLACK * (self.torque_high - self.torque_low + self.weight)
+        knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)]))
+        found: list[tuple[float, float]] = []
+        for start, end in itertools.pairwise(knots):  # the torque is monotone in between
+            part = self._part(float(start), float(end), stiffness, rest, slack)
+            if part is None:
+                continue
+            if found and part[0] <= found[-1][1]:
+                found[-1] = (found[-1][0], part[1])
+            else:
+                found.append(part)
+        return found
+
+    def widest(self, stiffness: float, rest: float) -> tuple[float, float] | None:
+        """The widest of :meth:`held`; None where nothing is held."""
+        return max(self.held(stiffness, rest), key=lambda part: part[1] - part[0], default=None)
+
+    def _part(
+        self, start: float, end: float, stiffness: float, rest: float, slack: float
+    ) -> tuple[float, float] | None:
+        """What is held of a stretch on which the torque is monotone."""
+        at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
+        low, high = self.torque_low - slack, self.torque_high + slack
+        if max(at_start, at_end) < low or min(at_start, at_end) > high:
+            return None
+
+        def enter(here: float, there: float, value: float) -> float:
+            if low <= value <= high:
+                return here
+            return self._crossing(here, there, low if value < low else high, stiffness, rest)
+
+        return enter(start, end, at_start), enter(end, start, at_end)
+
+    def _crossing(self, here: float, there: float, level: float, stiffness: float, rest: float) -> float:
+        """Where the torque passes a level between two angles, by bisection to rounding."""
+        sign = self.torque(np.array(here), stiffness, rest) > level
+        for _ in range(60):
+            middle = 0.5 * (here + there)
+            if (self.torque(np.array(middle), stiffness, rest) > level) == sign:
+                here = middle
+            else:
+                there = middle
+        return there

@@ -1,0 +1,219 @@
+"""The springs that give several joints most of their functional workspace (eq. 7.6, 7.10, 7.11).
+
+The workspace is counted in cells of the plane: a cell counts when a sampled posture in it can be held with torques
+within the person's limits. Strategy: best-first branch and bound over boxes of stiffnesses and rest angles. For a box,
+each posture's torques lie within intervals (products of intervals are exact at their corners), so the cells that any
+springs of the box could bring are bounded; a box's middle gives springs that are real. The best springs are improved by
+a pattern search now and then. The search ends when no box promises more than the tolerance, or after a number of boxes:
+how much better any springs might be is told as the gap, for these postures.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.prescription.springs import Place, Postures, counted
+
+BOXES = 20_000
+"""Boxes looked at before the search gives up."""
+PENALTY = 1e-4
+"""δ: share of the cells that the largest allowed stiffness must bring."""
+_TOLERANCE = 0.005  # of the cells
+_HELPS = 0.01  # of the cells: less is no help
+
+
+@dataclass(frozen=True)
+class Springs:
+    """The springs found.
+
+    Parameters
+    ----------
+    stiffness, rest : (S,) arrays
+        N·m/rad, rad; NaN rest for a spring that is left out.
+    area, without, reachable : float
+        Of the functional workspace with the springs and without, and of all that the joint limits allow, m².
+    gap : float
+        By how much, at most, the area of other springs could exceed this one, m².
+    boxes : int
+        How many boxes were looked at.
+    helps : bool
+        Whether the springs are worth anything.
+    required_without : bool
+        Whether every required point can be held without springs.
+    """
+
+    stiffness: FloatArray
+    rest: FloatArray
+    area: float
+    without: float
+    reachable: float
+    gap: float
+    boxes: int
+    helps: bool
+    required_without: bool
+
+
+class _Search:
+    """Cells, bounds and worth of springs (S, 2): stiffness and rest angle."""
+
+    def __init__(self, postures: Postures, places: Sequence[Place], torque: FloatArray, penalty: float) -> None:
+        joints = postures.gravity.shape[1]
+        self.postures, self.torque, self.penalty = postures, torque, penalty
+        across = [[j in place.joints for j in range(joints)] for place in places]
+        self.across: BoolArray = np.array(across, dtype=np.bool_).reshape(-1, joints)
+        self.low = np.array([[0.0, place.rest[0]] for place in places]).reshape(-1, 2)
+        self.high = np.array([[place.stiffest, place.rest[1]] for place in places]).reshape(-1, 2)
+        self.boxes = 0
+
+    def cells(self, low: FloatArray, high: FloatArray) -> int:
+        """What springs between two corners may bring."""
+        p = self.postures
+        return counted(p.gravity, p.stretch, p.cell, p.cells, p.required, self.across, self.torque, low, high)
+
+    def price(self, springs: FloatArray) -> float:
+        """δ times the stiffnesses, in cells."""
+        return float(self.penalty * self.postures.cells * np.sum(springs[:, 0] / self.high[:, 0]))
+
+    def worth(self, springs: FloatArray) -> float:
+        """Cells that springs bring, less their price; -inf where a required point is not held."""
+        count = self.cells(springs, springs)
+        return -np.inf if count < 0 else count - self.price(springs)
+
+    def promise(self, low: FloatArray, high: FloatArray) -> float:
+        """No springs of the box are worth more."""
+        self.boxes += 1
+        count = self.cells(low, high)
+        return -np.inf if count < 0 else count - self.price(low)
+
+    def halves(self, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """A box cut across the side that leaves the torques most uncertain."""
+        width = high - low
+        far = np.maximum(
+            np.abs(self.postures.stretch.max(axis=0) - low[:, 1]),
+            np.abs(self.postures.stretch.min(axis=0) - high[:, 1]),
+        )
+        doubt = np.stack([width[:, 0] * far, width[:, 1] * high[:, 0]], axis=1)
+        side = np.unravel_index(int(doubt.argmax()), doubt.shape)
+        middle = 0.5 * (low[side] + high[side])
+        below, above = high.copy(), low.copy()
+        below[side], above[side] = middle, middle
+        return [(low, below), (above, high)]
+
+    def improved(self, springs: FloatArray) -> FloatArray:
+        """Pattern search: steps along every side, halved when none is better."""
+        best, worth = springs.copy(), self.worth(springs)
+        step = 0.1 * (self.high - self.low)
+        for _ in range(12):
+            before = worth
+            for side in np.ndindex(best.shape):
+                for sign in (1.0, -1.0):
+                    trial = best.copy()
+                    trial[side] = np.clip(trial[side] + sign * step[side], self.low[side], self.high[side])
+                    other = self.worth(trial)
+                    if other > worth:
+                        best, worth = trial, other
+            if worth == before:
+                step = 0.5 * step
+        return best
+
+
+def prescribe_several(
+    postures: Postures,
+    places: Sequence[Place],
+    torque: FloatArray,
+    penalty: float = PENALTY,
+    boxes: int = BOXES,
+) -> Springs:
+    """The best springs for several joints.
+
+    Parameters
+    ----------
+    postures : Postures
+    places : sequence of Place
+        Where springs may be; without any it is told what can be held.
+    torque : (n, 2) array
+        The person's limits, N·m.
+    penalty : float
+        δ.
+    boxes : int
+        After which the search gives up.
+
+    Raises
+    ------
+    ValueError
+        No springs hold every required point (or none were found that do).
+    """
+    search = _Search(postures, places, torque, penalty)
+    nothing = np.stack([np.zeros(len(places)), 0.5 * (search.low + search.high)[:, 1]], axis=1)
+    none = search.worth(nothing)
+    free = _free_cells(search, nothing)
+    best, worth, bound = _branch(search, nothing, none, boxes) if places else (nothing, none, none)
+    if worth == -np.inf:
+        why = "none were found that do" if bound > -np.inf else "none do"
+        raise ValueError(f"no springs let the person hold every required point: {why}")
+    size, cells = postures.size, postures.cells
+    helps = worth > max(none, 0.0) + _HELPS * cells or none == -np.inf
+    chosen = best if helps else nothing
+    stiffness = np.where(chosen[:, 0] > 1e-3 * search.high[:, 0], chosen[:, 0], 0.0)
+    count = search.cells(chosen, chosen)
+    return Springs(
+        stiffness=stiffness if helps else np.zeros(len(places)),
+        rest=np.where(stiffness > 0, chosen[:, 1], np.nan) if helps else np.full(len(places), np.nan),
+        area=size * count,
+        without=size * free,
+        reachable=size * cells,
+        gap=size * max(bound - (worth if helps else none), 0.0),
+        boxes=search.boxes,
+        helps=bool(helps),
+        required_without=none > -np.inf,
+    )
+
+
+def _free_cells(search: _Search, nothing: FloatArray) -> int:
+    """Cells held without springs, whether required points are or not."""
+    p = search.postures
+    return counted(
+        p.gravity, p.stretch, p.cell, p.cells + p.required, 0, search.across, search.torque, nothing, nothing
+    )
+
+
+def _branch(search: _Search, start: FloatArray, worth: float, boxes: int) -> tuple[FloatArray, float, float]:
+    """Best springs, their worth, and a bound on that of all."""
+    best, ticket = start, 0
+    queue = [(-search.promise(search.low, search.high), ticket, search.low, search.high)]
+    slack = _TOLERANCE * search.postures.cells
+    while queue and search.boxes < boxes:
+        if -queue[0][0] <= worth + slack:
+            break
+        _, _, low, high = heapq.heappop(queue)
+        for one, other in search.halves(low, high):
+            promise = search.promise(one, other)
+            middle = 0.5 * (one + other)
+            here = search.worth(middle)
+            if here > worth:
+                best, worth = middle, here
+                if here > worth - slack:
+                    best = search.improved(middle)
+                    worth = search.worth(best)
+            if promise > worth + slack:
+                ticket += 1
+                heapq.heappush(queue, (-promise, ticket, one, other))
+    best = search.improved(best) if worth > -np.inf else best
+    worth = search.worth(best) if worth > -np.inf else worth
+    bound = max(worth + (slack if search.boxes > 1 else 0.0), -queue[0][0] if queue else -np.inf)
+    return best, worth, bound
+
+
+def holds(postures: Postures, places: Sequence[Place], torque: FloatArray, springs: Springs) -> BoolArray:
+    """Which postures (N,) can be held with springs that were found."""
+    needed = postures.gravity.copy()
+    for s, place in enumerate(places):
+        if springs.stiffness[s] > 0:
+            pull = springs.stiffness[s] * (postures.stretch[:, s] - springs.rest[s])
+            needed[:, list(place.joints)] += pull[:, None]
+    return np.asarray(np.all((needed >= torque[:, 0]) & (needed <= torque[:, 1]), axis=1))

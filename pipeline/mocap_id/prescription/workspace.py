@@ -1,0 +1,123 @@
+"""The reachable workspace: what the tip of a chain can reach within joint limits, and how well that is known (7.2).
+
+W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the limits, from low-discrepancy samples of Q and an alpha shape of the
+points that they are mapped to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.prescription.alpha_shape import RADIUS_FACTOR, AlphaShape, alpha_shape, covering_radius, enclosed
+from mocap_id.prescription.limits import Limits
+from mocap_id.prescription.reach import Arm
+from mocap_id.prescription.sampling import sample_box, sobol
+
+SAMPLES = 10_000
+"""Postures, as in the thesis."""
+_PARTS = (8, 4, 2, 1)  # of the samples, to show the convergence
+_LEAST = 64  # samples from which there is a shape to speak of
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A reachable workspace.
+
+    Parameters
+    ----------
+    shape : AlphaShape
+        Of the points reached, m.
+    postures : (N, n) array
+        Those that reach them, rad.
+    measure : float
+        Area, m², or volume, m³.
+    interval : (low, high)
+        Of the measure, 95 %.
+    sd : float
+        From limits and dimensions.
+    discretisation : float
+        Largest difference of the measure from those with a half, a quarter and an eighth of the samples. Where a half
+        leaves 1.6 times the error (a curved surface in space), this is three times what remains.
+    convergence : tuple of (samples, radius, measure)
+        With a part of the samples, the last with all of them.
+    """
+
+    shape: AlphaShape
+    postures: FloatArray
+    measure: float
+    interval: tuple[float, float]
+    sd: float
+    discretisation: float
+    convergence: tuple[tuple[int, float, float], ...]
+
+
+def reachable(arm: Arm, limits: Limits, samples: int = SAMPLES, seed: int = 0) -> Workspace:
+    """The reachable workspace of an arm within joint limits.
+
+    The radius of the alpha shape is :data:`~mocap_id.prescription.alpha_shape.RADIUS_FACTOR` times the largest distance
+    from the tip in any of as many other postures to the nearest sample.
+
+    The interval is 1.96 standard deviations from limits and dimensions (each moved by its own, in turn, while the edge
+    of the shape keeps its topology), widened on either side by the discretisation.
+
+    Parameters
+    ----------
+    arm : Arm
+    limits : Limits
+    samples : int
+        Number of postures, at least 512.
+    seed : int
+        Of the samples.
+
+    Raises
+    ------
+    ValueError
+        Too few samples, as many limits as joints are not given, or the tip fills no area (volume).
+    """
+    if samples < _LEAST * max(_PARTS):
+        raise ValueError(f"{samples} samples are too few to show convergence; expected at least {_LEAST * max(_PARTS)}")
+    if limits.dimension != arm.joints:
+        raise ValueError(f"there are limits for {limits.dimension} joints, and the chain has {arm.joints}")
+    postures = sample_box(limits.lower, limits.upper, samples, seed, arm.dimension)
+    points = arm.tips(postures)
+    others = arm.tips(limits.lower + sobol(samples, arm.joints, seed + 1000) * (limits.upper - limits.lower))
+    shapes = [_shape(points[: samples // part], others[: samples // part]) for part in _PARTS]
+    measures = [shape.measure for shape in shapes]
+    discretisation = max(abs(measures[-1] - fewer) for fewer in measures[:-1])
+    sd = _deviation(arm, limits, postures, shapes[-1])
+    reach = 1.96 * sd + discretisation
+    return Workspace(
+        shape=shapes[-1],
+        postures=postures,
+        measure=measures[-1],
+        interval=(max(measures[-1] - reach, 0.0), measures[-1] + reach),
+        sd=sd,
+        discretisation=discretisation,
+        convergence=tuple(
+            (len(shape.points), shape.radius, size) for shape, size in zip(shapes, measures, strict=True)
+        ),
+    )
+
+
+def _shape(points: FloatArray, others: FloatArray) -> AlphaShape:
+    return alpha_shape(points, RADIUS_FACTOR * covering_radius(points, others))
+
+
+def _deviation(arm: Arm, limits: Limits, postures: FloatArray, shape: AlphaShape) -> float:
+    """Standard deviation of the measure from those of limits and dimensions."""
+    facets = shape.boundary()
+    used, corner = np.unique(facets, return_inverse=True)
+    share = (postures[used] - limits.lower) / (limits.upper - limits.lower)
+
+    def measure(moved: Arm, low: FloatArray, high: FloatArray) -> float:
+        points = moved.tips(limits.lower + low + share * (limits.upper + high - limits.lower - low))
+        return float(enclosed(points[corner.reshape(facets.shape)]))
+
+    still = np.zeros(limits.dimension)
+    halves = [measure(arm, step, still) - measure(arm, -step, still) for step in np.diag(limits.lower_sd)]
+    halves += [measure(arm, still, step) - measure(arm, still, -step) for step in np.diag(limits.upper_sd)]
+    halves += [measure(above, still, still) - measure(below, still, still) for above, below in arm.deviations()]
+    return 0.5 * float(np.linalg.norm(halves))

@@ -1,0 +1,101 @@
+"""Text of TRC, MOT and STO files, as OpenSim reads them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from math import isnan
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray, IntArray
+
+_MILLIMETRES = 1e3
+
+
+def trc_text(
+    name: str, labels: Sequence[str], positions: FloatArray, *, time: FloatArray, frames: IntArray, rate: float
+) -> str:
+    """Markers as a TRC file in mm; unseen markers are blank.
+
+    Parameters
+    ----------
+    name : str
+        The file's own name, which its first line repeats.
+    labels : sequence of str, length M
+    positions : (F, M, 3) array
+        m, axes with Y up; NaN where a marker was not seen.
+    time : (F,) array
+        s.
+    frames : (F,) int array
+        Frame numbers.
+    rate : float
+        Frames per second.
+
+    Raises
+    ------
+    ValueError
+        Labels, frames and positions do not fit together.
+    """
+    count, markers = positions.shape[:2]
+    if len(labels) != markers or len(time) != count or len(frames) != count:
+        raise ValueError(f"positions of shape {positions.shape} do not fit {len(labels)} labels, {len(time)} times")
+    first = frames[0] if count else 1
+    header = [
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:.9g}\t{rate:.9g}\t{count}\t{markers}\tmm\t{rate:.9g}\t{first}\t{count}",
+        "Frame#\tTime\t" + "\t\t\t".join(labels),
+        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, markers + 1)),
+        "",
+    ]
+    numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True)
+    rows = [f"{frame}\t{at:.9g}\t{_cells(row)}" for frame, at, row in numbers]
+    return "\n".join([*header, *rows, ""])
+
+
+def _cells(row: Sequence[float]) -> str:
+    """A frame's coordinates; behind a blank last one stands another tab, without which OpenSim misses a column."""
+    cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
+    return f"{cells}\t" if row and isnan(row[-1]) else cells
+
+
+def motion_text(
+    name: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
+) -> str:
+    """A MOT or STO table.
+
+    Parameters
+    ----------
+    name : str
+        What the table is, its first line.
+    columns : sequence of str, length C
+        All but time.
+    values : (T, C) array
+        NaN is written as ``nan``, where OpenSim's own tools stop reading.
+    time : (T,) array
+        s.
+    in_degrees : bool
+        What the header says of angles; the values are written as they are.
+
+    Raises
+    ------
+    ValueError
+        Columns, times and values do not fit together.
+    """
+    if values.shape != (len(time), len(columns)):
+        raise ValueError(f"values of shape {values.shape} do not fit {len(time)} times and {len(columns)} columns")
+    header = [
+        name,
+        "version=1",
+        f"nRows={len(time)}",
+        f"nColumns={len(columns) + 1}",
+        f"inDegrees={'yes' if in_degrees else 'no'}",
+        "endheader",
+        "",
+    ]
+    body = io.StringIO()
+    table = pd.DataFrame(np.column_stack([time, values]), columns=["time", *columns])
+    table.to_csv(body, sep="\t", index=False, float_format="%.10g", na_rep="nan", lineterminator="\n")
+    return "\n".join(header) + body.getvalue()

@@ -1,0 +1,58 @@
+"""Where two runs come from: versions, inputs, settings, artefacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mocap_id.store.schemas import SCHEMAS
+from mocap_id.workflows.compare.difference import Difference, Value, choices, flat
+from mocap_id.workflows.run_folder import RunFolder
+
+_SHOWN = 12  # digits of a hash
+
+
+def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
+    """Versions, the user's files, and settings, of the stages that both have been through."""
+    both = _stages(a) & _stages(b)
+    yield from choices("versions", _versions(a, both), _versions(b, both))
+    yield from choices("inputs", _inputs(a), _inputs(b))
+    yield from choices("settings", _settings(a, both), _settings(b, both))
+
+
+def artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
+    """Hashes of the contents, which hold no provenance."""
+    yield from choices("artefacts", _contents(a), _contents(b))
+
+
+def _contents(run: RunFolder) -> dict[str, Value]:
+    return {file: about.content[:_SHOWN] for file, about in run.provenance.items()}
+
+
+def _stages(run: RunFolder) -> set[str]:
+    return {about.origin.stage for about in run.provenance.values()}
+
+
+def _versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
+    found: dict[str, Value] = {}
+    for file, about in run.provenance.items():
+        if about.origin.stage not in stages:
+            continue
+        found["mocap-id"] = about.origin.product
+        found[f"{about.origin.stage} (stage)"] = about.origin.stage_version
+        found[f"{file} (schema)"] = about.schema_version
+    return found
+
+
+def _inputs(run: RunFolder) -> dict[str, Value]:
+    """Files of the user's, by the content hash that the stages saw."""
+    return {
+        name: content[:_SHOWN]
+        for about in run.provenance.values()
+        for name, content in about.origin.inputs.items()
+        if name not in SCHEMAS
+    }
+
+
+def _settings(run: RunFolder, stages: set[str]) -> dict[str, Value]:
+    asked = (about.origin.parameters for about in run.provenance.values() if about.origin.stage in stages)
+    return {key: value for parameters in asked for key, value in flat(dict(parameters))}

@@ -1,0 +1,73 @@
+"""Time series of two runs on common times: rms of what they differ by."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray
+from mocap_id.store import Column, Table
+from mocap_id.workflows.compare.difference import Difference
+from mocap_id.workflows.run_folder import RunFolder
+
+_STATES = re.compile(r"(d{0,2})theta_\d+")
+_DYNAMICS = re.compile(r"(Fx|Fy|tauz|cop_x)(_model)?|tau_\d+")
+_FILES = (("states.parquet", _STATES), ("dynamics.parquet", _DYNAMICS))
+
+
+def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
+    """rms of angles, velocities, accelerations, wrench and torques in each run, and of their difference.
+
+    The first run's times that lie within the second's, which is interpolated linearly in between.
+    """
+    for file, wanted in _FILES:
+        one, other = a.artefacts.get(file), b.artefacts.get(file)
+        if not isinstance(one, Table) or not isinstance(other, Table):
+            continue
+        units = {column.name: column.unit for group in _groups(one) for column in group}
+        names = [name for name in one.names if wanted.fullmatch(name) and name in other.names]
+        for name in names:
+            unit = units.get(name, units.get(re.sub(r"\d+$", "{k}", name), ""))
+            found = _compared(name, unit, one.frame, other.frame)
+            if found is not None:
+                yield found
+
+
+def _groups(table: Table) -> tuple[tuple[Column, ...], ...]:
+    return (table.schema.columns, table.schema.repeated, *table.schema.optional)
+
+
+def _compared(name: str, unit: str, a: pd.DataFrame, b: pd.DataFrame) -> Difference | None:
+    """None where no time is known in both."""
+    time, own = _columns(a, name)
+    there, values = _columns(b, name)
+    if not len(time) or not len(there):
+        return None
+    inside = (time >= there[0]) & (time <= there[-1])
+    theirs = values if np.array_equal(time, there) else np.interp(time, there, values)
+    both = inside & np.isfinite(own) & np.isfinite(theirs)
+    if not both.any():
+        return None
+    first, second = own[both], theirs[both]
+    apart = _rms(second - first)
+    size = _rms(first)
+    return Difference(
+        "series",
+        name,
+        size,
+        _rms(second),
+        unit,
+        difference=apart,
+        percent=100 * apart / size if size else None,
+    )
+
+
+def _columns(frame: pd.DataFrame, name: str) -> tuple[FloatArray, FloatArray]:
+    return frame["time"].to_numpy(dtype=np.float64), frame[name].to_numpy(dtype=np.float64)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,74 @@
+"""All that ``mocap-id doctor`` does."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from mocap_id import runner
+from mocap_id.config import load
+from mocap_id.errors import MocapIdError
+from mocap_id.workflows.doctor.check import Check
+from mocap_id.workflows.doctor.dependencies import dependencies
+from mocap_id.workflows.doctor.machine import machine
+from mocap_id.workflows.simulate import Options, simulate
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+OPENSIM = "MOCAP_ID_OPENSIM_PYTHON"
+"""Environment variable: a Python that has the `opensim` wheel."""
+
+
+def examine(folder: Path, *, full: bool = False) -> Iterator[Check]:
+    """Look at everything.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the user works.
+    full : bool
+        Simulate a small trial and run the whole pipeline on it, in a folder that goes afterwards.
+    """
+    yield from dependencies()
+    yield from machine(folder)
+    yield browser()
+    yield opensim(folder)
+    if full:
+        yield small_trial()
+
+
+def browser() -> Check:
+    """Chromium, with which the tests look at a report."""
+    found = next((path for path in map(shutil.which, _BROWSERS) if path), None)
+    return Check("browser (optional)", "ok", found or "no Chromium found; only the report's own tests need one")
+
+
+def opensim(folder: Path) -> Check:
+    """A Python with OpenSim, which the tests of the exports ask."""
+    named = os.environ.get(OPENSIM)
+    python = Path(named) if named else folder / ".venv-opensim" / "bin" / "python"
+    if python.is_file():
+        return Check("OpenSim (optional)", "ok", str(python))
+    if named:
+        return Check("OpenSim (optional)", "warn", f"{OPENSIM} names {named}, which is no file", f"correct {OPENSIM}")
+    return Check("OpenSim (optional)", "ok", "not found; only the exports' own tests need it (`make opensim`)")
+
+
+def small_trial() -> Check:
+    """A robot's joint, simulated and run from recording to report."""
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="mocap-id-doctor-") as place:
+        try:
+            options = Options(seed=1, repetitions=2, rate=100.0, analog_rate=500.0)
+            outcome = runner.run(load(Path(simulate("robot", Path(place) / "trial", options))))
+            level = outcome.summary()["verdict"]["level"]
+        except MocapIdError as error:
+            return Check("small trial", "fail", str(error).partition("\n")[0], "please report it")
+        whole = (outcome.folder / "report.html").is_file()
+    found = f"simulated and run in {time.perf_counter() - start:.1f} s, verdict {level}"
+    if level == "refused" or not whole:
+        return Check("small trial", "fail", found, "please report it")
+    return Check("small trial", "ok", found)

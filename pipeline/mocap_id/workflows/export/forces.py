@@ -1,0 +1,179 @@
+"""Forces of the surroundings on the body for OpenSim: a MOT table, and the external loads that name its columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.clock import SampledWrench
+from mocap_id.recording import motion_text
+from mocap_id.reporting.views import Skeleton
+from mocap_id.workflows.export.motions import known_rows
+from mocap_id.workflows.export.names import body_names, legal
+from mocap_id.workflows.export.parts import Parts
+from mocap_id.workflows.export.xml import Element, document, element
+from mocap_id.workflows.run_folder import RunFolder
+
+_COMPONENTS = ("Fx", "Fy", "tauz")
+_AXES = ("x", "y", "z")
+GROUND = "ground_force"
+
+
+@dataclass(frozen=True)
+class Load:
+    """A wrench on one segment.
+
+    Parameters
+    ----------
+    name : str
+        Prefix of its columns.
+    segment : int
+        0 = base.
+    wrench : (T, 3) array
+        Fx, Fy, tauz of the surroundings on the body about the plane-frame origin, N and N·m.
+    """
+
+    name: str
+    segment: int
+    wrench: FloatArray
+
+
+def forces_file(run: RunFolder) -> str:
+    """Name of the forces' file."""
+    return f"{run.name}_grf.mot"
+
+
+def loads_file(run: RunFolder) -> str:
+    """Name of the external loads' file."""
+    return f"{run.name}_external_loads.xml"
+
+
+def forces(run: RunFolder) -> Parts:
+    """``<trial>_grf.mot`` and ``<trial>_external_loads.xml``, in the plane frame.
+
+    The ground's measured wrench at the corrected clock, on the base segment; chair and sensors on their own.
+    """
+    time, found, notes = _loads(run)
+    if not found:
+        return Parts(notes=(*notes, f"mot: no forces: {_why(run)}"))
+    columns = [name for load in found for name in _columns(load.name)]
+    values = np.column_stack([_acting(load.wrench, _threshold(run)) for load in found])
+    rows, lost = known_rows(forces_file(run), values)
+    text = motion_text("forces of the surroundings on the body", columns, values[rows], time=time[rows])
+    parts = Parts({forces_file(run): text.encode()}, (*notes, *lost))
+    tree = run.tree("chain.h5")
+    if tree is None:
+        return parts
+    bodies = body_names(Skeleton.from_tree(tree))
+    return parts + Parts({loads_file(run): _external_loads(run, found, bodies)})
+
+
+def _why(run: RunFolder) -> str:
+    return str(run.facts("wrench.parquet").get("why") or run.why_missing("wrench.parquet"))
+
+
+def _threshold(run: RunFolder) -> float:
+    return float(run.facts("wrench.parquet").get("cop_threshold_N") or 0.0)
+
+
+def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
+    """Times (T,), the loads that are known, and what to say of others."""
+    table = run.frame("dynamics.parquet")
+    table = run.frame("wrench.parquet") if table is None else table
+    if table is None:
+        return np.zeros(0), [], ()
+    time = table["time"].to_numpy(dtype=np.float64)
+    ground: FloatArray = table[list(_COMPONENTS)].to_numpy(dtype=np.float64)
+    if not np.isfinite(ground).all(axis=1).any():
+        return time, [], ()
+    others = list(_others(run))
+    told = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
+    unused = sorted(told - {name for name, _ in others})
+    notes = tuple(f"mot: {name} is left out: the identification did not use it" for name in unused)
+    names = legal((name for name, _ in others), taken=("ground",))
+    return (
+        time,
+        [Load(GROUND, 0, ground), *(Load(f"{names[name]}_force", load.segment, load.wrench) for name, load in others)],
+        notes,
+    )
+
+
+def _others(run: RunFolder) -> Iterator[tuple[str, Load]]:
+    """The chair and the sensors that the identification counted with, at the cameras' times."""
+    table, used = run.frame("wrench.parquet"), run.facts("dynamics.h5").get("external") or ()
+    segments = {str(fact["name"]): int(fact["segment"]) for fact in used}
+    if table is None:
+        return
+    time, offset = table["time"].to_numpy(dtype=np.float64), _applied_offset(run)
+    for fact in run.facts("wrench.parquet").get("external") or ():
+        name = str(fact["name"])
+        if name not in segments:
+            continue
+        wrench: FloatArray = table[[f"{each}_{fact['columns']}" for each in _COMPONENTS]].to_numpy(dtype=np.float64)
+        if fact["clock"] == "plates":
+            wrench = SampledWrench.of(time, wrench)(time - offset)
+        yield name, Load(name, segments[name], wrench)
+
+
+def _applied_offset(run: RunFolder) -> float:
+    """Clock offset of the plates that dynamics.parquet took out, s."""
+    about, offset = run.provenance.get("dynamics.h5"), run.facts("dynamics.h5").get("clock_offset_s")
+    if about is None or offset is None:
+        return 0.0
+    return float(offset) if about.origin.parameters["identify-dim"]["apply_clock_offset"] else 0.0
+
+
+def _columns(name: str) -> list[str]:
+    """``ground_force_vx`` … force, ``_px`` point, ``_mx`` moment about it."""
+    return [f"{name}_{kind}{axis}" for kind in "vpm" for axis in _AXES]
+
+
+def _acting(wrench: FloatArray, threshold: float) -> FloatArray:
+    """Force, point and moment (T, 9) that make up a wrench (T, 3).
+
+    The point is the centre of pressure on y = 0. Where too little force acts for one the point stays where it was,
+    and the moment about it makes up the difference, so that nothing jumps and the wrench is the same throughout.
+    """
+    force, moment = wrench[:, :2], wrench[:, 2]
+    loaded = np.abs(force[:, 1]) > max(threshold, 1e-9)
+    x = np.where(loaded, moment / np.where(loaded, force[:, 1], 1.0), np.nan)
+    at = np.flatnonzero(np.isfinite(x))
+    if len(at):
+        before = np.searchsorted(at, np.arange(len(x)), side="right") - 1
+        x = x[at[np.maximum(before, 0)]]
+    else:
+        x = np.zeros(len(x))
+    zero = np.zeros(len(x))
+    free = np.where(loaded, 0.0 * moment, moment - x * force[:, 1])
+    return np.column_stack([force, zero, x, zero, zero, zero, zero, free])
+
+
+def _external_loads(run: RunFolder, loads: list[Load], bodies: tuple[str, ...]) -> bytes:
+    objects = element(
+        "objects",
+        children=[
+            element(
+                "ExternalForce",
+                name=load.name,
+                children=_force(load, bodies[load.segment]),
+            )
+            for load in loads
+        ],
+    )
+    data = element("datafile", text=forces_file(run))
+    return document(element("ExternalLoads", name=legal([run.name])[run.name], children=[objects, data]))
+
+
+def _force(load: Load, body: str) -> list[Element]:
+    told = {
+        "applied_to_body": body,
+        "force_expressed_in_body": "ground",
+        "point_expressed_in_body": "ground",
+        "force_identifier": f"{load.name}_v",
+        "point_identifier": f"{load.name}_p",
+        "torque_identifier": f"{load.name}_m",
+    }
+    return [element(key, text=value) for key, value in told.items()]

@@ -1,0 +1,115 @@
+"""Inertial parameters as OpenSim wants them, about each body's centre of mass; and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
+from mocap_id.workflows.run_folder import RunFolder
+
+_WIDTH = len(PLANAR_PARAMETERS)
+_LEAST_MASS = 1e-9  # kg: OpenSim loads no chain whose tip has none
+PLACEHOLDER = (1.0, 0.0, 0.0, 0.01)
+"""m, mx, my, Izz of every segment where neither an identification nor a table tells them: OpenSim loads no less."""
+
+
+@dataclass(frozen=True)
+class BodyInertia:
+    """One planar body.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    centre : (float, float)
+        Centre of mass in the segment's frame, m.
+    inertia : float
+        About an axis along z through the centre of mass, kg·m².
+    """
+
+    mass: float
+    centre: tuple[float, float]
+    inertia: float
+
+
+def about_centre(block: FloatArray) -> BodyInertia:
+    """From m, mx, my, Izz about the origin (4,) to the centre of mass: Izz - (mx² + my²) / m.
+
+    A body that can exist has m Izz ≥ mx² + my²; rounding may put one on that limit a hair beyond it.
+
+    Examples
+    --------
+    >>> about_centre(np.array([2.0, 0.0, 1.0, 0.75]))
+    BodyInertia(mass=2.0, centre=(0.0, 0.5), inertia=0.25)
+    """
+    mass, mx, my, inertia = (float(value) for value in block)
+    if mass <= 0.0:
+        return BodyInertia(_LEAST_MASS, (0.0, 0.0), 0.0)
+    return BodyInertia(mass, (mx / mass, my / mass), max(inertia - (mx * mx + my * my) / mass, 0.0))
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Every segment's inertia, base first; whether it says anything of the body; and where it comes from."""
+
+    inertia: tuple[BodyInertia, ...]
+    told: bool
+    source: str
+
+
+def bodies(run: RunFolder, count: int) -> Bodies:
+    """The inertial parameters of a run's ``count`` segments: identified, else from a table, else placeholders."""
+    identified, reference = (_full(run, name, count) for name in ("value", "reference"))
+    if np.isfinite(identified).all():
+        chosen, source = identified, _identified(run)
+    elif np.isfinite(reference).all():
+        chosen, source = reference, _reference(run)
+    else:
+        source = (
+            f"placeholders of {PLACEHOLDER[0]:g} kg a segment, which OpenSim needs to load a chain; none is identified "
+            f"({run.why_missing('dynamics.h5')}). Use this model for kinematics alone"
+        )
+        return Bodies((about_centre(np.array(PLACEHOLDER)),) * count, False, source)
+    return Bodies(tuple(about_centre(block) for block in chosen.reshape(count, _WIDTH)), True, source)
+
+
+def _full(run: RunFolder, name: str, count: int) -> FloatArray:
+    tree = run.tree("dynamics.h5")
+    if tree is None:
+        return np.full(count * _WIDTH, np.nan)
+    group: Any = tree.data["full"]
+    return np.asarray(group[name], dtype=np.float64)
+
+
+def _identified(run: RunFolder) -> str:
+    tree = run.tree("dynamics.h5")
+    assert tree is not None
+    base: Any = tree.data["base"]
+    verdicts = [str(verdict) for verdict in base["verdict"]]
+    names = [str(name) for name in base["name"]]
+    table = run.facts("dynamics.h5").get("reference_table")
+    table = run.facts("dynamics.h5").get("reference_table")
+    rest = "one of the bodies that can exist" if table is None else _table(run)
+    return (
+        f"the {len(names)} base parameters ({_counted(verdicts)}) are identified; how they are shared between m, "
+        f"mx, my and Izz of the segments is not, and follows {rest}. Torques and ground wrench do not depend on it"
+    )
+
+
+def _counted(verdicts: Sequence[str]) -> str:
+    return ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
+
+
+def _reference(run: RunFolder) -> str:
+    why = run.facts("dynamics.h5").get("why") or "no wrench"
+    return f"of {_table(run)}, for the subject's height and mass; none is identified ({why})"
+
+
+def _table(run: RunFolder) -> str:
+    table = run.facts("dynamics.h5").get("reference_table")
+    return "the allometric table" if table is None else f"the allometric table `{table}`"

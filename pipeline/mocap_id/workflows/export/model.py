@@ -1,0 +1,187 @@
+"""The recovered chain as an OpenSim model: bodies, pin joints about z, markers.
+
+OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. The base segment is held to it by a
+planar joint whose three coordinates are locked at zero, so that inverse dynamics tells at them what the ground has to
+exert, less the external loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id import __version__
+from mocap_id.arrays import FloatArray
+from mocap_id.reporting.views import Motion, Skeleton
+from mocap_id.workflows.export.inertia import Bodies, BodyInertia
+from mocap_id.workflows.export.markers import depths, marker_labels
+from mocap_id.workflows.export.names import BASE, body_names, coordinate_names, joint_names, legal
+from mocap_id.workflows.export.xml import Element, document, element, numbers, remark
+from mocap_id.workflows.run_folder import RunFolder
+
+_BASE_COORDINATES = (f"{BASE}_rz", f"{BASE}_tx", f"{BASE}_ty")
+_RADIUS = 0.02  # m, of the cylinder that shows a segment
+_RANGE = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class _Chain:
+    skeleton: Skeleton
+    bodies: tuple[str, ...]
+    inertia: tuple[BodyInertia, ...]
+    lengths: FloatArray  # (n + 1,) from each segment's origin to the next joint or the tip, m
+
+
+def model_file(run: RunFolder) -> str:
+    """Name of the model's file."""
+    return f"{run.name}.osim"
+
+
+def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
+    """The model's file.
+
+    Parameters
+    ----------
+    run : RunFolder
+    skeleton : Skeleton
+        Of its chain.h5.
+    inertia : Bodies
+        Of its segments.
+    """
+    tips = np.vstack([skeleton.centres, skeleton.tip])
+    chain = _Chain(skeleton, body_names(skeleton), inertia.inertia, np.linalg.norm(tips, axis=1))
+    children = [
+        remark(f"Made by mocap-id {__version__} from the trial {run.name}. Ground is the plane frame."),
+        remark(f"Inertial parameters: {inertia.source}."),
+        remark(
+            "Ixx and Iyy play no part in planar motion and are not known: they are set to Izz. "
+            "Centres of mass lie in the plane z = 0."
+        ),
+        element("length_units", text="meters"),
+        element("force_units", text="N"),
+        element("gravity", text=numbers([0.0, -_gravity(run), 0.0])),
+        _set("BodySet", "bodyset", (_body(chain, k) for k in range(len(chain.bodies)))),
+        _set("JointSet", "jointset", (_base_joint(chain), *_joints(run, chain))),
+        _set("MarkerSet", "markerset", _markers(run, chain)),
+    ]
+    return document(element("Model", name=legal([run.name])[run.name], children=children))
+
+
+def _set(tag: str, name: str, objects: Iterator[Element] | Sequence[Element]) -> Element:
+    return element(tag, name=name, children=[element("objects", children=objects)])
+
+
+def _gravity(run: RunFolder) -> float:
+    about = run.provenance.get("dynamics.h5")
+    asked = {} if about is None else about.origin.parameters.get("identify-dim") or {}
+    return float(asked.get("gravity", 9.81))
+
+
+def _body(chain: _Chain, k: int) -> Element:
+    found = chain.inertia[k]
+    children = [
+        element("mass", text=numbers([found.mass])),
+        element("mass_center", text=numbers([*found.centre, 0.0])),
+        element("inertia", text=numbers([found.inertia] * 3 + [0.0] * 3)),
+    ]
+    if k:
+        children.insert(0, element("components", children=[_shown(chain, k)]))
+    return element("Body", name=chain.bodies[k], children=children)
+
+
+def _shown(chain: _Chain, k: int) -> Element:
+    """A cylinder along the segment's y, from its joint to the next one or the tip."""
+    half = chain.lengths[k] / 2
+    cylinder = [
+        element("socket_frame", text=".."),
+        element("radius", text=numbers([_RADIUS])),
+        element("half_height", text=numbers([half])),
+    ]
+    return _offset(
+        f"{chain.bodies[k]}_middle",
+        "..",
+        np.array([0.0, half]),
+        [element("attached_geometry", children=[element("Cylinder", name="stick", children=cylinder)])],
+    )
+
+
+def _offset(name: str, parent: str, at: FloatArray, more: Sequence[Element] = ()) -> Element:
+    return element(
+        "PhysicalOffsetFrame",
+        name=name,
+        children=[
+            *more,
+            element("socket_parent", text=parent),
+            element("translation", text=numbers([*at, 0.0])),
+            element("orientation", text=numbers([0.0] * 3)),
+        ],
+    )
+
+
+def _base_joint(chain: _Chain) -> Element:
+    coordinates = [_coordinate(name, 0.0, (-_RANGE, _RANGE), locked=True) for name in _BASE_COORDINATES]
+    return element(
+        "PlanarJoint",
+        name=BASE,
+        children=[
+            element("socket_parent_frame", text="/ground"),
+            element("socket_child_frame", text=f"/bodyset/{chain.bodies[0]}"),
+            element("coordinates", children=coordinates),
+        ],
+    )
+
+
+def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
+    """Joint j turns segment j about z, at its centre in the frame of the segment before."""
+    first, ranges = _travelled(run, len(chain.skeleton.joints))
+    names = zip(joint_names(chain.skeleton), coordinate_names(chain.skeleton), strict=True)
+    for j, (joint, coordinate) in enumerate(names):
+        parent, frame = chain.bodies[int(chain.skeleton.parents[j])], f"{joint}_centre"
+        yield element(
+            "PinJoint",
+            name=joint,
+            children=[
+                element("socket_parent_frame", text=frame),
+                element("socket_child_frame", text=f"/bodyset/{chain.bodies[j + 1]}"),
+                element("coordinates", children=[_coordinate(coordinate, first[j], ranges[j])]),
+                element("frames", children=[_offset(frame, f"/bodyset/{parent}", chain.skeleton.centres[j])]),
+            ],
+        )
+
+
+def _travelled(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[float, float]]]:
+    """Each joint's first known angle, and a range that holds all its angles with a whole turn around zero, rad."""
+    frame = run.frame("states.parquet")
+    first, ranges = np.zeros(joints), [(-_RANGE, _RANGE)] * joints
+    if frame is None:
+        return first, ranges
+    for j, angles in enumerate(Motion.from_frame(frame).angles.T):
+        known = angles[np.isfinite(angles)]
+        if len(known):
+            first[j] = known[0]
+            ranges[j] = (min(-_RANGE, float(known.min())), max(_RANGE, float(known.max())))
+    return first, ranges
+
+
+def _coordinate(name: str, default: float, span: tuple[float, float], *, locked: bool = False) -> Element:
+    children = [element("default_value", text=numbers([default])), element("range", text=numbers(span))]
+    if locked:
+        children.append(element("locked", text="true"))
+    return element("Coordinate", name=name, children=children)
+
+
+def _markers(run: RunFolder, chain: _Chain) -> Iterator[Element]:
+    """The markers of every segment, in its frame, at their median distance from the plane."""
+    labels, out = marker_labels(run), depths(run)
+    skeleton = chain.skeleton
+    for label, segment, local in zip(skeleton.markers, skeleton.marker_segment, skeleton.local, strict=True):
+        yield element(
+            "Marker",
+            name=labels.get(label, label),
+            children=[
+                element("socket_parent_frame", text=f"/bodyset/{chain.bodies[int(segment)]}"),
+                element("location", text=numbers([*local, out.get(label, 0.0)])),
+            ],
+        )

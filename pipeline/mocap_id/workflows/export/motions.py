@@ -1,0 +1,115 @@
+"""MOT and STO tables of the joints: angles in degrees, states and torques in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.recording import motion_text
+from mocap_id.reporting.views import Motion, Skeleton
+from mocap_id.workflows.export.names import coordinate_names, joint_names
+from mocap_id.workflows.export.parts import Parts
+from mocap_id.workflows.run_folder import RunFolder
+
+WRENCH = ("Fx", "Fy", "tauz")
+
+
+def angles_file(run: RunFolder) -> str:
+    """Name of the joint angles' file."""
+    return f"{run.name}_angles.mot"
+
+
+def angles(run: RunFolder) -> Parts:
+    """``<trial>_angles.mot``: one column a coordinate of the exported model, degrees."""
+    found = _joints(run)
+    if isinstance(found, Parts):
+        return found
+    skeleton, motion = found
+    values = np.degrees(motion.angles)
+    return _table(
+        angles_file(run), "joint angles", coordinate_names(skeleton), values, time=motion.time, in_degrees=True
+    )
+
+
+def states(run: RunFolder) -> Parts:
+    """``<trial>_states.sto`` and ``<trial>_accelerations.sto``, rad, rad/s and rad/s².
+
+    The states' columns have OpenSim's full names, so that a states' trajectory can be made of the file.
+    """
+    found = _joints(run)
+    if isinstance(found, Parts):
+        return found
+    skeleton, motion = found
+    paths = [
+        f"/jointset/{joint}/{coordinate}"
+        for joint, coordinate in zip(joint_names(skeleton), coordinate_names(skeleton), strict=True)
+    ]
+    columns = [*(f"{path}/value" for path in paths), *(f"{path}/speed" for path in paths)]
+    values = np.column_stack([motion.mean[..., 0], motion.mean[..., 1]])
+    kinematics = _table(f"{run.name}_states.sto", "joint states", columns, values, time=motion.time)
+    return kinematics + _table(
+        f"{run.name}_accelerations.sto",
+        "joint accelerations",
+        coordinate_names(skeleton),
+        motion.mean[..., 2],
+        time=motion.time,
+    )
+
+
+def torques(run: RunFolder) -> Parts:
+    """``<trial>_torques.sto``, named as OpenSim's inverse dynamics does, and ``<trial>_wrench.sto``; N, N·m, m."""
+    frame, skeleton = run.frame("dynamics.parquet"), _skeleton(run)
+    if frame is None or skeleton is None:
+        return Parts(notes=(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}",))
+    time = frame["time"].to_numpy(dtype=np.float64)
+    columns = [name for name in (*WRENCH, *(f"{name}_model" for name in WRENCH)) if frame[name].notna().any()]
+    notes: tuple[str, ...] = ()
+    parts = Parts()
+    if columns:
+        parts += _table(f"{run.name}_wrench.sto", "wrench", columns, frame[columns].to_numpy(np.float64), time=time)
+    values = frame[[f"tau_{j}" for j in range(1, len(skeleton.joints) + 1)]].to_numpy(dtype=np.float64)
+    if np.isfinite(values).any():
+        names = [f"{name}_moment" for name in coordinate_names(skeleton)]
+        parts += _table(f"{run.name}_torques.sto", "joint torques", names, values, time=time)
+    else:
+        notes = (f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}",)
+    return parts + Parts(notes=notes)
+
+
+def known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...]]:
+    """Rows (T,) whose cells are all known, and a sentence on the others.
+
+    OpenSim's tools read a table up to its first `nan` and take that for its end without a word, so no such row is
+    written; between the rows around a gap they interpolate.
+    """
+    known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
+    inside = np.flatnonzero(known)
+    within = int(np.sum(~known[inside[0] : inside[-1]])) if len(inside) else 0
+    said = []
+    if not known.all():
+        said.append(f"{file}: rows left out, because a value in them is unknown: {int(np.sum(~known))}")
+    if within:
+        said.append(f"{file}: {within} of them lie between others, and OpenSim interpolates over them")
+    return known, tuple(said)
+
+
+def _table(
+    file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
+) -> Parts:
+    known, notes = known_rows(file, values)
+    text = motion_text(title, columns, values[known], time=time[known], in_degrees=in_degrees)
+    return Parts({file: text.encode()}, notes)
+
+
+def _skeleton(run: RunFolder) -> Skeleton | None:
+    tree = run.tree("chain.h5")
+    return None if tree is None else Skeleton.from_tree(tree)
+
+
+def _joints(run: RunFolder) -> tuple[Skeleton, Motion] | Parts:
+    skeleton, frame = _skeleton(run), run.frame("states.parquet")
+    if skeleton is None or frame is None:
+        return Parts(notes=(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}",))
+    return skeleton, Motion.from_frame(frame)

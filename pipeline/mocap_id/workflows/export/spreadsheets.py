@@ -1,0 +1,140 @@
+"""CSV tables: one row a frame, units in every header."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from mocap_id.reporting.views import Dynamics, Skeleton
+from mocap_id.store import Table, TableSchema
+from mocap_id.workflows.export.parts import Parts
+from mocap_id.workflows.run_folder import RunFolder
+
+_STATES = {
+    "theta": "angle",
+    "dtheta": "velocity",
+    "ddtheta": "acceleration",
+    "dddtheta": "jerk",
+    "sd_theta": "angle sd",
+    "sd_dtheta": "velocity sd",
+    "sd_ddtheta": "acceleration sd",
+    "observed": "observed",
+}
+
+
+def spreadsheets(run: RunFolder) -> Parts:
+    """``<trial>_markers.csv``, and likewise states, dynamics, skeleton, parameters and events.
+
+    Those whose artefact is there. Unknown cells are empty.
+    """
+    tables = {
+        "markers": _markers(run),
+        "states": _states(run),
+        "dynamics": _dynamics(run),
+        "skeleton": _skeleton(run),
+        "parameters": _parameters(run),
+        "events": _artefact(run, "events.parquet"),
+    }
+    sources = {"markers": "planar.parquet", "states": "states.parquet", "skeleton": "chain.h5"}
+    missing = [name for name, table in tables.items() if table is None]
+    notes = tuple(f"csv: no {name}: {run.why_missing(sources.get(name, 'dynamics.h5'))}" for name in missing)
+    files = {
+        f"{run.name}_{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
+        for name, table in tables.items()
+        if table is not None
+    }
+    return Parts(files, notes)
+
+
+def _headed(name: str, unit: str) -> str:
+    return name if unit in ("", "1") else f"{name} ({unit})"
+
+
+def _units(schema: TableSchema) -> dict[str, str]:
+    """Units by column; a repeated one by what stands before its number."""
+    groups = (schema.columns, schema.repeated, *schema.optional)
+    return {column.name.replace("{k}", ""): column.unit for group in groups for column in group}
+
+
+def _unit(name: str, units: Mapping[str, str]) -> str:
+    return units.get(name, units.get(name.rstrip("0123456789"), ""))
+
+
+def _artefact(run: RunFolder, file: str) -> pd.DataFrame | None:
+    """An artefact's columns under their own names, with their units."""
+    table = run.artefacts.get(file)
+    if not isinstance(table, Table):
+        return None
+    units = _units(table.schema)
+    return table.frame.rename(columns=lambda name: _headed(str(name), _unit(str(name), units)))
+
+
+def _markers(run: RunFolder) -> pd.DataFrame | None:
+    frame = run.frame("planar.parquet")
+    if frame is None:
+        return None
+    labels = [str(label) for label in frame["marker"].iloc[: frame["marker"].nunique()]]
+    count = len(labels)
+    columns = {"frame": frame["frame"].to_numpy()[::count], "time (s)": frame["time"].to_numpy()[::count]}
+    values = {axis: frame[axis].to_numpy().reshape(-1, count) for axis in "xyz"}
+    columns |= {f"{label} {axis} (m)": values[axis][:, k] for k, label in enumerate(labels) for axis in "xyz"}
+    return pd.DataFrame(columns)
+
+
+def _states(run: RunFolder) -> pd.DataFrame | None:
+    table, tree = run.artefacts.get("states.parquet"), run.tree("chain.h5")
+    if not isinstance(table, Table) or tree is None:
+        return None
+    units, columns = _units(table.schema), {"time (s)": table.frame["time"]}
+    for j, joint in enumerate(Skeleton.from_tree(tree).joints, start=1):
+        for symbol, word in _STATES.items():
+            columns[_headed(f"{joint} {word}", units[f"{symbol}_"])] = table.frame[f"{symbol}_{j}"]
+    return pd.DataFrame(columns)
+
+
+def _dynamics(run: RunFolder) -> pd.DataFrame | None:
+    """The wrench measured and modelled, with torques under their joints' names; what planarise found where refused."""
+    found = _artefact(run, "dynamics.parquet")
+    if found is None:
+        return _artefact(run, "wrench.parquet")
+    tree = run.tree("chain.h5")
+    joints = () if tree is None else Skeleton.from_tree(tree).joints
+    for j, joint in enumerate(joints, start=1):
+        names = {f"tau_{j} (N*m)": f"{joint} torque (N*m)", f"sd_tau_{j} (N*m)": f"{joint} torque sd (N*m)"}
+        found = found.rename(columns=names)
+    return found
+
+
+def _skeleton(run: RunFolder) -> pd.DataFrame | None:
+    """One row a joint; the length is that of the segment that it moves, which the last one has none of."""
+    tree = run.tree("chain.h5")
+    if tree is None:
+        return None
+    chain = Skeleton.from_tree(tree)
+    lengths, sds = ([*values, float("nan")] for values in (chain.lengths, chain.lengths_sd))
+    return pd.DataFrame(
+        {
+            "joint": chain.joints,
+            "in the frame of": [chain.segments[int(parent)] for parent in chain.parents],
+            "x (m)": chain.centres[:, 0],
+            "y (m)": chain.centres[:, 1],
+            "x sd (m)": chain.centre_sd[:, 0],
+            "y sd (m)": chain.centre_sd[:, 1],
+            "arc (rad)": chain.arc,
+            "moves": chain.segments[1:],
+            "length (m)": lengths,
+            "length sd (m)": sds,
+        }
+    )
+
+
+def _parameters(run: RunFolder) -> pd.DataFrame | None:
+    tree = run.tree("dynamics.h5")
+    if tree is None:
+        return None
+    found = Dynamics.from_tree(tree)
+    verdicts = found.verdicts or ("",) * len(found.names)
+    return pd.DataFrame(
+        {"base parameter": found.names, "value": found.value, "sd": found.sd, "unit": found.units, "verdict": verdicts}
+    )

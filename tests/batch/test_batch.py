@@ -1,0 +1,151 @@
+"""A batch goes through whatever happens to one of its trials, wherever they are run, and always to the same results."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from batch_cases import Deadly, trials
+
+from mocap_id.config import load
+from mocap_id.errors import ConfigError
+from mocap_id.workflows.batch import Batch, find, run
+from mocap_id.workflows.performing import NOT_RUN, Dask, Engine, Here, Performed, perform_all
+
+distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
+NAMES = ("a", "b", "c")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    quiet = {"dashboard_address": ":0", "silence_logs": 50, "processes": True}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Batch]:
+    """Three trials and one whose recording is missing, one after the other in this process."""
+    folder = tmp_path_factory.mktemp("here")
+    trials(folder, NAMES)
+    (folder / "gone.yaml").write_text("trial: gone\nrecording: nowhere.trc\n")
+    return folder, run([str(folder)], folder / "batch.parquet")
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """The key of every trial's report: it changes with whatever the trial's results tell."""
+    return {done.trial: str(done.key) for done in perform_all(find([str(folder)])[0], Here())}
+
+
+def test_one_failure_stops_no_other(here: tuple[Path, Batch]) -> None:
+    folder, done = here
+    table = pd.read_parquet(folder / "batch.parquet")
+    assert dict(zip(table["trial"], table["verdict"], strict=True)) == dict.fromkeys(NAMES, "caution") | {
+        "gone": "failed"
+    }
+    assert list(table["exit_code"]) == [one["exit_code"] for one in done.rows] == [0, 0, 0, 3]
+    assert list(table["segments"].dropna()) == [2, 2, 2]
+    assert "nowhere.trc" in done.messages[3]
+    assert "nowhere.trc" not in table["message"][3]
+    assert done.failed == [3]
+    assert table["folder"][0] == str(Path("runs") / "a")
+
+
+def test_again_all_is_reused(here: tuple[Path, Batch]) -> None:
+    folder, _ = here
+    again = run([str(folder)], folder / "again.parquet")
+    assert not any(one["computed"] for one in again.rows)
+
+
+@pytest.mark.parametrize("where", ["processes", "cluster"])
+def test_the_same_wherever_it_is_run(here: tuple[Path, Batch], cluster: Any, tmp_path: Path, where: str) -> None:
+    trials(tmp_path, NAMES)
+    engine: Engine = Here(2) if where == "processes" else Dask(cluster.scheduler_address)
+    told: list[Performed] = []
+    done = run([str(tmp_path)], tmp_path / "batch.parquet", engine=engine, tell=told.append)
+    assert [one["exit_code"] for one in done.rows] == [0, 0, 0]
+    assert sorted(one.trial for one in told) == list(NAMES)
+    before = contents(here[0])
+    assert contents(tmp_path) == {name: before[name] for name in NAMES}
+
+
+def test_a_worker_killed_in_the_middle(cluster: Any, tmp_path: Path) -> None:
+    trials(tmp_path, NAMES)
+    killed: list[int] = []
+
+    def kill(done: Performed) -> None:
+        if not killed:
+            worker = next(iter(cluster.workers.values()))
+            killed.append(worker.pid)
+            os.kill(worker.process.pid, signal.SIGKILL)
+
+    done = run([str(tmp_path)], tmp_path / "batch.parquet", engine=Dask(cluster.scheduler_address), tell=kill)
+    assert killed
+    assert [one["exit_code"] for one in done.rows] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("where", ["processes", "cluster"])
+def test_a_trial_that_takes_its_process_along(cluster: Any, tmp_path: Path, where: str) -> None:
+    well = [load(file) for file in trials(tmp_path, NAMES[:1])]
+    engine: Engine = Here(2) if where == "processes" else Dask(cluster.scheduler_address)
+    asked: Any = [Deadly("deadly"), *well]
+    done = perform_all(asked, engine)
+    assert [(one.trial, one.exit_code) for one in done] == [("deadly", 5), ("a", 0)]
+    assert "killed" in (done[0].message or "")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_stopping_at_the_first_failure(tmp_path: Path, jobs: int) -> None:
+    files = trials(tmp_path, NAMES)
+    files[0].write_text(files[0].read_text().replace("link", "nowhere"))
+    done = perform_all([load(file) for file in files], Here(jobs), on_error="stop")
+    codes = [one.exit_code for one in done]
+    assert codes[0] == 3
+    assert codes[-1] == NOT_RUN
+    assert codes.count(NOT_RUN) >= (2 if jobs == 1 else 1)
+
+
+def test_an_interrupted_batch_goes_on(tmp_path: Path) -> None:
+    trials(tmp_path, NAMES)
+
+    def interrupt(done: Performed) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run([str(tmp_path)], tmp_path / "batch.parquet", tell=interrupt)
+    assert not (tmp_path / "batch.parquet").exists()
+    done = run([str(tmp_path)], tmp_path / "batch.parquet")
+    assert [one["computed"] for one in done.rows] == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("engine", "told"),
+    [
+        (Dask(cluster={"kind": "mainframe"}), "expected one of local, ssh, slurm"),
+        (Dask(cluster={"kind": "local", "wrkers": 2}), "wrkers"),
+        (Dask("nonsense"), "no Dask scheduler answers"),
+    ],
+)
+def test_an_engine_that_cannot_be_had(tmp_path: Path, engine: Engine, told: str) -> None:
+    trials(tmp_path, NAMES[:2])
+    with pytest.raises(ConfigError, match=told):
+        run([str(tmp_path)], tmp_path / "batch.parquet", engine=engine)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_command(cli: Callable[..., Any], here: tuple[Path, Batch], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, _ = here
+    monkeypatch.chdir(folder)
+    said = cli("batch", ".")
+    assert said.code == 1
+    assert "4 trials: 3 caution, 1 failed" in said.out
+    assert "nowhere.trc: no such file" in said.out
+    assert json.loads(cli("batch", "?.yaml", "--json").out)[0]["verdict"] == "caution"
+    assert cli("batch", ".", "--jobs", "2", "--scheduler", "tcp://x:1").code == 2
+    assert cli("batch", ".", "--out", "table.csv").code == 2

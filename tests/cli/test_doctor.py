@@ -1,0 +1,112 @@
+"""`mocap-id doctor` on this installation, and on broken ones."""
+
+from __future__ import annotations
+
+import json
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from mocap_id.workflows.doctor import Check, examining, machine
+from mocap_id.workflows.doctor.check import release
+from mocap_id.workflows.doctor.dependencies import dependencies, package
+
+
+def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = cli("doctor")
+    assert said.code == 0, said.out
+    assert said.out.endswith("mocap-id works here\n")
+    for name in ("Python", "numpy", "ruamel", "HDF5", "Parquet", "compiler", "disk", "OpenSim"):
+        assert name in said.out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_json_holds_every_check(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = json.loads(cli("doctor", "--json").out)
+    assert {check["level"] for check in found} <= {"ok", "warn"}
+    assert all(check["advice"] for check in found if check["level"] != "ok")
+
+
+def test_every_dependency_is_looked_at() -> None:
+    wanted = [line for line in metadata.requires("mocap-id") or [] if "extra ==" not in line]
+    names = [check.name for check in dependencies()]
+    assert len(names) == len(wanted) + 2  # Python and mocap-id itself
+    assert all(any(line.startswith(name) for name in names) for line in wanted)
+
+
+def test_a_package_that_is_missing_old_or_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    missing = package("no-such-package-anywhere", "1.0")
+    assert (missing.level, missing.found) == ("fail", "not installed")
+    assert "pip install 'no-such-package-anywhere>=1.0'" in missing.advice
+    old = package("numpy", "999.0")
+    assert old.level == "fail"
+    assert "at least 999.0" in old.found
+
+    def broken(name: str) -> None:
+        raise OSError("libfoo.so: cannot open")
+
+    monkeypatch.setattr("importlib.import_module", broken)
+    assert "libfoo.so" in package("numpy", "1.0").found
+
+
+@pytest.mark.parametrize(
+    ("newer", "older"), [("1.10", "1.9"), ("2.0", "2.0rc1"), ("3", "2.99.9"), ("0.61.2", "0.61"), ("1.0.post1", "1.0")]
+)
+def test_versions_are_ordered(newer: str, older: str) -> None:
+    assert release(newer) >= release(older)
+
+
+def test_a_failure_is_told_with_exit_code_1(cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(examining, "machine", lambda folder: iter([Check("disk", "fail", "full", "make room")]))
+    said = cli("doctor")
+    assert said.code == 1
+    assert "does not work: disk" in said.out
+    assert "to do: make room" in said.out
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    found = list(machine.files(tmp_path / "nowhere"))
+    assert [check.level for check in found] == ["fail"]
+    assert "out:" in found[0].advice
+
+
+def test_a_full_disk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    usage = type("Usage", (), {"free": 5e7})
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: usage)
+    assert machine.room(tmp_path).level == "fail"
+
+
+def test_threads_that_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "8")
+    assert machine.threads().level == "warn"
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
+    assert machine.threads().level == "ok"
+
+
+def test_an_opensim_that_is_named_but_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MOCAP_ID_OPENSIM_PYTHON", str(tmp_path / "python"))
+    assert examining.opensim(tmp_path).level == "warn"
+    monkeypatch.delenv("MOCAP_ID_OPENSIM_PYTHON")
+    assert examining.opensim(tmp_path).level == "ok"
+
+
+def test_a_small_trial_runs() -> None:
+    found = examining.small_trial()
+    assert found.level == "ok", found
+
+
+def test_explain_by_the_command_line(cli) -> None:
+    assert "segments are doubtful" in cli("explain", "segments-unsure").out
+    assert json.loads(cli("explain", "4", "--json").out)["code"] == "exit-4"
+    assert len(cli("explain").out.splitlines()) == len(json.loads(cli("explain", "--json").out))
+    said = cli("explain", "segment-unsure")
+    assert (said.code, said.out) == (2, "")
+    assert "segments-unsure" in said.err
+
+
+def test_completion_can_be_installed(cli) -> None:
+    assert "--install-completion" in cli("--help").out

@@ -1,0 +1,135 @@
+"""Sample trials that have run, exported once for all the tests that look at the files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mocap_id.config import load
+from mocap_id.recording import write_c3d
+from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.runner import run
+from mocap_id.workflows.export import FORMATS, Exported, export
+from mocap_id_cli.__main__ import main
+
+RATE = 100.0
+G = 9.81
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run and its export."""
+
+    run: Path
+    folder: Path
+    exported: Exported
+    name: str
+
+    def file(self, ending: str) -> Path:
+        return self.folder / f"{self.name}{ending}"
+
+    def table(self, name: str) -> pd.DataFrame:
+        return pd.read_parquet(self.run / f"{name}.parquet")
+
+
+def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
+    """Markers (F, M, 3) m, Z up, of two links on a still base, one vanishing for a while, and the plate under them."""
+    rng = np.random.default_rng(4)
+    time = np.arange(600) / RATE
+    q = np.column_stack([0.5 * np.sin(3.1 * time), 0.7 * np.sin(4.7 * time + 1)])
+    base = np.array([[0.2, 0.1, 0.0], [-0.2, 0.1, 0.02], [0.2, -0.1, 0.05], [-0.2, -0.1, 0.0]])
+    points = [np.broadcast_to(base, (len(time), 4, 3))]
+    pivot, angle = np.tile([0.0, 0.3], (len(time), 1)), np.zeros(len(time))
+    load = np.zeros((len(time), 2))
+    for k, length in enumerate((0.4, 0.35)):
+        angle = angle + q[:, k]
+        along = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+        across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        local = np.array([[0.03, 0.1], [-0.03, 0.2], [0.04, length - 0.05], [-0.02, length]])
+        at = pivot[:, None] + local[:, 0, None] * across[:, None] + local[:, 1, None] * along[:, None]
+        depth = np.broadcast_to([0.03, -0.02, 0.01, -0.03], at.shape[:2])
+        points.append(np.stack([at[..., 0], depth, at[..., 1]], axis=-1))
+        middle = pivot + along * length / 2
+        acceleration = np.gradient(np.gradient(middle, 1 / RATE, axis=0), 1 / RATE, axis=0)
+        load += 4.0 * (acceleration + np.array([0.0, G]))
+        pivot = pivot + along * length
+    markers = np.concatenate(points, axis=1)
+    markers = markers + rng.normal(scale=3e-4, size=markers.shape)
+    markers[200:230, 6] = np.nan
+    markers[300:310, -1] = np.nan  # the last column of a file, where a blank is easily lost
+    labels = ("B 1", "B2", "B3", "B4", "L1", "L2", "L3", "L4", "M1", "M2", "M3", "M4")
+    return labels, markers, plate(load)
+
+
+def plate(load: np.ndarray) -> PlateSignals:
+    """A plate that carries a load (F, 2), N, at its centre."""
+    corners = np.array([[0.3, -0.3, 0], [-0.3, -0.3, 0], [-0.3, 0.3, 0], [0.3, 0.3, 0]])
+    channels = np.zeros((len(load), 6))
+    channels[:, 0], channels[:, 2] = -load[:, 0], -load[:, 1]
+    return PlateSignals(2, np.repeat(channels, 10, axis=0), np.array([0.0, 0.0, -0.02]), corners, 10 * RATE)
+
+
+@pytest.fixture(scope="session")
+def links(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """The run folder of the two links, with or without their plate, with more keys of a trial's file."""
+    done: dict[str, Path] = {}
+
+    def made(with_plate: bool = True, **keys: Any) -> Path:
+        name = json.dumps([with_plate, keys])
+        if name not in done:
+            folder = tmp_path_factory.mktemp("links")
+            labels, markers, under = two_links()
+            write_c3d(folder / "t.c3d", labels, markers, RATE, plates=(under,) if with_plate else ())
+            trial = {"trial": "two-links", "recording": "t.c3d", "protocol": "free", **keys}
+            (folder / "t.yaml").write_text(json.dumps(trial))
+            done[name] = run(load(folder / "t.yaml")).folder
+        return done[name]
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Done]:
+    """The two links in every format."""
+    done: dict[bool, Done] = {}
+
+    def made(with_plate: bool = True) -> Done:
+        if with_plate not in done:
+            out = tmp_path_factory.mktemp("exported")
+            done[with_plate] = Done(links(with_plate), out, export(links(with_plate), tuple(FORMATS), out), "two-links")
+        return done[with_plate]
+
+    return made
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+    """``cli("export", folder, …)``: exit code and output; there is never a traceback."""
+
+    def call(*arguments: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["mocap-id", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return Said(int(left.value.code or 0), out, err)
+
+    return call

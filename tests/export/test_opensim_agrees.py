@@ -1,0 +1,127 @@
+"""OpenSim itself on what is exported: an independent program for the chain's geometry and its dynamics.
+
+Needs a Python with the `opensim` wheel in an environment of its own (`make opensim`, or MOCAP_ID_OPENSIM_PYTHON).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mocap_id.config import load
+from mocap_id.runner import run_to
+from mocap_id.workflows.export import export
+from mocap_id.workflows.simulate import Options, simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+ORACLE = Path(__file__).with_name("opensim_oracle.py")
+FORMATS = ("trc", "mot", "sto", "osim")
+pytestmark = pytest.mark.external
+
+
+@pytest.fixture(scope="module")
+def opensim() -> Callable[..., dict[str, Any]]:
+    """What OpenSim makes of an export, ``opensim(folder, trial, markers_file)``."""
+    python = Path(os.environ.get("MOCAP_ID_OPENSIM_PYTHON", ROOT / ".venv-opensim" / "bin" / "python"))
+    if not python.is_file():
+        pytest.skip(f"no Python with OpenSim at {python}: `make opensim`, or set MOCAP_ID_OPENSIM_PYTHON")
+
+    def ask(folder: Path, trial: str, *markers: str) -> dict[str, Any]:
+        answer = folder / "opensim.json"
+        command = [str(python), str(ORACLE), str(folder), trial, str(answer), *markers]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        return dict(json.loads(answer.read_text()))
+
+    return ask
+
+
+def angle_errors(answer: dict[str, Any], states: pd.DataFrame) -> np.ndarray:
+    """OpenSim's angles less ours (T, n), degrees."""
+    names = [name for name in answer["kinematics"] if name.endswith("_angle")]
+    assert len(answer["kinematics"]["time"]) == len(states)
+    theirs = np.column_stack([answer["kinematics"][name] for name in names])
+    return theirs - np.degrees(states[[f"theta_{j}" for j in range(1, len(names) + 1)]].to_numpy())
+
+
+def force_errors(answer: dict[str, Any], dynamics: pd.DataFrame, key: str = "dynamics") -> dict[str, np.ndarray]:
+    """OpenSim's generalised forces less ours at its times: torques, and the base's need less the measured wrench."""
+    found, time = answer[key], np.array(answer[key]["time"])
+    tool = key == "tool"
+    joints = [name for name in answer["kinematics"] if name.endswith("_angle")]
+    errors = {}
+    for j, name in enumerate(joints, start=1):
+        ours = np.interp(time, dynamics["time"], dynamics[f"tau_{j}"])
+        errors[name] = np.array(found[f"{name}_moment" if tool else name]) - ours
+    for coordinate, ending, component in (("tx", "force", "Fx"), ("ty", "force", "Fy"), ("rz", "moment", "tauz")):
+        ours = dynamics[f"{component}_model"] - dynamics[component]
+        theirs = np.array(found[f"base_{coordinate}_{ending}" if tool else f"base_{coordinate}"])
+        errors[component] = theirs - np.interp(time, dynamics["time"], ours)
+    return {name: error[5:-5] for name, error in errors.items()}  # at the ends splines and clocks reach outside
+
+
+def test_a_small_chain(exported, opensim) -> None:
+    done = exported()
+    answer = opensim(done.folder, done.name)
+    assert answer["bodies"] == 3
+    assert answer["markers"] == 12
+    errors = angle_errors(answer, done.table("states"))
+    assert np.sqrt(np.mean(errors**2)) < 0.1
+    forces = force_errors(answer, done.table("dynamics"))
+    assert max(float(np.abs(error).max()) for error in forces.values()) < 1e-4
+
+
+def test_a_chain_without_forces_loads_too(exported, opensim) -> None:
+    done = exported(False)
+    answer = opensim(done.folder, done.name, f"{done.name}_model.trc")
+    assert np.abs(angle_errors(answer, done.table("states"))).max() < 0.001
+
+
+@pytest.fixture(scope="module")
+def chair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A sit-to-stand whose chair stands on a plate of its own: run folder and files."""
+    out = tmp_path_factory.mktemp("chair")
+    options = Options(seed=11, repetitions=1, rate=60.0, analog_rate=240.0, seat_plate=True)
+    yaml = simulate("sit-to-stand", out / "recording", options)
+    folder = run_to(load(Path(yaml)), "identify-dim").folder
+    export(folder, FORMATS, out / "files")
+    return folder, out / "files"
+
+
+def test_a_person_on_a_chair_that_is_measured(chair, opensim) -> None:
+    """Kinematics from measured markers; dynamics with ground and chair as external loads."""
+    folder, files = chair
+    trial = next(files.glob("*.osim")).stem
+    states, dynamics = (pd.read_parquet(folder / f"{name}.parquet") for name in ("states", "dynamics"))
+    assert "Fy_external" in dynamics
+    answer = opensim(files, trial)
+    errors = angle_errors(answer, states)
+    assert np.sqrt(np.mean(errors**2, axis=0)).max() < 0.2
+    forces = force_errors(answer, dynamics)
+    assert max(float(np.nanmax(np.abs(error))) for error in forces.values()) < 1e-4
+    assert set(answer["tool"]) >= {f"{name}_moment" for name in answer["kinematics"] if name.endswith("_angle")}
+    tool = force_errors(answer, dynamics, "tool")
+    assert max(float(np.nanmax(np.abs(tool[name]))) for name in tool) < 0.1
+
+
+def test_a_robots_joint_within_a_fifth_of_a_degree_throughout(
+    opensim, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """From measured markers, frame by frame, against states that were smoothed."""
+    out = tmp_path_factory.mktemp("robot")
+    yaml = simulate("robot", out / "recording", Options(seed=5, repetitions=2, rate=100.0, analog_rate=500.0))
+    folder = run_to(load(Path(yaml)), "identify-dim").folder
+    export(folder, FORMATS, out / "files")
+    trial = next((out / "files").glob("*.osim")).stem
+    answer = opensim(out / "files", trial)
+    assert np.abs(angle_errors(answer, pd.read_parquet(folder / "states.parquet"))).max() < 0.2
+    forces = force_errors(answer, pd.read_parquet(folder / "dynamics.parquet"))
+    assert max(float(np.nanmax(np.abs(error))) for error in forces.values()) < 1e-4

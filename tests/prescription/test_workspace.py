@@ -1,0 +1,179 @@
+"""Areas and volumes against closed forms, limits against order statistics, overlays against geometry."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from mocap_id.geometry import Chain, Revolute, se3
+from mocap_id.prescription.alpha_shape import alpha_shape, covering_radius, enclosed
+from mocap_id.prescription.limits import Limits, observed_limits
+from mocap_id.prescription.overlay import overlay
+from mocap_id.prescription.reach import PlanarArm, SpatialArm
+from mocap_id.prescription.sampling import sample_box, sobol
+from mocap_id.prescription.workspace import reachable
+from mocap_id.workflows.workspace import measure, subject
+
+UPPER, FORE = 0.31, 0.28
+LOWER_LIMITS, UPPER_LIMITS = np.array([0.98, -2.0]), np.array([3.05, -0.1])
+
+
+def arm() -> PlanarArm:
+    return PlanarArm.exact(np.array([[0.1, 1.4], [0.0, UPPER]]), np.array([0.0, FORE]))
+
+
+def exact_area(lower: np.ndarray, upper: np.ndarray) -> float:
+    """∫∫ l₁ l₂ |sin θ₂|: an elbow of one sign reaches every point in one posture."""
+    return float(UPPER * FORE * (upper[0] - lower[0]) * abs(np.cos(upper[1]) - np.cos(lower[1])))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_area_of_a_two_link_arm_is_the_exact_one(seed: int) -> None:
+    found = reachable(arm(), Limits.given(LOWER_LIMITS, UPPER_LIMITS), seed=seed)
+    exact = exact_area(LOWER_LIMITS, UPPER_LIMITS)
+    assert found.measure == pytest.approx(exact, rel=5e-4)
+    errors = [abs(value - exact) for _, _, value in found.convergence]
+    assert errors[-1] < 0.3 * errors[0]
+
+
+def test_the_interval_is_that_of_drawn_limits_and_dimensions() -> None:
+    sd = np.array([0.004, 0.006])
+    limits = Limits(LOWER_LIMITS, UPPER_LIMITS, sd, sd)
+    uncertain = PlanarArm(arm().centres, arm().tip, np.stack([np.eye(2)] * 2) * 0.002**2, np.eye(2) * 0.001**2)
+    found = reachable(uncertain, limits, samples=4000)
+    random = np.random.default_rng(4)
+    drawn = []
+    for _ in range(20_000):
+        low, high = LOWER_LIMITS + sd * random.standard_normal(2), UPPER_LIMITS + sd * random.standard_normal(2)
+        elbow = uncertain.centres[1] + 0.002 * random.standard_normal(2)
+        tip = uncertain.tip + 0.001 * random.standard_normal(2)
+        turn = np.arctan2(elbow[0], elbow[1]) - np.arctan2(tip[0], tip[1])  # links that are bent in their frames
+        ends = np.cos(low[1] + turn) - np.cos(high[1] + turn)
+        drawn.append(np.hypot(*elbow) * np.hypot(*tip) * (high[0] - low[0]) * abs(ends))
+    assert found.sd == pytest.approx(np.std(drawn), rel=0.05)
+    assert found.interval[0] < exact_area(LOWER_LIMITS, UPPER_LIMITS) < found.interval[1]
+
+
+def test_the_volume_of_a_shoulder_that_turns_every_way_is_a_shell() -> None:
+    still = np.eye(4)
+    elbow = still.copy()
+    elbow[1, 3] = -UPPER
+    chain = Chain((Revolute((0, 1, 0)), Revolute((1, 0, 0)), Revolute((1, 0, 0))), np.stack([still, still, elbow]))
+    bent = np.radians(120.0)
+    limits = Limits.given(np.array([-np.pi, -np.pi, 0.0]), np.array([np.pi, np.pi, bent]))
+    found = reachable(SpatialArm(chain, np.array([0.0, -FORE, 0.0])), limits)
+    inner = np.sqrt(UPPER**2 + FORE**2 + 2 * UPPER * FORE * np.cos(bent))
+    exact = 4 / 3 * np.pi * ((UPPER + FORE) ** 3 - inner**3)
+    assert found.measure == pytest.approx(exact, rel=0.03)
+    assert found.interval[0] < exact < found.interval[1]
+
+
+def test_ten_thousand_samples_take_no_longer_than_allowed() -> None:
+    def once() -> float:
+        start = time.process_time()
+        points = arm().tips(sample_box(LOWER_LIMITS, UPPER_LIMITS, 10_000, 0, 2))
+        others = arm().tips(LOWER_LIMITS + sobol(10_000, 2, 1) * (UPPER_LIMITS - LOWER_LIMITS))
+        assert alpha_shape(points, 2 * covering_radius(points, others)).measure > 0
+        return time.process_time() - start
+
+    assert min(once() for _ in range(5)) < 0.3
+
+
+def test_an_alpha_shape_keeps_a_hole_and_its_edge_encloses_it() -> None:
+    angle, share = 2 * np.pi * sobol(6000, 2, 3)[:, 0], sobol(6000, 2, 4)[:, 1]
+    radius = np.sqrt(0.3**2 + share * (1 - 0.3**2))
+    ring = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    shape = alpha_shape(ring, 0.12)
+    assert shape.measure == pytest.approx(np.pi * (1 - 0.3**2), rel=0.02)
+    assert enclosed(ring[shape.boundary()]) == pytest.approx(shape.measure, rel=1e-12)
+    assert shape.contains(np.array([[0.0, 0.0], [0.6, 0.0], [2.0, 0.0]])).tolist() == [False, True, False]
+
+
+def test_the_surface_of_a_ball_encloses_it() -> None:
+    points = 2 * sobol(4000, 3, 0) - 1
+    ball = points[np.linalg.norm(points, axis=1) < 1]
+    shape = alpha_shape(ball, 0.4)
+    assert enclosed(ball[shape.boundary()]) == pytest.approx(shape.measure, rel=1e-12)
+    assert alpha_shape(ball, np.inf).measure == pytest.approx(ConvexHull(ball).volume, rel=1e-12)
+
+
+def test_points_on_a_line_have_no_area() -> None:
+    with pytest.raises(ValueError, match="no area"):
+        alpha_shape(np.outer(np.linspace(0, 1, 50), [1.0, 2.0]), 1.0)
+
+
+def test_samples_fill_the_box_and_each_of_its_faces() -> None:
+    q = sample_box(LOWER_LIMITS, UPPER_LIMITS, 2000, 0, 2)
+    assert Limits.given(LOWER_LIMITS, UPPER_LIMITS).contains(q).all()
+    assert len(np.unique(q, axis=0)) > 1990
+    for joint in range(2):
+        for end in (LOWER_LIMITS, UPPER_LIMITS):
+            on = q[q[:, joint] == end[joint], 1 - joint]
+            assert len(on) >= 95
+            spread = np.sort(on)[[0, -1]]
+            assert np.ptp(spread) > 0.95 * (UPPER_LIMITS - LOWER_LIMITS)[1 - joint]
+    share = (q - LOWER_LIMITS) / (UPPER_LIMITS - LOWER_LIMITS)
+    counts = np.histogram2d(*share.T, bins=4)[0]
+    assert counts.min() > 70
+
+
+def test_limits_are_the_extremes_of_what_was_seen() -> None:
+    q = np.linspace(-1, 2, 301)[:, None]
+    sd = np.full_like(q, 0.01)
+    sd[-2] = 0.03
+    seen = np.ones_like(q, dtype=bool)
+    seen[-1] = False
+    found = observed_limits(q, sd, seen)
+    assert (found.lower[0], found.upper[0]) == (-1.0, q[-2, 0])
+    assert (found.lower_sd[0], found.upper_sd[0]) == (0.01, 0.03)
+
+
+def test_a_quantile_is_not_moved_by_a_few_wild_samples() -> None:
+    random = np.random.default_rng(0)
+    q = np.sin(np.linspace(0, 60, 5000))[:, None]
+    wild = q.copy()
+    wild[random.choice(5000, 20, replace=False)] += 1.5
+    sd, seen = np.full_like(q, 0.01), np.ones_like(q, dtype=bool)
+    assert observed_limits(wild, sd, seen).upper[0] > 2.0
+    clean, robust = observed_limits(q, sd, seen, 0.01), observed_limits(wild, sd, seen, 0.01)
+    assert robust.upper[0] == pytest.approx(clean.upper[0], abs=0.01)
+    assert clean.lower[0] == pytest.approx(np.quantile(q, 0.01), abs=1e-12)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(1.0, 1.0), (2.0, 1.0), (np.nan, 1.0)])
+def test_limits_that_are_crossed_or_unknown_are_refused(lower: float, upper: float) -> None:
+    with pytest.raises(ValueError, match="joint 1"):
+        Limits.given(np.array([lower]), np.array([upper]))
+
+
+def test_gained_and_lost_areas_of_two_squares() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41)), axis=-1).reshape(-1, 2)
+    square = alpha_shape(grid + 1e-6 * sobol(len(grid), 2, 0), 0.05)
+    found = overlay(square, square, np.array([0.25, 0.0]))
+    assert [found.gained, found.lost, found.kept] == pytest.approx([0.25, 0.25, 0.75], abs=4 * found.sd)
+
+
+def test_the_planar_arm_is_the_spatial_one_in_its_plane() -> None:
+    chain = Chain(
+        (Revolute((0, 0, 1)), Revolute((0, 0, 1))), se3.pose(np.eye(3), np.array([[0.1, 1.4, 0.0], [0.0, UPPER, 0.0]]))
+    )
+    q = np.random.default_rng(1).uniform(-3, 3, (50, 2))
+    tips = SpatialArm(chain, np.array([0.0, FORE, 0.0])).tips(q)
+    np.testing.assert_allclose(tips[:, :2], arm().tips(q), atol=1e-14)
+
+
+@pytest.mark.recordings
+def test_the_area_of_arm_reach_from_its_recording(reaching_arm: Path, recordings: Path) -> None:
+    truth = json.loads((recordings / "simulated" / "arm-reach" / "truth.json").read_text())["reach"]["area_m2"]
+    for chosen in ("WRST", None):
+        reach = measure(subject(reaching_arm, chosen))
+        assert reach.subject.tip == "WRST"
+        assert reach.workspace.measure == pytest.approx(truth, rel=0.01)
+        low, high = reach.workspace.interval
+        assert low < truth < high
+        assert high - low < 0.05 * truth
