@@ -16,12 +16,12 @@ for room in (HERE.parent, HERE.parent / "recording"):
         sys.path.append(str(room))
 
 from recording_cases import body, build_c3d, plate_parameters  # noqa: E402
-from swinging_link import LABELS, RATE, pendulum, plate_under  # noqa: E402
 
 from mocap_id import runner  # noqa: E402
 from mocap_id.config import load  # noqa: E402
 from mocap_id.recording import write_c3d, write_trc  # noqa: E402
 from mocap_id.store.schemas import SCHEMAS  # noqa: E402
+from swinging_link import LABELS, RATE, pendulum, plate_under  # noqa: E402
 
 LARGEST = 500_000
 """Bytes of a shared recording that is taken as a seed: larger ones only take longer."""
