@@ -147,7 +147,7 @@ def rename(data: bytearray, rng: np.random.Generator) -> None:
         return
     name = place.name.partition(":")[2]
     new = other.name.partition(":")[2] if rng.random() < 0.3 else "X" * len(name)
-    data[place.entry + 2 : place.entry + 2 + len(name)] = new[: len(name)].ljust(len(name)).encode("latin-1")
+    data[place.entry + 2 : place.entry + 2 + len(name)] = new[: len(name)].ljust(len(name)).encode("latin-1", "replace")
 
 
 def lose_counts(data: bytearray, rng: np.random.Generator) -> None:
