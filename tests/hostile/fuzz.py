@@ -93,7 +93,7 @@ def campaign(
                 while left:
                     process.stdin.write(f"{left[0]}\n")
                     process.stdin.flush()
-                    told = _in_time(process, lines, hang + 5.0)
+                    told = _in_time(process, lines, hang + min(hang, 5.0))
                     index = left.pop(0)
                     if told is None:
                         process.kill()
