@@ -113,6 +113,16 @@ def test_numbers_of_frames_that_are_none(tmp_path: Path, declared: str) -> None:
         assert any("does not say how many frames" in oddity for oddity in found.oddities)
 
 
+@pytest.mark.parametrize("declared", ["0", "-100", "nan", "inf", "1e999", "1e-320"])
+def test_rates_that_are_none(tmp_path: Path, declared: str) -> None:
+    """ZeroDivisionError came through."""
+    path, lines = trc(tmp_path)
+    rest = lines[2].partition(b"\t")[2]
+    path.write_bytes(b"\n".join([*lines[:2], declared.encode() + b"\t" + rest, *lines[3:]]))
+    with pytest.raises(RecordingError, match=r"link.trc: DataRate is "):
+        recording.read(path)
+
+
 @pytest.mark.parametrize("cell", ["9" * 25, "9" * 5000, "1e400", "²"])
 @pytest.mark.parametrize("column", [0, 1, 4])
 def test_giants_among_the_cells(tmp_path: Path, cell: str, column: int) -> None:

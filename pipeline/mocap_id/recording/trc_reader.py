@@ -156,6 +156,8 @@ def _even(path: Path, declared: str, time: FloatArray, oddities: list[str]) -> t
         stated = float(declared)
     except ValueError:
         stated = None
+    if stated is not None and not 0 < stated < np.inf:
+        raise RecordingError(f"{path}: DataRate is {declared[:40]} Hz, expected frames per second; export it again")
     clock = even_clock(path, time, stated)
     if stated is not None and abs(clock.rate / stated - 1) > _RATES_APART:
         raise RecordingError(
