@@ -45,7 +45,7 @@ def places(data: bytes | bytearray) -> list[Place]:
         offset = at + 2 + abs(length)
         step = struct.unpack(endian + "H", data[offset : offset + 2])[0]
         if group < 0:
-            groups[-group] = name
+            groups.setdefault(-group, name)  # the first of two holds
         elif offset + 4 <= len(data):
             rank = data[offset + 3]
             shape = tuple(data[offset + 4 : offset + 4 + rank])

@@ -225,9 +225,13 @@ def _read_with_units(path: Path) -> recording.Recording:
     return recording.read(path, units="mm")
 
 
+_BLANK = b" \t\x0b\x0c\x1c\x1d\x1e\x1f\x85\xa0"
+"""What is blank in Latin-1 text."""
+
+
 def _rows(data: bytes, first: Callable[[bytes], bool]) -> int:
     """Lines with something on them, from the first of the table's."""
-    lines = [line for line in data.splitlines() if line.strip()]
+    lines = [line for line in data.splitlines() if line.strip(_BLANK)]
     start = next((k for k, line in enumerate(lines) if first(line)), len(lines))
     return len(lines) - start
 
@@ -237,7 +241,7 @@ def _read_trc(bench: Bench, case: Case) -> str:
     path.write_bytes(case.data)
     found = recording.read(path)
     json.dumps(recording.describe(found), allow_nan=False)
-    rows = _rows(b"\n".join(case.data.splitlines()[4:]), lambda line: line.strip()[:1].isdigit())
+    rows = _rows(b"\n".join(case.data.splitlines()[4:]), lambda line: line.strip(_BLANK)[:1].isdigit())
     return "" if len(found.frames) == rows else f"{len(found.frames)} frames read of {rows} rows"
 
 
