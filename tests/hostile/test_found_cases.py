@@ -94,6 +94,14 @@ def test_no_compiled_library_reads_a_broken_header() -> None:
     assert not hasattr(c3d_decode, "ezc3d")
 
 
+def test_a_channel_map_without_dimensions(tmp_path: Path) -> None:
+    """IndexError came through."""
+    analog = np.random.default_rng(0).normal(size=(160, 6))
+    parameters = plate_parameters(2, range(1, 7)) | {"FORCE_PLATFORM:CHANNEL": 1}
+    (plate,) = read_c3d(tmp_path, build_c3d(POINTS, analog=analog, parameters=parameters)).plates
+    assert "CHANNEL has 1 rows" in plate.problem
+
+
 def trc(folder: Path) -> tuple[Path, list[bytes]]:
     return folder / "link.trc", hostile_seeds.trc(folder, False)[0].data.split(b"\n")
 

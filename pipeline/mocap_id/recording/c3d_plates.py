@@ -124,6 +124,7 @@ class _PlateReader:
         channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
         if channel_map is None:
             raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing")
+        channel_map = np.atleast_1d(channel_map)
         channel_map = channel_map.reshape(channel_map.shape[0], -1, order="F")
         needed = max(CHANNELS.get(kind, 0) for kind in self.kinds)
         rows, plates = channel_map.shape
