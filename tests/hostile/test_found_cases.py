@@ -259,6 +259,10 @@ HDF5 = {
     "a ring": (lambda file: file.__setitem__("extra", file["/"]), "twice"),
     "many ways": (many_ways, "twice"),
     "long texts": (long_texts, "more values than it holds"),
+    "a great many texts": (
+        lambda file: file.create_dataset("extra", (1 << 20,), h5py.string_dtype(), chunks=(1 << 12,)),
+        "more than 5000 texts",
+    ),
     "huge and empty": (lambda file: file.create_dataset("extra", (1 << 30,), "f8"), "more values than it holds"),
     "chunks of gigabytes": (
         lambda file: file.create_dataset("extra", (1 << 40, 1 << 40), "f8", chunks=(1 << 10, 1 << 10)),

@@ -21,7 +21,7 @@ Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
 _BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError, UnicodeError)
 """What the library raises on damaged files."""
-_MOST_NODES = 1000
+_MOST_NODES, _MOST_TEXTS = 1000, 5000
 _ROOM, _LEAST_ROOM = 4, 1 << 24
 """Bytes in memory for each byte of the file, which is never compressed (text takes four a character); and at least."""
 
@@ -168,6 +168,8 @@ class _Walk:
 
     def _text(self, dataset: h5py.Dataset, path: str) -> np.ndarray[Any, Any]:
         """Strings one by one: many of them may stand for one and the same long one."""
+        if math.prod(dataset.shape) > _MOST_TEXTS:
+            raise ValueError(f"holds more than {_MOST_TEXTS} texts at `{path}`: refused")
         texts: list[str] = []
         for index in np.ndindex(dataset.shape):
             texts.append(dataset.asstr()[index])
