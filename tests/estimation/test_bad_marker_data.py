@@ -59,7 +59,7 @@ def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
     markers[0] = np.nan
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     inputs = {"planar.parquet": planar(moving, markers), "chain.h5": chain(moving)}
-    states, predicted, _ = STAGE.function(Context(trial, STAGE.settings(), inputs))
+    states, predicted, *_ = STAGE.function(Context(trial, STAGE.settings(), inputs))
     conform(states)
     conform(predicted)
     assert not states.reasons
