@@ -62,10 +62,21 @@ def test_the_area_is_counted_from_what_the_springs_hold() -> None:
     sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
     found = prescribe_several(sampled, places, STRENGTH, boxes=3000)
     held = holds(sampled, places, STRENGTH, found)
-    assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=0.02)
+    assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=1e-12)
     assert found.without < found.area <= found.reachable
     assert found.area + found.gap <= found.reachable + 0.01
     assert found.gap >= 0
+
+
+def test_a_spring_that_hardly_pulls_is_left_out_and_not_counted() -> None:
+    """Where the first joint needs nothing, its spring is none, and the area is that of what is told."""
+    places = [Place((0,), 15.0), Place((1,), 6.0)]
+    sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
+    found = prescribe_several(sampled, places, np.array([[-40.0, 40.0], [-1.0, 1.0]]), boxes=2000)
+    held = holds(sampled, places, np.array([[-40.0, 40.0], [-1.0, 1.0]]), found)
+    assert found.helps
+    assert np.isnan(found.rest).tolist() == (found.stiffness == 0).tolist()
+    assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=1e-12)
 
 
 def test_two_springs_are_worth_at_least_as_much_as_one() -> None:
