@@ -164,5 +164,5 @@ def test_continuous_integration_does_not_pass_by_skipping(tmp_path: Path, withou
         MOCAP_ID_WITHOUT_RECORDINGS=without,
     )
     assert said.returncode == code
-    assert said.stdout == ("make test\n" if code == 0 else "")
+    assert said.stdout == ("make opensim\nmake test\n" if code == 0 else "")
     assert ("no recordings at" in said.stderr) is (code != 0)
