@@ -171,10 +171,10 @@ def prescribe_several(
 
 
 def _without_slack_ones(search: _Search, springs: FloatArray) -> FloatArray:
-    """The springs (S, 2) without those that hardly pull, unless a required point needs even these."""
+    """The springs (S, 2) without those that hardly pull, unless these hold something all the same."""
     fewer = springs.copy()
     fewer[springs[:, 0] <= _SLACK * search.high[:, 0], 0] = 0.0
-    return springs if search.cells(fewer, fewer) < 0 else fewer
+    return fewer if search.cells(fewer, fewer) >= search.cells(springs, springs) else springs
 
 
 def _free_cells(search: _Search, nothing: FloatArray) -> int:
