@@ -17,11 +17,12 @@ TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
 OPENSIM := .venv-opensim
 
-.PHONY: help demo test trials docs docs-site lock opensim clean
+.PHONY: help demo test fuzz trials docs docs-site lock opensim clean
 
 help:
 	@echo 'make demo    install, run the whole pipeline on a sample trial and say where the report is'
 	@echo 'make test    install with the tools of development, check and test everything'
+	@echo 'make fuzz    try spoiled files, NUMBER=10000 of SEED=1 by JOBS=1 processes; the same call goes on where it stopped'
 	@echo 'make trials  build every trial under sample_trials/, with -j several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
 	@echo 'make docs-site   build the pages under docs/ into build/site/index.html'
@@ -39,6 +40,13 @@ test: $(VENV)/installed-dev
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest
 	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
+
+NUMBER := 10000
+SEED := 1
+JOBS := 1
+
+fuzz: $(VENV)/installed-dev
+	$(BIN)/python tests/hostile/fuzz.py --number $(NUMBER) --seed $(SEED) --jobs $(JOBS) --state .fuzz
 
 # The rules come from the program's own tuple of stages; -j and -k reach them through $(MAKE).
 trials: $(VENV)/installed
@@ -85,5 +93,5 @@ require-python:
 	@test -n '$(PYTHON)' || { echo 'No Python 3.11 or later with venv was found: make … PYTHON=/path/to/python' >&2; exit 1; }
 
 clean:
-	rm -rf $(VENV) $(OPENSIM) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(OPENSIM) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .fuzz
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

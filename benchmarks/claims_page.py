@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from kinematic_sweep import markdown
 
 from mocap_id.workflows.sensitivity.kinds import JOINTS, KINDS, Kind
 from mocap_id.workflows.sensitivity.trying import Tried
+
+MARKS = ("<!-- claims: written by benchmarks/claims.py --quote -->", "<!-- end of claims -->")
 
 
 def page(
@@ -22,7 +25,7 @@ def page(
     """The whole page."""
     return TEXT.format(
         kinds=_kinds(),
-        claims=_claims(answers, counts),
+        claims=claims_table(answers, counts),
         robots=counts["generated robots"],
         sits=counts["generated sit-to-stands"],
         first=first,
@@ -33,13 +36,23 @@ def page(
     )
 
 
-def _claims(answers: Sequence[tuple[Any, Mapping[str, tuple[bool, Any]]]], counts: Mapping[str, int]) -> str:
+def claims_table(answers: Sequence[tuple[Any, Mapping[str, tuple[bool, Any]]]], counts: Mapping[str, int]) -> str:
+    """Every claim, and what every group of trials says of it."""
     head = ("", "the thesis (5.5.2)", "confirmed by", *(f"{name} ({count})" for name, count in counts.items()))
     rows = [
         (claim.letter, claim.text, claim.limit, *(_cell(claim.letter, *found[name]) for name in counts))
         for claim, found in answers
     ]
     return markdown(head, rows)
+
+
+def quote(file: Path, table: str) -> None:
+    """Put the table between the marks of a page."""
+    head, begin, rest = file.read_text("utf-8").partition(MARKS[0])
+    _, end, tail = rest.partition(MARKS[1])
+    if not (begin and end):
+        raise SystemExit(f"{file} has no lines {MARKS[0]} and {MARKS[1]}")
+    file.write_text(f"{head}{begin}\n\n{table}\n\n{end}{tail}", "utf-8")
 
 
 def _cell(letter: str, holds: bool, said: Any) -> str:
@@ -175,10 +188,11 @@ A list of perturbations alone will do as well.
 
 ## The thesis's claims
 
-{robots} generated robots (`mocap-id simulate robot`, 0.4 to 0.5 Hz) and {sits} sit-to-stands, seeds from {first} up,
-none of which was used for tuning, and the recordings `ur5-elbow-fast` and `sts-normal` of the shared set. Each number
-is the worst over the trials: of states 100 (1 − r²) against the unperturbed ones, of parameters the largest change in
-% of its size, with the parameter that it is. *Negligible* is taken as the thesis takes it for the clock: below 0.5 %.
+{robots} trials of the thesis's robot (slow shoulder, slow and fast elbow: [robot](robot.md)) and {sits}
+sit-to-stands, seeds from {first} up, none of which was used for tuning, and the recordings `ur5-elbow-fast` and
+`sts-normal`. Each number is the worst over the trials: of states 100 (1 − r²) against the unperturbed ones, of
+parameters the largest change in % of its size, with the parameter that it is. *Negligible* is taken as the
+thesis takes it for the clock: below 0.5 %.
 
 {claims}
 

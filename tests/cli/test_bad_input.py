@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from swinging_link import LABELS, pendulum, plate_under
 
 from mocap_id.store import Folder
+from swinging_link import LABELS, pendulum, plate_under
 
 
 def run(cli, trial, path: Path):

@@ -8,9 +8,9 @@ import subprocess
 import sys
 
 import pytest
-from swinging_link import pendulum
 
 from mocap_id.store import Folder
+from swinging_link import pendulum
 
 # The second stage of the real pipeline waits until it is interrupted.
 SLOW = """

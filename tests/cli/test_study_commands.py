@@ -11,10 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
-from swinging_link import LABELS, RATE, pendulum
 
 from mocap_id.recording.writing import write_trc
 from mocap_id.store import Folder
+from swinging_link import LABELS, RATE, pendulum
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDY = """\

@@ -389,6 +389,16 @@ def test_a_clock_that_is_out_of_reach_is_said() -> None:
     assert tree.facts["clock_offset_s"] is None
 
 
+def test_a_clock_that_is_left_as_it_is() -> None:
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    late = with_(recorded, wrench=np.roll(recorded.wrench, 2, axis=0))
+    late.wrench[:2] = np.nan
+    for wrench, told in ((late, True), (recorded, False)):
+        _, _, tree = run(wrench, apply_clock_offset=False)
+        assert ("clock-offset-kept" in codes(tree)) == told
+    assert "clock-offset-kept" not in codes(run(late)[2])
+
+
 def test_artefacts_that_do_not_belong_together() -> None:
     broken = context(moving_body())
     wrench = broken.table("wrench.parquet")

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from mocap_id import plain_files
 from mocap_id.errors import ConfigError
 
 Location: TypeAlias = tuple[str | int, ...]
 """Keys and indices from the root to a value."""
 
 _MAX_BYTES = 1 << 20
+_MAX_DEPTH = 32
+_MAX_VALUES = 40_000  # some seconds' work; a study of a thousand trials has a third of them
 _YAML = "tag:yaml.org,2002:"
+_BROKEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What the YAML library raises on some broken files, beside its own errors."""
 _JSON_TAGS = tuple(_YAML + name for name in ("str", "int", "float", "bool", "null"))
 
 
@@ -46,32 +53,54 @@ def read(file: Path) -> Source:
     """
     text = _text(file)
     yaml = YAML(typ="safe", pure=True)
+    yaml.Composer = _Composer
     try:
         root = yaml.compose(text)
-        if root is None:
-            raise ConfigError(f"{file}: the file is empty, expected `trial:`, `recording:` and so on")
-        reader = _Reader(file, yaml)
-        return Source(file, reader.build(root, ()), {(): 1, **reader.lines})
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{file}, line {mark.line + 1}" if mark else str(file)
         raise ConfigError(f"{where}: not valid YAML: {error.problem or error.context}") from error
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{file}: not valid YAML: {str(error).splitlines()[0]}") from error
+    except (YAMLError, *_BROKEN) as error:
+        raise ConfigError(f"{file}: not valid YAML: {_first_line(error)}") from error
+    if root is None:
+        raise ConfigError(f"{file}: the file is empty, expected `trial:`, `recording:` and so on")
+    reader = _Reader(file, yaml)
+    return Source(file, reader.build(root, ()), {(): 1, **reader.lines})
 
 
 def _text(file: Path) -> str:
     try:
-        size = file.stat().st_size
-        if size > _MAX_BYTES:
-            raise ConfigError(f"{file}: {size} bytes are no configuration; expected a YAML file such as trial.yaml")
-        return file.read_text("utf-8")
+        return plain_files.read(file, largest=_MAX_BYTES).decode("utf-8")
     except FileNotFoundError as error:
         raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: not a text file; expected a YAML file such as trial.yaml") from error
     except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror}); expected a YAML file") from error
+        if error.errno == errno.EFBIG:
+            many = f"{file}: more than {_MAX_BYTES} bytes are no configuration"
+            raise ConfigError(f"{many}; expected a YAML file such as trial.yaml") from error
+        told = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
+        raise ConfigError(told) from error
+
+
+class _Composer(Composer):
+    """Builds the tree of nodes, which a configuration keeps flat and small."""
+
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self._depth = self._values = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """As the library does it; YAMLError where it goes on for too long."""
+        self._depth += 1
+        self._values += 1
+        if self._depth > _MAX_DEPTH:
+            raise YAMLError(f"values lie within values more than {_MAX_DEPTH} deep, which no configuration needs")
+        if self._values > _MAX_VALUES:
+            raise YAMLError(f"there are more than {_MAX_VALUES} values, which is no configuration")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 class _Reader:
@@ -87,6 +116,8 @@ class _Reader:
         if id(node) in self._seen:
             raise self._error(node, "an alias (`*name`) is of no use here: write the value out")
         self._seen.add(id(node))
+        if not isinstance(node, ScalarNode) and str(node.tag) not in (_YAML + "map", _YAML + "seq"):
+            raise self._error(node, f"the tag `{node.tag}` is of no use here: write the values alone")
         match node:
             case MappingNode():
                 return self._mapping(node, location)
@@ -115,7 +146,15 @@ class _Reader:
             return node.value
         if str(node.tag) not in _JSON_TAGS:
             raise self._error(node, f"the tag `{node.tag}` is of no use here: write the value alone")
-        return self.yaml.constructor.construct_object(node)
+        try:
+            return self.yaml.constructor.construct_object(node)
+        except (YAMLError, *_BROKEN) as error:
+            kind = str(node.tag).removeprefix(_YAML)
+            raise self._error(node, f"`{str(node.value)[:40]}` is no {kind} ({_first_line(error)})") from error
 
     def _error(self, node: Node, message: str) -> ConfigError:
         return ConfigError(f"{self.file}, line {node.start_mark.line + 1}: {message}")
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

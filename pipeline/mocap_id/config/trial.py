@@ -141,7 +141,7 @@ def schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
 def absolute(value: Any, folder: Path) -> Any:
     """Paths, wherever they stand in a value, relative to the YAML file's folder."""
     if isinstance(value, Path):
-        return folder / value.expanduser()
+        return folder / _at_home(value)
     if isinstance(value, tuple):
         return tuple(absolute(item, folder) for item in value)
     if isinstance(value, BaseModel):
@@ -149,3 +149,11 @@ def absolute(value: Any, folder: Path) -> Any:
             update={name: absolute(getattr(value, name), folder) for name in type(value).model_fields}
         )
     return value
+
+
+def _at_home(path: Path) -> Path:
+    """With ``~`` written out, where there is such a person."""
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        return path

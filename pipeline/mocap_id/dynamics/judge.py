@@ -12,6 +12,7 @@ from mocap_id.verdict import Reason
 
 _BOUNDED = 0.05  # of the least cost: what physical consistency may cost
 _MASS_APART = 0.05  # of the other one
+_OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # standard deviations; s
 
 
 def judge(
@@ -58,7 +59,7 @@ def identified_mass(prepared: Prepared, found: Identification) -> float | None:
 
 def _clock(prepared: Prepared, found: Identification) -> Reason | None:
     if found.fit.offset_known:
-        return None
+        return None if prepared.settings.apply_offset else _kept(found)
     limit = prepared.settings.offset_limit
     return Reason(
         "clock-offset-unknown",
@@ -66,6 +67,21 @@ def _clock(prepared: Prepared, found: Identification) -> Reason | None:
         f"(standard deviation {1e3 * found.offset_sd:.0f} ms); it was taken as zero: check that markers and forces "
         "belong together, or widen `identify-dim: {clock_offset_limit_s: …}`",
         value=found.fit.found,
+        limit=limit,
+    )
+
+
+def _kept(found: Identification) -> Reason | None:
+    """A clock offset that was found and, as the settings ask, left in."""
+    offset, limit = abs(found.fit.found), max(_OFFSET_SEEN * found.offset_sd, _OFFSET_LEAST)
+    if offset <= limit:
+        return None
+    return Reason(
+        "clock-offset-kept",
+        f"cameras and plate are {1e3 * found.fit.found:.2f} ms apart (standard deviation {1e3 * found.offset_sd:.2f}), "
+        "and `identify-dim: {apply_clock_offset: false}` leaves that in: on a person's movement one millisecond moves "
+        "a parameter by up to a third; leave the setting away, or mend the clocks",
+        value=offset,
         limit=limit,
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.tables import parse_table, read_text
+from mocap_id.recording.tables import parse_table, read_csv, read_text
 
 _TIME = ("time", "time_s")
 _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
@@ -59,18 +58,18 @@ def _mot(path: Path, text: str, columns: Collection[str]) -> AngleTable:
 
 
 def _csv(path: Path, text: str, columns: Collection[str]) -> AngleTable:
+    frame = read_csv(path, text)
     try:
-        frame = pd.read_csv(io.StringIO(text), skipinitialspace=True)
         frame.columns = pd.Index([str(name).strip() for name in frame.columns])
         values = frame.astype(np.float64)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+    except (ValueError, OverflowError) as error:
         raise RecordingError(f"{path}: no CSV table of numbers ({str(error).splitlines()[0]})") from None
     names = [str(name) for name in values.columns]
     if not names or names[0] not in _TIME:
         raise RecordingError(f"{path}: the first column is {names[:1]}, expected `time_s`")
     _check(path, columns, names[1:])
     time = values[names[0]].to_numpy()
-    if len(time) < 2 or not (np.diff(time) > 0).all():  # false for NaN as well
+    if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
         raise RecordingError(f"{path}: `{names[0]}` must hold two times or more that increase")
     return AngleTable(time, {name: values[name].to_numpy() * _factor(path, name) for name in columns})
 

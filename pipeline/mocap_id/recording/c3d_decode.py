@@ -1,4 +1,7 @@
-"""Decoding C3D data with the ``c3d`` package, with ``ezc3d`` where that refuses; both are held against the bytes."""
+"""Decoding C3D data with the ``c3d`` package, which is held against the bytes, and from the bytes where it refuses.
+
+No compiled library sees a broken header: ``ezc3d`` reads beyond its memory on some of them, which ends the process.
+"""
 
 from __future__ import annotations
 
@@ -6,29 +9,27 @@ import io
 import struct
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import c3d
-import ezc3d
 import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.c3d_file import C3DFile
-from mocap_id.recording.c3d_layout import Layout, raw_frame, unsigned
+from mocap_id.recording.c3d_layout import Layout, raw_frame, raw_frames, unsigned
 
 _REFUSALS = (
     ArithmeticError,
     AssertionError,
     AttributeError,
     LookupError,
+    NameError,
     OSError,
     RuntimeError,
     TypeError,
     ValueError,
-    struct.error,
 )
-"""What the two libraries raise on files that they do not take."""
+"""What the library raises on files that it does not take."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,19 @@ def decode(file: C3DFile, layout: Layout) -> Decoded:
     Raises
     ------
     RecordingError
-        Neither library reads the file as it lies on the disk.
+        The file cannot be read as it lies on the disk.
     """
     refusals = []
-    for name, decoder in (("c3d", _by_c3d), ("ezc3d", _by_ezc3d)):
+    for name, decoder in (("c3d", _by_c3d), ("its bytes", _by_bytes)):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # what they warn of, the layout has settled
                 points, analog = decoder(file, layout)
+        except struct.error as error:
+            raise RecordingError(
+                f"{file.path}: no library reads this C3D file (c3d: {error}): its parameters lead out of their "
+                "section; it is corrupt, export it again"
+            ) from error
         except _REFUSALS as error:
             refusals.append(f"{name}: {' '.join(str(error).split())[:120] or type(error).__name__}")
             continue
@@ -88,7 +94,7 @@ def decode(file: C3DFile, layout: Layout) -> Decoded:
             analog, oddities = np.full_like(analog, np.nan), [*oddities, f"analog channels left out: {name}: {fault}"]
         return Decoded(points, analog, tuple(oddities))
     raise RecordingError(
-        f"{file.path}: no library reads this C3D file ({'; '.join(refusals)}); it is corrupt or not of the standard, "
+        f"{file.path}: this C3D file cannot be decoded ({'; '.join(refusals)}); it is corrupt or not of the standard, "
         "export it again"
     )
 
@@ -156,17 +162,13 @@ def _by_c3d(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
     return points, (counts.reshape(-1, layout.channels) - use.offset) * use.scale
 
 
-def _by_ezc3d(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
-    content: Any = ezc3d.c3d(str(file.path))
-    points = np.asarray(content["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
-    analog = np.asarray(content["data"]["analogs"], dtype=np.float64)[0].T
-    if points.shape != (layout.frames, layout.points, 3):
-        raise ValueError(f"{points.shape[0]} frames of {points.shape[1]} points read")
+def _by_bytes(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    stored, counts = raw_frames(file, layout, slice(0, layout.frames))
+    points = np.where(stored[..., 3:] < 0, np.nan, stored[..., :3])
     if not layout.channels:
         return points, np.empty((0, 0))
-    if analog.shape != (layout.frames * layout.per_frame, layout.channels):
-        analog = np.full((layout.frames * layout.per_frame, layout.channels), np.nan)
-    return points, analog
+    use = calibration(file, layout)
+    return points, (counts.reshape(-1, layout.channels) - use.offset) * use.scale
 
 
 def _checked_frames(layout: Layout) -> list[int]:

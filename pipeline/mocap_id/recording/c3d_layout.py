@@ -74,7 +74,9 @@ def establish(file: C3DFile) -> Layout:
     oddities: list[str] = []
     scale, rate = _scale_and_rate(file, oddities)
     start = _data_start(file, oddities)
-    points, words, frames = _counts(file, 4 if scale < 0 else 2, len(file.data) - start, oddities)
+    word = 4 if scale < 0 else 2
+    points, words, frames = _counts(file, word, len(file.data) - start, oddities)
+    _look_at_the_end(file.data[start:], (4 * points + words) * word, frames, oddities)
     channels, per_frame = _channels(file, words, rate, oddities)
     first = _first_frame(file, frames, oddities)
     if file.repeated:
@@ -89,25 +91,32 @@ def encoding(file: C3DFile, layout: Layout) -> str:
 
 
 def raw_frame(file: C3DFile, layout: Layout, index: int) -> tuple[FloatArray, FloatArray]:
-    """One frame straight from the bytes, to hold a library's decoding against.
+    """One frame straight from the bytes, to hold a library's decoding against; as :func:`raw_frames` has it."""
+    points, analog = raw_frames(file, layout, slice(index, index + 1))
+    return points[0], analog[0]
+
+
+def raw_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
+    """Frames straight from the bytes.
 
     Returns
     -------
-    points : (points, 4) array
+    points : (F, points, 4) array
         x, y, z in file units and the residual word.
-    analog : (per_frame, channels) array
+    analog : (F, per_frame, channels) array
         Unscaled.
     """
-    at = layout.start + index * layout.frame_bytes
-    raw = file.data[at : at + layout.frame_bytes]
+    raw = file.data[layout.start + part.start * layout.frame_bytes : layout.start + part.stop * layout.frame_bytes]
     if layout.real:
         values = floats(raw, file.processor)
     else:
         values = np.frombuffer(raw, endian(file.processor) + "i2").astype(np.float64)
-    points = values[: 4 * layout.points].reshape(-1, 4).copy()
-    analog = values[4 * layout.points :].reshape(layout.per_frame, layout.channels)
+    count = part.stop - part.start
+    rows = values.reshape(count, -1)
+    points = rows[:, : 4 * layout.points].reshape(count, layout.points, 4).copy()
+    analog = rows[:, 4 * layout.points :].reshape(count, layout.per_frame, layout.channels)
     if not layout.real:
-        points[:, :3] *= layout.scale
+        points[..., :3] *= layout.scale
         if unsigned(file):
             analog = analog % (1 << 16)
     return points, analog
@@ -185,6 +194,31 @@ def _counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tu
         if others:
             oddities.append(f"it declares {taken} and {', '.join(map(str, others))} {name}: {taken} fits its size")
     return best
+
+
+def _look_at_the_end(stored: bytes, frame: int, frames: int, oddities: list[str]) -> None:
+    """Whether the frames before and after the declared end look like frames, as far as the size leaves that open."""
+    blank = 0
+    while blank < frames and _is_blank(stored[(frames - blank - 1) * frame : (frames - blank) * frame]):
+        blank += 1
+    if 0 < blank < frames:
+        oddities.append(
+            f"the last {blank} of {frames} frames hold hardly anything but zeros: the recording may end before them"
+        )
+    more = 0
+    while any(stored[(frames + more) * frame : (frames + more + 1) * frame]) and len(stored) >= (
+        (frames + more + 1) * frame
+    ):
+        more += 1
+    if more and not any("follow the last declared frame" in oddity for oddity in oddities):
+        oddities.append(
+            f"what follows the last of {frames} declared frames is not empty and has room for {more} more: not read"
+        )
+
+
+def _is_blank(frame: bytes) -> bool:
+    """Whether a frame looks like padding; where no marker is seen, every eighth byte of a frame is not 0."""
+    return frame.count(0) >= 0.95 * len(frame)
 
 
 def _uncounted(

@@ -15,6 +15,9 @@ from mocap_id.recording.channel_units import ForceUnits, channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.saturation import saturated
 
+_MOST_PLATES = 64
+"""No laboratory has more, and each takes memory."""
+
 _SPIKE = 7
 """Samples of a median filter: no load is as short as half of it, a spike is."""
 
@@ -65,8 +68,13 @@ def stored_plates(
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
+    read = min(used, len(kinds), _MOST_PLATES)
     analog = np.where(np.isfinite(analog), analog, np.nan)
-    return [_PlateReader(file, layout, analog, metres, units, kinds, index).read() for index in range(1, used + 1)]
+    plates = [_PlateReader(file, layout, analog, metres, units, kinds, index).read() for index in range(1, read + 1)]
+    if used > read:
+        problem = f"FORCE_PLATFORM:USED promises {used} plates, TYPE tells of {len(kinds)}; {read} were read"
+        plates.append(StoredPlate(read + 1, 0, None, np.zeros(len(analog), bool), problem, ()))
+    return plates
 
 
 @dataclass(frozen=True)
@@ -116,6 +124,7 @@ class _PlateReader:
         channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
         if channel_map is None:
             raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing")
+        channel_map = np.atleast_1d(channel_map)
         channel_map = channel_map.reshape(channel_map.shape[0], -1, order="F")
         needed = max(CHANNELS.get(kind, 0) for kind in self.kinds)
         rows, plates = channel_map.shape

@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 
+_SHORTEST_S = 1e-9
 _UNEVEN = 0.05
 """Share of a frame by which a stamp may stray, beyond its rounding."""
 
@@ -74,6 +75,8 @@ def even_clock(path: Path, time: FloatArray, stated: float | None = None) -> Clo
     number = np.arange(len(time)) - (len(time) - 1) / 2
     middle = float(time.mean())
     period = float(number @ (time - middle) / (number @ number))
+    if not _SHORTEST_S < period < 1 / _SHORTEST_S:
+        raise RecordingError(f"{path}: the time column steps by {period:.4g} s, which no recording does; in seconds?")
     rounding = np.minimum(_rounding(time), _COARSEST * period)
     astray = np.abs(time - middle - number * period)
     jumps = np.abs(steps - period)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.tables import read_text
+from mocap_id.recording.tables import read_csv, read_text
 
 TIME, FORCE, MOMENT = "time_s", ("Fx_N", "Fy_N", "Fz_N"), ("Mx_Nm", "My_Nm", "Mz_Nm")
 
@@ -68,7 +67,7 @@ def read_force_log(path: Path) -> ForceLog:
     table.columns = pd.Index(names)
     try:
         values = table[expected].to_numpy(dtype=np.float64)
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise RecordingError(f"{path}: {error}; expected numbers in every cell, or empty ones") from None
     time = _even(path, values[:, 0])
     resampled = np.column_stack([np.interp(time, values[:, 0], column) for column in values[:, 1:].T])
@@ -77,11 +76,7 @@ def read_force_log(path: Path) -> ForceLog:
 
 
 def _table(path: Path) -> pd.DataFrame:
-    text = read_text(path)
-    try:
-        return pd.read_csv(io.StringIO(text), skipinitialspace=True)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        raise RecordingError(f"{path}: no CSV table ({str(error).splitlines()[0]})") from None
+    return read_csv(path, read_text(path))
 
 
 def _even(path: Path, time: FloatArray) -> FloatArray:

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import csv
 import io
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from mocap_id import plain_files
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 
 _HEADER_LINES = 100
+_WHOLE = re.compile("[0-9]+")
+_LINE_END = re.compile("\r\n|\n|\r")
+
+NOT_NUMBERS = (ValueError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError)
+"""What pandas raises on a table that is none of numbers."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +68,16 @@ def read_text(path: Path) -> str:
         return data.decode("latin-1")
 
 
+def lines_of(text: str) -> list[str]:
+    """The lines of a table, whatever their ends; other separators (form feeds, U+0085) are no ends of lines."""
+    lines = _LINE_END.split(text)
+    return lines[:-1] if not lines[-1] else lines
+
+
 def read_bytes(path: Path) -> bytes:
     """A file's bytes, or the reason why there are none."""
     try:
-        return path.read_bytes()
+        return plain_files.read(path)
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file; check the path in the configuration") from None
     except IsADirectoryError:
@@ -76,7 +90,7 @@ def read_bytes(path: Path) -> bytes:
 
 def parse_table(path: Path, text: str) -> MotionTable:
     """Parse a MOT or STO table; errors as :func:`read_table`."""
-    lines = text.splitlines()
+    lines = lines_of(text)
     header = next((i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower() == "endheader"), None)
     if header is None:
         raise RecordingError(f"{path}: not a MOT or STO table: no 'endheader' in its first {_HEADER_LINES} lines")
@@ -86,16 +100,45 @@ def parse_table(path: Path, text: str) -> MotionTable:
     columns = [str(column).strip() for column in frame.columns]
     if not columns or columns[0].lower() != "time":
         raise RecordingError(f"{path}: the first column is {columns[:1]}, expected 'time'")
-    declared = keys.get("nrows") or keys.get("datarows")
-    if declared is not None and declared.isdigit() and int(declared) != len(frame):
+    declared = counted(keys.get("nrows") or keys.get("datarows"))
+    if declared is not None and declared != len(frame):
         raise RecordingError(
             f"{path}: the header promises {declared} rows, the file holds {len(frame)}; export it again"
         )
     values = frame.to_numpy(np.float64)
     time = values[:, 0]
-    if len(time) < 2 or not np.all(np.diff(time) > 0):
+    if len(time) < 2 or not np.isfinite(time).all() or not np.all(np.diff(time) > 0):
         raise RecordingError(f"{path}: the time column does not increase from row to row")
     return MotionTable(time, tuple(columns[1:]), values[:, 1:], keys.get("indegrees", "no").lower() == "yes")
+
+
+def counted(declared: str | None) -> int | None:
+    """A number of rows or markers as a header declares it; None where that is no whole number."""
+    digits = (declared or "").strip()
+    if not _WHOLE.fullmatch(digits):
+        return None
+    return int(digits) if len(digits) < 19 else 10**18  # more than any file holds
+
+
+def read_csv(path: Path, text: str) -> pd.DataFrame:
+    """A table of comma-separated values, names first.
+
+    Raises
+    ------
+    RecordingError
+        It is no such table, or a quote that is never closed swallows rows.
+    """
+    try:
+        frame = pd.read_csv(io.StringIO(text), skipinitialspace=True)
+    except NOT_NUMBERS as error:
+        raise RecordingError(f"{path}: no CSV table ({' '.join(str(error).split())[:160]})") from None
+    rows = sum(bool(line.strip()) for line in lines_of(text)) - 1
+    if len(frame) != rows:
+        raise RecordingError(
+            f"{path}: {rows} lines follow the names, but they make {len(frame)} rows: a quote or a stray character "
+            "runs over the ends of lines; export it again"
+        )
+    return frame
 
 
 def numeric_lines(path: Path, lines: list[str]) -> pd.DataFrame:
@@ -105,7 +148,13 @@ def numeric_lines(path: Path, lines: list[str]) -> pd.DataFrame:
         raise RecordingError(f"{path}: the table is empty")
     separator = "\t" if "\t" in body[1] else r"\s+"
     try:
-        frame = pd.read_csv(io.StringIO("\n".join(body)), sep=separator, index_col=False, skipinitialspace=True)
+        frame = pd.read_csv(
+            io.StringIO("\n".join(body)),
+            sep=separator,
+            index_col=False,
+            skipinitialspace=True,
+            quoting=csv.QUOTE_NONE,  # a stray quote would swallow rows
+        )
         return frame.dropna(axis=1, how="all").astype(np.float64)
-    except (ValueError, pd.errors.ParserError) as error:
+    except NOT_NUMBERS as error:
         raise RecordingError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:160]}") from None

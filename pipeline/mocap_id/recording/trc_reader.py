@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import itertools
 from dataclasses import dataclass
@@ -19,8 +20,9 @@ from mocap_id.recording.labels import name_markers
 from mocap_id.recording.markers import clean, metres_per_unit
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.mot_plates import ForceColumns, find_forces, mot_plates
-from mocap_id.recording.tables import MotionTable, parse_table, read_text
+from mocap_id.recording.tables import NOT_NUMBERS, MotionTable, counted, lines_of, parse_table, read_text
 
+_MOST_FRAMES = 1e15  # larger ones are no whole numbers any more
 _RATES_APART = 0.02  # beyond rounding (59.94 written as 60) one of the two is wrong
 
 
@@ -71,7 +73,7 @@ def read_trc(
 
 
 def _parse(path: Path, text: str, oddities: list[str]) -> _Trc:
-    lines = text.splitlines()
+    lines = lines_of(text)
     if len(lines) < 5 or not lines[0].lower().startswith("pathfiletype"):
         raise RecordingError(
             f"{path}: not a TRC file: the first line is {lines[0][:40]!r}, expected 'PathFileType …'"
@@ -81,10 +83,13 @@ def _parse(path: Path, text: str, oddities: list[str]) -> _Trc:
     header = _header(path, lines[1], lines[2])
     labels = _labels(path, lines[3], header, oddities)
     rows = _rows(path, [line.rstrip() for line in lines[4:]], len(labels))
-    declared = header.get("numframes", "")
-    if declared.isdigit() and int(declared) != len(rows):
+    declared = counted(header.get("numframes"))
+    if declared is None:
+        said = header.get("numframes", "")[:40]
+        oddities.append(f"the header does not say how many frames there are ({said!r}): {len(rows)} were read")
+    elif declared != len(rows):
         raise RecordingError(
-            f"{path}: {'truncated: ' if len(rows) < int(declared) else ''}the header promises {declared} frames, "
+            f"{path}: {'truncated: ' if len(rows) < declared else ''}the header promises {declared} frames, "
             f"the file holds {len(rows)}; copy or export it again"
         )
     time = rows[:, 1]
@@ -108,8 +113,8 @@ def _header(path: Path, names: str, values: str) -> dict[str, str]:
 def _labels(path: Path, line: str, header: dict[str, str], oddities: list[str]) -> list[str]:
     cells = line.rstrip().split("\t")
     labels = [cell.strip() for cell in cells[2::3]] if len(cells) > 2 else line.split()[2:]
-    declared = header.get("nummarkers", "")
-    if declared.isdigit() and int(declared) != len(labels):
+    declared = counted(header.get("nummarkers"))
+    if declared is not None and declared != len(labels):
         oddities.append(f"the header declares {declared} markers, {len(labels)} are named: those were taken")
     if not labels:
         raise RecordingError(f"{path}: the file holds no markers")
@@ -123,17 +128,24 @@ def _rows(path: Path, lines: list[str], markers: int) -> FloatArray:
     if not body:
         raise RecordingError(f"{path}: no frames follow the header")
     width = 2 + 3 * markers
-    widest = max(len(line.split("\t")) for line in body)
-    if "\t" in body[0] and widest > width:
+    between = "\t" if "\t" in body[0] else None
+    widest = max(len(line.split(between)) for line in body)
+    if widest > width:
         raise RecordingError(f"{path}: a row has {widest} cells, {markers} markers need {width}; export it again")
-    separator = "\t" if "\t" in body[0] else r"\s+"
     try:
-        frame = pd.read_csv(io.StringIO("\n".join(body)), sep=separator, header=None, names=list(range(width)))
+        frame = pd.read_csv(
+            io.StringIO("\n".join(body)),
+            sep=between or r"\s+",
+            header=None,
+            names=list(range(width)),
+            quoting=csv.QUOTE_NONE,  # a stray quote would swallow rows
+        )
         rows = frame.to_numpy(np.float64)
-    except (ValueError, pd.errors.ParserError) as error:
+    except NOT_NUMBERS as error:
         raise RecordingError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:160]}") from None
-    if not np.isfinite(rows[:, :2]).all():
-        row = int(np.flatnonzero(~np.isfinite(rows[:, :2]).all(axis=1))[0])
+    numbered = np.asarray(np.isfinite(rows[:, :2]).all(axis=1) & (np.abs(rows[:, 0]) < _MOST_FRAMES))
+    if not numbered.all():
+        row = int(np.flatnonzero(~numbered)[0])
         raise RecordingError(f"{path}: row {row + 1} of the frames has no frame number or time; export it again")
     return rows
 
@@ -144,6 +156,8 @@ def _even(path: Path, declared: str, time: FloatArray, oddities: list[str]) -> t
         stated = float(declared)
     except ValueError:
         stated = None
+    if stated is not None and not 0 < stated < np.inf:
+        raise RecordingError(f"{path}: DataRate is {declared[:40]} Hz, expected frames per second; export it again")
     clock = even_clock(path, time, stated)
     if stated is not None and abs(clock.rate / stated - 1) > _RATES_APART:
         raise RecordingError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,17 @@ def cache_key(
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 
+_SETTLED_NS = 2 * 10**9
+"""A file that was written less than that ago may be written to again under the same stamp."""
+
+
 class FileHashes:
     """Content hashes of the user's files, each read once."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
         self._known: dict[Path, str] = {}
+        self._stamps: dict[Path, tuple[int, ...]] = {}
 
     def of(self, stage: Stage) -> dict[str, str]:
         """Hashes of the files that a stage reads, by key.
@@ -50,16 +56,48 @@ class FileHashes:
         """
         return {role: self._hash(role, path) for role, path in user_files(self.trial, stage).items()}
 
+    def unchanged(self, stage: Stage) -> None:
+        """Make sure that the files are still those whose hashes are known, now that the stage has read them.
+
+        Raises
+        ------
+        RecordingError
+            One was written to, or is gone: what the stage has made is of nobody knows which content.
+        """
+        for role, path in user_files(self.trial, stage).items():
+            if path in self._stamps and self._stamps[path] == _stamp(path):
+                continue  # nobody has touched it
+            if self._read(role, path) != self._known.get(path):
+                raise RecordingError(
+                    f"{path}: changed while it was being read, named as `{role}` in {self.trial.file}; nothing was "
+                    "written: wait until it is complete, then run again"
+                )
+
     def _hash(self, role: str, path: Path) -> str:
-        named = f"named as `{role}` in {self.trial.file}"
         if path not in self._known:
-            try:
-                self._known[path] = hash_file(path)
-            except FileNotFoundError as error:
-                raise RecordingError(f"{path}: no such file, {named}") from error
-            except OSError as error:
-                raise RecordingError(f"{path}: cannot be read ({error.strerror}), {named}") from error
+            now, stamp = time.time_ns(), _stamp(path)
+            self._known[path] = self._read(role, path)
+            if stamp and now - max(stamp[-2:]) > _SETTLED_NS:
+                self._stamps[path] = stamp
         return self._known[path]
+
+    def _read(self, role: str, path: Path) -> str:
+        named = f"named as `{role}` in {self.trial.file}"
+        try:
+            return hash_file(path)
+        except FileNotFoundError as error:
+            raise RecordingError(f"{path}: no such file, {named}") from error
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be read ({error.strerror}), {named}") from error
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    """What every writing changes about a file, times last; empty where there is none."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return ()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
 def _paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:

@@ -25,6 +25,7 @@ from mocap_id.runner.refusals import remember, remembered
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Document, Folder, Origin
+from mocap_id.store.atomic import replace_together
 
 LOG_FILE = "failure.log"
 """In the run folder: the traceback of a failure that nobody foresaw."""
@@ -197,6 +198,7 @@ class _Run:
         start = time.perf_counter()
         try:
             outputs = stage.function(context)
+            self.files.unchanged(stage)
             origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
             _check_names(stage, outputs)
             self.folder.write(outputs, origin)
@@ -236,10 +238,10 @@ class _Run:
         log = self.trial.out / LOG_FILE
         text = "".join(traceback.format_exception(error))
         try:
-            log.write_text(text, "utf-8")
+            replace_together(self.trial.out, {LOG_FILE: text.encode("utf-8", "backslashreplace")})
             where = f"the details are in {log}; please report them"
-        except OSError as problem:
-            where = f"{log} could not be written ({problem.strerror})"
+        except StoreError as problem:
+            where = str(problem)
         what = str(error).partition("\n")[0]
         return NumericalError(f"an unforeseen failure, {type(error).__name__}: {what}; {where}")
 

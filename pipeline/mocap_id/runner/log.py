@@ -10,7 +10,7 @@ import platform
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from mocap_id import __version__
+from mocap_id import __version__, plain_files
 from mocap_id.errors import StoreError
 from mocap_id.store.atomic import replace_together
 
@@ -61,8 +61,8 @@ def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[log
 def verdict_line(folder: Path) -> str:
     """The verdict that stands in a run folder, with its codes."""
     try:
-        verdict = json.loads((folder / "summary.json").read_text("utf-8"))["verdict"]
-    except (OSError, ValueError, KeyError):
+        verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
+    except (OSError, ValueError, KeyError, TypeError):
         return _NO_VERDICT
     codes = [reason["code"] for reason in verdict["reasons"] if reason.get("level") != "ok"]
     return ": ".join([f"verdict {verdict['level']}", *([", ".join(codes)] if codes else [])])
@@ -71,7 +71,7 @@ def verdict_line(folder: Path) -> str:
 def last_failure(folder: Path) -> str | None:
     """How the last run of a folder ended, if not with a verdict or as it was asked to."""
     try:
-        lines = (folder / RUN_LOG).read_text("utf-8", "replace").splitlines()
+        lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
     except OSError:
         return None
     said = lines[-1].partition(" ")[2] if lines else "verdict"
@@ -100,6 +100,8 @@ class _Lines(logging.Handler):
 
 def _append(folder: Path, text: str) -> None:
     path = folder / RUN_LOG
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        return  # not ours: it would lead out of the folder
     if not path.exists() and not any(file.is_file() for file in folder.iterdir()):
         return
     with path.open("a", encoding="utf-8") as stream:

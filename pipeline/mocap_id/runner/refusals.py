@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from mocap_id import plain_files
 from mocap_id.errors import Refused
 from mocap_id.store.atomic import explained, replace_together
 
@@ -28,10 +29,11 @@ def remember(folder: Path, stage: str, key: str, refused: Refused) -> None:
 def remembered(folder: Path, stage: str, key: str) -> Refused | None:
     """The refusal of this very computation, if it was refused; None where that is not known."""
     try:
-        found: dict[str, Any] = json.loads((folder / _FILE).read_text("utf-8"))
-        return Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
-    except (OSError, ValueError, KeyError, TypeError):
+        found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))
+        refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
+    return refused if refused is not None and isinstance(refused.message, str) else None
 
 
 def forget_refusal(folder: Path) -> None:

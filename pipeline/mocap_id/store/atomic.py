@@ -7,7 +7,7 @@ import errno
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import BinaryIO, TypeAlias
 
 from mocap_id.errors import StoreError
@@ -59,7 +59,7 @@ def replace_together(folder: Path, contents: Mapping[str, Content]) -> None:
     temporary: dict[Path, Path] = {}
     try:
         for name, content in contents.items():
-            path = folder / name
+            path = within(folder, name)
             temporary[path] = path.with_name(f".{path.name}.{os.getpid()}{_TEMPORARY}")
             with explained(path):
                 path.parent.mkdir(exist_ok=True)
@@ -75,6 +75,26 @@ def replace_together(folder: Path, contents: Mapping[str, Content]) -> None:
             written.unlink(missing_ok=True)
 
 
+def within(folder: Path, name: str) -> Path:
+    """The path of a folder's file, ``/`` for a sub-folder.
+
+    Raises
+    ------
+    StoreError
+        It would lie outside the folder: by its name, or by a symbolic link in the place of a sub-folder. The folder
+        itself may be one, since somebody chose it.
+    """
+    parts = PurePosixPath(name).parts
+    if not parts or name.startswith("/") or ".." in parts or "\0" in name or "\\" in name:
+        raise StoreError(f"{folder}: {name!r} is no name of a file in this folder")
+    place = folder
+    for part in parts[:-1]:
+        place = place / part
+        if place.is_symlink():
+            raise StoreError(f"{place} is a symbolic link and leads out of the run folder: delete it and run again")
+    return place / parts[-1]
+
+
 def remove_leftovers(folder: Path) -> None:
     """Delete the temporary files of a run that was killed; call it only while holding the folder's lock."""
     for path in folder.rglob(f".*{_TEMPORARY}"):
@@ -82,7 +102,8 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _write(path: Path, content: Content) -> None:
-    with path.open("wb") as stream:
+    path.unlink(missing_ok=True)
+    with path.open("xb") as stream:  # never through a link that somebody has put there
         if isinstance(content, bytes):
             stream.write(content)
         else:

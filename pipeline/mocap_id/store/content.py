@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from mocap_id import plain_files
 from mocap_id.arrays import IntArray, chunks
 from mocap_id.store.artefacts import Facts
 from mocap_id.store.provenance import dumps
@@ -76,10 +77,10 @@ def hash_file(path: Path) -> str:
     Raises
     ------
     OSError
-        The file cannot be read.
+        The file cannot be read, is no plain file, or changes meanwhile: see :mod:`mocap_id.plain_files`.
     """
     digest = hashlib.sha256()
-    with path.open("rb") as stream:
+    with plain_files.opened(path) as stream:
         while chunk := stream.read(_CHUNK):
             digest.update(chunk)
     return digest.hexdigest()

@@ -14,15 +14,17 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from mocap_id import plain_files
 from mocap_id.errors import StoreError
 from mocap_id.store import hdf5, parquet
 from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, Tree, TreeSchema
-from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together
+from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
 from mocap_id.store.content import hash_bytes
 from mocap_id.store.provenance import Origin, Provenance
 from mocap_id.store.schemas import SCHEMAS
 
 _HIDDEN = ".mocap-id"
+_UNREADABLE = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)  # of a record that is none
 
 
 class Folder:
@@ -53,7 +55,10 @@ class Folder:
         made = [folder for folder in (self.path / _HIDDEN, self.path, *self.path.parents) if not folder.exists()]
         with explained(self.path):
             (self.path / _HIDDEN).mkdir(parents=True, exist_ok=True)
-        lock = FileLock(self.path / _HIDDEN / "lock")
+        place = within(self.path, f"{_HIDDEN}/lock")
+        if place.is_symlink() or (place.exists() and not place.is_file()):
+            raise StoreError(f"{place} is no file of ours: delete it and run again")
+        lock = FileLock(place)
         with explained(self.path):
             try:
                 lock.acquire(timeout=0)
@@ -109,7 +114,7 @@ class Folder:
         if documents:
             contents[_record(origin.stage)] = _encode_record(origin, documents)
         replace_together(self.path, contents)
-        self.remove(set(before) - set(documents))
+        self.remove({file for file in self._ours(before) if file not in documents})
         for file in contents:
             self._read.pop(file, None)
 
@@ -149,13 +154,14 @@ class Folder:
     def remove(self, files: Iterable[str]) -> None:
         """Delete files of this folder; those that are not there are no matter."""
         for file in files:
-            with explained(self.path / file):
-                (self.path / file).unlink(missing_ok=True)
+            path = within(self.path, file)
+            with explained(path):
+                path.unlink(missing_ok=True)
             self._read.pop(file, None)
 
     def forget(self, stage: str, files: Iterable[str]) -> None:
         """Delete everything that a stage wrote."""
-        self.remove([*files, *self.documents(stage), _record(stage)])
+        self.remove([*files, *self._ours(self.documents(stage)), _record(stage)])
 
     def freshen(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
         """Make files no older than what they were made from, so that `make` agrees that they are up to date."""
@@ -187,7 +193,7 @@ class Folder:
         if file not in self._read:
             path, schema = self.path / file, SCHEMAS[file]
             try:
-                content = path.read_bytes()
+                content = plain_files.read(path, links=False)
             except FileNotFoundError as error:
                 raise StoreError(f"{path} is missing: run the stage that writes it") from error
             except OSError as error:
@@ -202,23 +208,35 @@ class Folder:
 
     def _record(self, stage: str) -> tuple[Provenance, dict[str, str]] | None:
         try:
-            strings = json.loads((self.path / _record(stage)).read_text("utf-8"))
-            documents: dict[str, str] = json.loads(strings["documents"])
+            strings = json.loads(plain_files.read(within(self.path, _record(stage)), links=False))
+            documents: dict[str, str] = dict(json.loads(strings["documents"]))
             provenance = Provenance.decode(strings)
-        except (OSError, ValueError, KeyError, TypeError):
+            sound = all(self._may_be_document(file) for file in documents)
+        except (StoreError, *_UNREADABLE):
             return None  # no record: the documents count as not written
-        inside = all((self.path / file).resolve().is_relative_to(self.path.resolve()) for file in documents)
-        return (provenance, documents) if inside else None
+        return (provenance, documents) if sound else None
+
+    def _may_be_document(self, file: str) -> bool:
+        """Whether a name could be a document's: in this folder, and neither an artefact nor one of our own records."""
+        path = within(self.path, file)
+        return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
+
+    def _ours(self, documents: Mapping[str, str]) -> list[str]:
+        """Those that are still what was written; what somebody has changed since is theirs."""
+        return [file for file, content in documents.items() if self._hash(file) == content]
+
+    def _hash(self, file: str) -> str | None:
+        """Content hash of a document; None where there is none to read."""
+        try:
+            return hash_bytes(plain_files.read(within(self.path, file), links=False))
+        except (StoreError, OSError, ValueError):
+            return None
 
     def _document_origin(self, stage: str) -> Origin | None:
         record = self._record(stage)
         if record is None:
             return None
-        for file, content in record[1].items():
-            path = self.path / file
-            if not path.is_file() or hash_bytes(path.read_bytes()) != content:
-                return None
-        return record[0].origin
+        return record[0].origin if len(self._ours(record[1])) == len(record[1]) else None
 
 
 def _record(stage: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
@@ -18,6 +19,11 @@ Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 """Path in the file → array; strings as numpy ``U`` arrays, scalars with shape ()."""
 
 _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
+_BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError, UnicodeError)
+"""What the library raises on damaged files."""
+_MOST_NODES, _MOST_TEXTS = 1000, 5000
+_ROOM, _LEAST_ROOM = 4, 1 << 24
+"""Bytes in memory for each byte of the file, which is never compressed (text takes four a character); and at least."""
 
 
 def encode(tree: Tree, origin: Origin) -> bytes:
@@ -54,9 +60,9 @@ def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     """
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            leaves = dict(_leaves(file, ""))
+            leaves = dict(_Walk(len(content)).leaves(file, ""))
             metadata = {key: value for key, value in file.attrs.items() if isinstance(value, str)}
-    except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:
+    except _BROKEN as error:
         raise ValueError(f"is damaged ({str(error).partition(chr(10))[0]})") from error
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_mismatches(leaves, schema))
@@ -104,24 +110,78 @@ def _mismatches(leaves: Leaves, schema: TreeSchema) -> Iterator[str]:
             yield f"`{node.name}` holds {array.dtype}, expected {node.dtype}"
 
 
-def _leaves(group: h5py.Group, above: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
-    """Every dataset of a file; whatever points outside the file is refused before it is opened."""
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise ValueError(f"holds a link at `{above}{name}`, which could lead to another file: refused")
-        item = group[name]
-        if isinstance(item, h5py.Group):
-            yield from _leaves(item, f"{above}{name}/")
-        elif isinstance(item, h5py.Dataset):
-            yield above + name, _array(item, above + name)
+class _Walk:
+    """A way through a file that trusts nothing of it.
 
+    Whatever points outside the file is refused before it is opened, whatever declares more values than the file can
+    hold before it is read, and no object is visited twice: links may lead round in rings.
 
-def _array(dataset: h5py.Dataset, path: str) -> np.ndarray[Any, Any]:
-    if dataset.external or dataset.is_virtual:
-        raise ValueError(f"keeps the values of `{path}` in another file: refused")
-    if h5py.check_string_dtype(dataset.dtype):
-        return np.asarray(dataset.asstr()[()], dtype="U")
-    return np.asarray(dataset[()])
+    Parameters
+    ----------
+    size : int
+        Bytes of the file.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._left = _ROOM * size + _LEAST_ROOM
+        self._seen: set[Any] = set()
+
+    def leaves(self, group: h5py.Group, above: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
+        """Every dataset of a group, by its path.
+
+        Raises
+        ------
+        ValueError
+            The file is not as this program writes it; the message completes "FILE …".
+        """
+        self._enter(group, above)
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise ValueError(f"holds a link at `{above}{name}`, which could lead to another file: refused")
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                yield from self.leaves(item, f"{above}{name}/")
+            elif isinstance(item, h5py.Dataset):
+                self._enter(item, above + name)
+                yield above + name, self._array(item, above + name)
+
+    def _enter(self, item: h5py.Group | h5py.Dataset, path: str) -> None:
+        found = h5py.h5o.get_info(item.id)
+        place = (found.fileno, found.addr)
+        if place in self._seen:
+            raise ValueError(f"holds an object twice, once at `{path}`: refused")
+        self._seen.add(place)
+        if len(self._seen) > _MOST_NODES:
+            raise ValueError(f"holds more than {_MOST_NODES} objects: refused")
+
+    def _array(self, dataset: h5py.Dataset, path: str) -> np.ndarray[Any, Any]:
+        if dataset.external or dataset.is_virtual:
+            raise ValueError(f"keeps the values of `{path}` in another file: refused")
+        if dataset.shape is None or dataset.dtype.kind not in "biufSO":
+            raise ValueError(f"holds values of a kind that no node has at `{path}`: {dataset.dtype}")
+        self._take(math.prod(dataset.shape) * dataset.dtype.itemsize, path)
+        if h5py.check_string_dtype(dataset.dtype):
+            return self._text(dataset, path)
+        if dataset.dtype.kind == "O":
+            raise ValueError(f"holds references or lists at `{path}`: refused")
+        return np.asarray(dataset[()])
+
+    def _text(self, dataset: h5py.Dataset, path: str) -> np.ndarray[Any, Any]:
+        """Strings one by one: many of them may stand for one and the same long one."""
+        if math.prod(dataset.shape) > _MOST_TEXTS:
+            raise ValueError(f"holds more than {_MOST_TEXTS} texts at `{path}`: refused")
+        texts: list[str] = []
+        for index in np.ndindex(dataset.shape):
+            texts.append(dataset.asstr()[index])
+            self._take(4 * len(texts[-1]), path)
+        self._take(4 * len(texts) * max(map(len, texts), default=0), path)  # all are as wide as the longest
+        return np.array(texts, dtype="U").reshape(dataset.shape)
+
+    def _take(self, needed: int, path: str) -> None:
+        """Count off memory; what the file cannot hold is refused."""
+        self._left -= needed
+        if self._left < 0:
+            raise ValueError(f"declares more values than it holds at `{path}`: refused")
 
 
 def _nested(leaves: Leaves) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, BinaryIO
@@ -19,6 +20,11 @@ from mocap_id.store.content import TableHash, ranked_strings
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
 _ROWS = 1 << 18  # that are written together
+_MOST_COLUMNS = 5000
+_ROOM, _LEAST_ROOM = 64, 1 << 28
+"""Bytes in memory for each byte of the file: what is never seen packs well. At least so many."""
+_CELL = 8
+"""Bytes of a cell at most: numbers, or places in a list of texts."""
 
 _TYPES = {
     "float64": pa.float64(),
@@ -82,6 +88,7 @@ def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
         metadata = {key.decode(): value.decode() for key, value in (found.metadata or {}).items()}
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise ValueError(f"is damaged ({_first_line(error)})") from error
+    _check_size(file.metadata, found, _ROOM * len(content) + _LEAST_ROOM)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_mismatches(found, schema))
     if problem:
@@ -101,6 +108,20 @@ def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
     return Table(schema, frame, provenance.facts, provenance.reasons), provenance
 
 
+def _check_size(found: pq.FileMetaData, schema: pa.Schema, room: int) -> None:
+    """Refuse, before any column is read, what would take far more memory than files of ours do."""
+    names = schema.names
+    if len(names) > _MOST_COLUMNS:
+        raise ValueError(f"has {len(names)} columns, more than any table of ours")
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise ValueError(f"does not have its columns: `{twice}` stands twice")
+    groups = [found.row_group(index) for index in range(found.num_row_groups)]
+    packed = sum(group.total_byte_size for group in groups)
+    if found.num_rows < 0 or max(packed, found.num_rows * _CELL * len(names)) > room:
+        raise ValueError(f"declares {found.num_rows} rows, which take more memory than a file of its size may ask for")
+
+
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
     """Provenance out of a file's metadata, for this schema.
 
@@ -113,7 +134,7 @@ def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
         raise ValueError("was not written by mocap-id: it has no provenance")
     try:
         provenance = Provenance.decode(metadata)
-    except (KeyError, ValueError, TypeError) as error:
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"has a damaged provenance ({_first_line(error)})") from error
     found, expected = (provenance.schema, provenance.schema_version), (schema.file, schema.version)
     if found != expected:
@@ -187,11 +208,12 @@ def _arrow(series: pd.Series[Any], column: Column, file: str) -> pa.Array:
 
 
 def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
+    types = dict(zip(found.names, found.types, strict=True))
     for column in columns_of(schema, found.names):
-        if column.name not in found.names:
+        if column.name not in types:
             yield f"`{column.name}` is missing"
-        elif found.field(column.name).type != _TYPES[column.dtype]:
-            yield f"`{column.name}` is {found.field(column.name).type}, expected {column.dtype}"
+        elif types[column.name] != _TYPES[column.dtype]:
+            yield f"`{column.name}` is {types[column.name]}, expected {column.dtype}"
 
 
 def _series(column: pa.ChunkedArray, kind: str | None) -> Any:

@@ -6,13 +6,13 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from mocap_id import __version__
 from mocap_id.store.artefacts import Facts
-from mocap_id.verdict import Reason
+from mocap_id.verdict import Level, Reason
 
 PREFIX = "mocap-id."
 """Before every key of ours in a file's metadata."""
@@ -77,13 +77,19 @@ class Provenance:
 
     @classmethod
     def decode(cls, strings: Mapping[str, str]) -> Provenance:
-        """The inverse of :meth:`encode`; KeyError or ValueError where something is missing or malformed."""
+        """The inverse of :meth:`encode`.
+
+        Raises
+        ------
+        AttributeError, KeyError, RecursionError, TypeError, ValueError
+            Something is missing or malformed.
+        """
         text = {key.removeprefix(PREFIX): value for key, value in strings.items() if key.startswith(PREFIX)}
         origin = Origin(
             stage=text["stage"],
             stage_version=int(text["stage_version"]),
-            parameters=json.loads(text["parameters"]),
-            inputs=json.loads(text["inputs"]),
+            parameters=_mapping(text["parameters"]),
+            inputs=_mapping(text["inputs"]),
             key=text["key"],
             seconds=float(text["seconds"]),
             product=text["product"],
@@ -93,9 +99,28 @@ class Provenance:
             schema_version=int(text["schema_version"]),
             origin=origin,
             content=text["content"],
-            facts=json.loads(text["facts"]),
-            reasons=tuple(Reason.from_dict(reason) for reason in json.loads(text["reasons"])),
+            facts=_mapping(text["facts"]),
+            reasons=_reasons(text["reasons"]),
         )
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    """A JSON object."""
+    found = json.loads(text)
+    if not isinstance(found, dict):
+        raise TypeError(f"expected an object, found {type(found).__name__}")
+    plain(found)  # as deep as this can follow, and no deeper
+    return found
+
+
+def _reasons(text: str) -> tuple[Reason, ...]:
+    """Reasons of a JSON list, each of the right kinds."""
+    reasons = tuple(Reason.from_dict(reason) for reason in json.loads(text))
+    for reason in reasons:
+        sound = isinstance(reason.code, str) and isinstance(reason.message, str) and reason.level in get_args(Level)
+        if not sound or any(not isinstance(number, int | float | None) for number in (reason.value, reason.limit)):
+            raise TypeError(f"expected a reason, found {str(reason)[:80]}")
+    return reasons
 
 
 def dumps(value: Any) -> str:

@@ -142,6 +142,11 @@ JUDGED: Mapping[str, tuple[str, str]] = {
         "identify-dim",
         "Best offset, s, against `identify-dim: {clock_offset_limit_s}`, and whether the cost shows it.",
     ),
+    "clock-offset-kept": (
+        "identify-dim",
+        "The offset that was found, s, where `identify-dim: {apply_clock_offset}` is false; limit 3 standard "
+        "deviations, and 0.0005.",
+    ),
     "parameters-bounded": (
         "identify-dim",
         "Rise of the cost from free parameters to those of a possible body, of the least cost; limit 0.05.",

@@ -29,6 +29,13 @@ PARAMETERS: Mapping[str, Explanation] = {
         "Check that markers and forces belong to the same trial; record a faster movement, in which the clocks show; "
         "or widen `identify-dim: {clock_offset_limit_s: …}`.",
     ),
+    "clock-offset-kept": Explanation(
+        ("caution",),
+        "A clock offset is known and left in",
+        "The offset between cameras and plates was found, and the settings ask not to take it out. Regressor and "
+        "wrench then belong to different moments, and the parameters answer for it.",
+        "Leave `identify-dim: {apply_clock_offset: false}` away, or correct the clocks before.",
+    ),
     "parameters-bounded": Explanation(
         ("caution",),
         "Only an impossible body would fit better",

@@ -1,0 +1,341 @@
+"""Damage that knows Parquet, HDF5 and the JSON records beside them: columns, types, links, bombs, metadata."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+
+import h5py
+import mutations_bytes
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+TEXTS = (
+    *(
+        "",
+        "null",
+        "[]",
+        "{}",
+        "0",
+        "-1",
+        "1e999",
+        "NaN",
+        "[1,2]",
+        '{"a":[]}',
+        '"x"',
+        "true",
+        "\x00",
+        "ü",
+        "nope",
+        "9" * 5000,
+    ),
+    *(
+        "[" * 100_000,
+        "[" * 900 + "]" * 900,
+        '{"a":' * 990 + "1" + "}" * 990,
+        '[{"code": 1}]',
+        '[{"code":"a","message":"b","x":1}]',
+    ),
+    *(
+        '[{"code":"a","message":null}]',
+        '[{"code":"a","message":"b","level":"grave"}]',
+        "[[1]]",
+        '{"a": 1e400}',
+        "x" * 100_000,
+    ),
+)
+META = ("schema", "schema_version", "stage", "stage_version", "parameters", "inputs", "key", "seconds", "product")
+META = (*META, "content", "facts", "reasons")
+
+
+def _text(rng: np.random.Generator) -> str:
+    return TEXTS[rng.integers(len(TEXTS))]
+
+
+def _named(rng: np.random.Generator) -> str:
+    return "mocap-id." + META[rng.integers(len(META))]
+
+
+def parquet_columns(table: pa.Table, rng: np.random.Generator) -> pa.Table:
+    """Columns go, come, change place, name or type."""
+    k, what = int(rng.integers(table.num_columns)), int(rng.integers(9))
+    name, column = table.column_names[k], table.column(k)
+    if what == 0:
+        return table.remove_column(k)
+    if what == 1:
+        return table.select([*reversed(range(table.num_columns))])
+    if what == 2:
+        names = [*table.column_names]
+        names[k] = str(
+            rng.choice(["", "x", "theta_0", "theta_99999999999999999999", name.upper(), names[0], "a" * 5000])
+        )
+        return table.rename_columns(names)
+    if what == 3:
+        kinds = (pa.string(), pa.float32(), pa.int8(), pa.large_string(), pa.binary(), pa.date32(), pa.decimal128(38))
+        kind = kinds[rng.integers(len(kinds))]
+        try:
+            return table.set_column(k, name, column.cast(kind))
+        except (pa.ArrowException, pa.ArrowInvalid):
+            return table.set_column(k, name, pa.nulls(len(table), kind))
+    if what == 4:
+        return table.append_column(name, column)
+    if what == 5:
+        return table.set_column(k, name, pa.nulls(len(table), column.type))
+    if what == 6:
+        nested = pa.array([[{"a": [1, 2]}]] * len(table))
+        return table.set_column(k, name, nested)
+    if what == 7:
+        count = int(rng.choice([3, 300, 3000]))
+        more = pa.table({f"theta_{i}": pa.nulls(len(table), pa.float64()) for i in range(1, count)})
+        for extra in more.column_names:
+            if extra not in table.column_names:
+                table = table.append_column(extra, more.column(extra))
+        return table
+    return table.slice(0, int(rng.integers(0, len(table) + 1)))
+
+
+def parquet_metadata(table: pa.Table, rng: np.random.Generator) -> pa.Table:
+    metadata = dict(table.schema.metadata or {})
+    what = int(rng.integers(5))
+    if what == 0:
+        metadata.pop(_named(rng).encode(), None)
+    elif what == 1:
+        metadata[_named(rng).encode()] = _text(rng).encode()
+    elif what == 2:
+        metadata[_named(rng).encode()] = rng.bytes(20)
+    elif what == 3:
+        metadata[b"pandas"] = _text(rng).encode()
+    else:
+        metadata = {b"\xff\xfe": b"\xff"} | metadata
+    return table.replace_schema_metadata(metadata)
+
+
+def parquet_bomb(table: pa.Table, rng: np.random.Generator) -> pa.Table:
+    """A small file of a great many rows, all alike."""
+    rows = int(rng.choice([1_000_000, 20_000_000]))
+    names = [name for name in table.column_names if table.schema.types[table.schema.names.index(name)] != pa.string()][
+        :2
+    ]
+    columns = [pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array(["a" * 100])) for _ in names]
+    return pa.table(dict(zip(names, columns, strict=True))).replace_schema_metadata(table.schema.metadata)
+
+
+def _edit_parquet(data: bytearray, rng: np.random.Generator) -> None:
+    if rng.random() < 0.5:
+        mutations_bytes.apply(data, rng)
+        return
+    try:
+        table = pq.read_table(io.BytesIO(bytes(data)))
+    except (pa.ArrowException, OSError):
+        return
+    for _ in range(int(rng.integers(1, 3))):
+        chance = rng.random()
+        make = parquet_columns if chance < 0.55 else parquet_metadata if chance < 0.97 else parquet_bomb
+        if table.num_columns:
+            table = make(table, rng)
+    stream = io.BytesIO()
+    compression = str(rng.choice(["zstd", "snappy", "gzip", "none"]))
+    version = str(rng.choice(["1.0", "2.6"]))
+    pq.write_table(table, stream, compression=compression, version=version, data_page_version=version[0] + ".0")
+    data[:] = stream.getvalue()
+    if rng.random() < 0.15:
+        mutations_bytes.apply(data, rng, 1)
+
+
+def _datasets(file: h5py.File) -> list[str]:
+    found: list[str] = []
+    file.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+def _links(file: h5py.File, name: str, rng: np.random.Generator) -> None:
+    what = int(rng.integers(6))
+    if what == 0:
+        file[name] = h5py.ExternalLink("other.h5", "/x")
+    elif what == 1:
+        file[name] = h5py.SoftLink(str(rng.choice(["/joints", "/nowhere", f"/{name}", "/"])))
+    elif what == 2:
+        file[name] = file["/"]  # a ring
+    elif what == 3:
+        group = file.create_group(name)
+        for _ in range(int(rng.choice([5, 40]))):  # each level twice: as many paths as 2 to the depth
+            group["a"] = below = group.create_group("b")
+            group = below
+    elif what == 4:
+        file[name] = np.dtype("f8")
+    else:
+        group = file.create_group(name)
+        for _ in range(int(rng.choice([20, 400]))):
+            group = group.create_group("g")
+
+
+def _elsewhere(file: h5py.File, name: str, rng: np.random.Generator) -> None:
+    if rng.random() < 0.5:
+        file.create_dataset(name, (4,), "f8", external=[(str(rng.choice(["/dev/zero", "/etc/passwd"])), 0, 32)])
+    else:
+        layout = h5py.VirtualLayout(shape=(4,), dtype="f8")
+        layout[:] = h5py.VirtualSource(str(rng.choice([".", "other.h5"])), "x", shape=(4,))
+        file.create_virtual_dataset(name, layout)
+
+
+def _huge(file: h5py.File, name: str, rng: np.random.Generator) -> None:
+    what = int(rng.integers(6))
+    if what == 0:
+        file.create_dataset(name, (1 << 40,), "f8", chunks=(1 << 20,))
+    elif what == 1:
+        file.create_dataset(name, (1 << 28,), "f8", chunks=(1 << 28,), compression="gzip")
+    elif what == 2:
+        zeros = np.zeros(1 << 22)
+        file.create_dataset(name, data=zeros, chunks=(1 << 20,), compression="gzip", compression_opts=9)
+    elif what == 3:
+        file.create_dataset(name, (1 << 30,), "f8")  # contiguous, never written
+    elif what == 4:
+        text = h5py.string_dtype()
+        made = file.create_dataset(name, (1 << 12,), text, chunks=(1 << 12,), compression="gzip")
+        made[0] = "x" * (1 << 18)
+    else:
+        file.create_dataset(name, (1 << 16,), "S65000", chunks=(16,), compression="gzip")
+
+
+def _kinds(file: h5py.File, name: str, rng: np.random.Generator) -> None:
+    reference = h5py.ref_dtype
+    made = (
+        lambda: file.create_dataset(name, data=h5py.Empty("f8")),
+        lambda: file.create_dataset(name, (3,), reference),
+        lambda: file.create_dataset(name, (3,), h5py.regionref_dtype),
+        lambda: file.create_dataset(name, data=np.zeros(3, [("a", "f8"), ("b", "i4")])),
+        lambda: file.create_dataset(name, data=np.zeros(3, "c16")),
+        lambda: file.create_dataset(name, (3,), h5py.vlen_dtype(np.dtype("f8"))),
+        lambda: file.create_dataset(name, data=np.array([0, 1]), dtype=h5py.enum_dtype({"A": 0, "B": 1})),
+        lambda: file.create_dataset(name, data=np.zeros(3, "V7")),
+        lambda: file.create_dataset(name, data=np.array([b"\xff\xfe", b"a"])),
+        lambda: file.create_dataset(name, data=np.float64(np.nan)),
+        lambda: file.create_dataset(name, data=np.zeros((0, 5))),
+        lambda: file.create_dataset(name, data=np.zeros((1,) * 20)),
+        lambda: file.create_dataset(name, data=np.array([2**63], "u8")),
+        lambda: file.create_dataset(name, data=np.zeros(3, "f2")),
+        lambda: file.create_dataset(name, (2,), h5py.string_dtype("ascii", 5)),
+        lambda: file.create_dataset(name, (2,), h5py.string_dtype()),
+    )
+    made[rng.integers(len(made))]()
+
+
+def _attributes(file: h5py.File, name: str, rng: np.random.Generator) -> None:
+    values = (
+        _text(rng),
+        np.arange(5),
+        h5py.Empty("f8"),
+        np.bytes_(b"\xff\xfe"),
+        7,
+        ["a", "b"],
+        _text(rng).replace("\0", "x"),
+    )
+    chosen = values[rng.integers(len(values))]
+    key = _named(rng)
+    if rng.random() < 0.2:
+        file.attrs.pop(key, None)
+    elif not (isinstance(chosen, str) and "\0" in chosen):
+        file.attrs[key] = chosen
+
+
+def _edit_hdf5(data: bytearray, rng: np.random.Generator) -> None:
+    if rng.random() < 0.45:
+        mutations_bytes.apply(data, rng)
+        return
+    stream = io.BytesIO(bytes(data))
+    makers: tuple[Callable[[h5py.File, str, np.random.Generator], None], ...]
+    makers = (_links, _elsewhere, _huge, _kinds, _attributes)
+    with h5py.File(stream, "r+", libver=("v108", "v110")) as file:
+        for _ in range(int(rng.integers(1, 3))):
+            names = _datasets(file)
+            name = names[rng.integers(len(names))] if names else "x"
+            make = makers[rng.integers(len(makers))]
+            if make is not _attributes:
+                if name in file and rng.random() < 0.8:
+                    del file[name]
+                else:
+                    name = f"extra{rng.integers(1000)}"
+                if name in file:
+                    continue
+            make(file, name, rng)
+            if make is _links:
+                break  # rings make the next look at all datasets endless
+    data[:] = stream.getvalue()
+    if rng.random() < 0.15:
+        mutations_bytes.apply(data, rng, 1)
+
+
+def record(data: bytearray, rng: np.random.Generator) -> None:
+    """The JSON beside the documents."""
+    if rng.random() < 0.35:
+        mutations_bytes.apply(data, rng)
+        return
+    try:
+        found = json.loads(bytes(data))
+    except ValueError:
+        return
+    documents = (
+        *(
+            "[]",
+            "1",
+            "null",
+            '["../x"]',
+            '{"../../x": "y"}',
+            '{"a\\u0000b": "y"}',
+            '{"/etc/passwd": "y"}',
+            '{"": "y"}',
+            '{".": ""}',
+        ),
+        *(
+            '{"figures": "y"}',
+            '{"figures/../../x": "y"}',
+            '{"report.html": 5}',
+            '{"lock": []}',
+            '{"' + "x" * 5000 + '": "y"}',
+        ),
+        *(
+            '{"planar.parquet": "y"}',
+            '{".mocap-id/lock": "y"}',
+            "[" * 50_000,
+            '{"\\ud800": "y"}',
+            '{"trial.yaml": "y"}',
+        ),
+    )
+    for _ in range(int(rng.integers(1, 3))):
+        key = str(rng.choice([*found])) if isinstance(found, dict) and found else "x"
+        what = int(rng.integers(5))
+        if not isinstance(found, dict):
+            break
+        if what == 0:
+            found["documents"] = documents[rng.integers(len(documents))]
+        elif what == 1:
+            found.pop(key, None)
+        elif what == 2:
+            found[key] = _text(rng)
+        elif what == 3:
+            found[key] = (None, 1, [], {}, True, 1.5)[rng.integers(6)]
+        else:
+            found = ([found], None, 1, "x")[rng.integers(4)]
+    data[:] = json.dumps(found).encode()
+    if rng.random() < 0.1:
+        data[:] = _text(rng).encode("utf-8", "replace")
+
+
+def parquet(data: bytearray, rng: np.random.Generator) -> None:
+    _or_bytes(_edit_parquet, data, rng)
+
+
+def hdf5(data: bytearray, rng: np.random.Generator) -> None:
+    _or_bytes(_edit_hdf5, data, rng)
+
+
+def _or_bytes(
+    edit: Callable[[bytearray, np.random.Generator], None], data: bytearray, rng: np.random.Generator
+) -> None:
+    """Edit a file by its own library; where that will not write such a thing, spoil its bytes."""
+    try:
+        edit(data, rng)
+    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError):
+        mutations_bytes.apply(data, rng)

@@ -1,0 +1,332 @@
+"""Every input that once brought a traceback, a hang, a flood of memory or a wrong count: kept as its recipe."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+
+import c3d_count
+import h5py
+import hostile_seeds
+import mutations_c3d
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from recording_cases import body, build_c3d, plate_parameters
+
+from mocap_id import recording
+from mocap_id.config import load
+from mocap_id.errors import ConfigError, RecordingError, StoreError
+from mocap_id.recording.tables import read_table
+from mocap_id.store import Folder
+
+POINTS = body(40, 6) * 1e3
+
+
+def read_c3d(folder: Path, data: bytes) -> recording.Recording:
+    path = folder / "case.c3d"
+    path.write_bytes(data)
+    return recording.read(path)
+
+
+def with_frames(data: bytes, frames: int) -> bytes:
+    """A file whose header and parameters agree on another number of frames than it holds."""
+    lying = bytearray(data)
+    mutations_c3d.put_word(lying, 8, struct.unpack("<H", lying[6:8])[0] + frames - 1)
+    for place in mutations_c3d.places(lying):
+        if place.name == "POINT:FRAMES":
+            mutations_c3d.put_word(lying, place.values, frames)
+    return bytes(lying)
+
+
+@pytest.mark.parametrize(
+    ("frames", "told"),
+    [(35, "is not empty and has room for 5 more"), (39, "room for 1 more"), (41, "hold hardly anything but zeros")],
+)
+def test_counts_that_agree_on_a_lie_are_told(tmp_path: Path, frames: int, told: str) -> None:
+    """The size leaves open how many frames there are, as far as the last block's padding goes."""
+    data = with_frames(build_c3d(POINTS), frames)
+    found = read_c3d(tmp_path, data)
+    assert len(found.frames) == frames
+    assert frames in c3d_count.possible(data)
+    assert any(told in oddity for oddity in found.oddities), found.oddities
+
+
+@pytest.mark.parametrize("frames", [60, 1000, 65535])
+def test_frames_that_are_not_there_are_refused(tmp_path: Path, frames: int) -> None:
+    with pytest.raises(RecordingError, match="promises"):
+        read_c3d(tmp_path, with_frames(build_c3d(POINTS), frames))
+
+
+def test_a_sound_file_says_nothing_of_its_end(tmp_path: Path) -> None:
+    assert not [oddity for oddity in read_c3d(tmp_path, build_c3d(POINTS)).oddities if "frame" in oddity]
+
+
+def test_plates_that_no_parameter_tells_of_take_no_memory(tmp_path: Path) -> None:
+    """65,535 plates of some thousand samples each were gigabytes."""
+    analog = np.random.default_rng(0).normal(size=(160, 6))
+    parameters = plate_parameters(2, range(1, 7)) | {"FORCE_PLATFORM:USED": -1}
+    found = read_c3d(tmp_path, build_c3d(POINTS, analog=analog, parameters=parameters))
+    assert [plate.index for plate in found.plates] == [1, 2]
+    assert "promises 65535 plates, TYPE tells of 1" in found.plates[1].problem
+
+
+@pytest.mark.parametrize("block", [0, 1, 3, 255])
+def test_a_parameter_block_where_the_library_looks_for_none(tmp_path: Path, block: int) -> None:
+    """Its UnboundLocalError came through; the bytes can be read all the same where the header alone is broken."""
+    data = bytearray(build_c3d(POINTS))
+    data[0] = block
+    if block > 2:
+        with pytest.raises(RecordingError, match=r"case.c3d: the parameter section"):
+            read_c3d(tmp_path, bytes(data))
+    else:
+        found = read_c3d(tmp_path, bytes(data))
+        np.testing.assert_allclose(found.positions, POINTS * 1e-3, atol=1e-6)
+        assert any("read by its bytes, since c3d" in oddity for oddity in found.oddities)
+
+
+def test_no_compiled_library_reads_a_broken_header() -> None:
+    """Case 3076 of seed 1002 ended the process within ezc3d."""
+    from mocap_id.recording import c3d_decode
+
+    assert not hasattr(c3d_decode, "ezc3d")
+
+
+def test_a_channel_map_without_dimensions(tmp_path: Path) -> None:
+    """IndexError came through."""
+    analog = np.random.default_rng(0).normal(size=(160, 6))
+    parameters = plate_parameters(2, range(1, 7)) | {"FORCE_PLATFORM:CHANNEL": 1}
+    (plate,) = read_c3d(tmp_path, build_c3d(POINTS, analog=analog, parameters=parameters)).plates
+    assert "CHANNEL has 1 rows" in plate.problem
+
+
+def trc(folder: Path) -> tuple[Path, list[bytes]]:
+    return folder / "link.trc", hostile_seeds.trc(folder, False)[0].data.split(b"\n")
+
+
+@pytest.mark.parametrize("declared", ["²", "٣", "9" * 5000, "1e9", "-1", "", "nan"])
+def test_numbers_of_frames_that_are_none(tmp_path: Path, declared: str) -> None:
+    path, lines = trc(tmp_path)
+    cells = lines[2].split(b"\t")
+    cells[2] = declared.encode()
+    path.write_bytes(b"\n".join([*lines[:2], b"\t".join(cells), *lines[3:]]))
+    if declared.startswith("9"):
+        with pytest.raises(RecordingError, match="promises"):
+            recording.read(path)
+    else:
+        found = recording.read(path)
+        assert len(found.frames) == 100
+        assert any("does not say how many frames" in oddity for oddity in found.oddities)
+
+
+@pytest.mark.parametrize("declared", ["0", "-100", "nan", "inf", "1e999", "1e-320"])
+def test_rates_that_are_none(tmp_path: Path, declared: str) -> None:
+    """ZeroDivisionError came through."""
+    path, lines = trc(tmp_path)
+    rest = lines[2].partition(b"\t")[2]
+    path.write_bytes(b"\n".join([*lines[:2], declared.encode() + b"\t" + rest, *lines[3:]]))
+    with pytest.raises(RecordingError, match=r"link.trc: DataRate is "):
+        recording.read(path)
+
+
+@pytest.mark.parametrize("cell", ["9" * 25, "9" * 5000, "1e400", "²"])
+@pytest.mark.parametrize("column", [0, 1, 4])
+def test_giants_among_the_cells(tmp_path: Path, cell: str, column: int) -> None:
+    """OverflowError came through, or a frame number wrapped around."""
+    path, lines = trc(tmp_path)
+    cells = lines[20].split(b"\t")
+    cells[column] = cell.encode()
+    path.write_bytes(b"\n".join([*lines[:20], b"\t".join(cells), *lines[21:]]))
+    try:
+        found = recording.read(path)
+    except RecordingError as error:
+        assert "link.trc" in str(error)
+    else:
+        assert column == 4
+        assert any("count as missing" in oddity for oddity in found.oddities)
+
+
+def test_a_quote_swallows_no_rows(tmp_path: Path) -> None:
+    path, lines = trc(tmp_path)
+    cells = lines[2].split(b"\t")
+    cells[2] = b"?"
+    lines[2] = b"\t".join(cells)
+    lines[20] = lines[20].replace(b"\t", b'\t"', 1)
+    lines[30] = lines[30].replace(b"\t", b'\t"', 1)
+    path.write_bytes(b"\n".join(lines))
+    with pytest.raises(RecordingError, match=r"link.trc"):
+        recording.read(path)
+    rows = hostile_seeds.csv()[0].data.replace(b"\n0.20,", b'\n0.20,"').replace(b"\n0.30,", b'\n0.30,"')
+    (tmp_path / "force.csv").write_bytes(rows)
+    with pytest.raises(RecordingError, match=r"force.csv"):
+        recording.read_force_log(tmp_path / "force.csv")
+
+
+def test_a_whitespace_table_with_a_cell_too_many(tmp_path: Path) -> None:
+    """The columns of all rows were shifted in silence."""
+    path, lines = trc(tmp_path)
+    rows = [line.replace(b"\t", b" ") + b" 1.0" for line in lines[6:] if line]
+    path.write_bytes(b"\n".join([*lines[:6], *rows]))
+    with pytest.raises(RecordingError, match="cells"):
+        recording.read(path)
+
+
+@pytest.mark.parametrize("end", [b"\x0b", b"\x0c", b"\x1c", b"\xc2\x85", b"\xe2\x80\xa8"])
+def test_only_line_ends_end_lines(tmp_path: Path, end: bytes) -> None:
+    """A form feed or U+0085 within a label is no end of a line."""
+    path, lines = trc(tmp_path)
+    path.write_bytes(b"\n".join([*lines[:3], lines[3].replace(b"L4", b"L" + end + b"4"), *lines[4:]]))
+    assert len(recording.read(path).frames) == 100
+    path.write_bytes(end.join(lines))
+    with pytest.raises(RecordingError, match=r"link.trc"):
+        recording.read(path)
+
+
+@pytest.mark.parametrize(("cell", "row"), [("9" * 25, 8), ("9" * 25, 40), ("1e400", 8), ("1e400", 106)])
+def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
+    """An endless last time passed for one that increases."""
+    path = tmp_path / "grf.mot"
+    lines = hostile_seeds.mot(False)[0].data.split(b"\n")
+    lines[row] = cell.encode() + b"\t" + lines[row].partition(b"\t")[2]
+    path.write_bytes(b"\n".join(lines))
+    with pytest.raises(RecordingError, match=r"grf.mot"):
+        read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("trial: !!bool maybe", "line 1: `maybe` is no bool"),
+        ("trial: x\nwindow: !!int ''", "line 2: `` is no int"),
+        ("%YAML 9.9\n---\ntrial: x", "not valid YAML"),
+        ("trial: " + "9" * 5000, "is no int"),
+        ("a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]", "an alias"),
+        ("deep: " + "[" * 5000, "deep"),
+        ("deep: " + "- " * 100_000, "not valid YAML"),
+        ("deep: " + "{a: " * 40 + "}" * 40, "more than 32 deep"),
+        ("wide: [" + "1," * 600 + "]", "more than 500 values"),
+        ("trial: !!python/object/apply:os.system [echo]", "tag"),
+        ("trial: x\ntrial: y", "stands twice"),
+        ('recording: "a\\0b"\ntrial: x', ""),
+    ],
+)
+def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str) -> None:
+    monkeypatch.setattr("mocap_id.config.source._MAX_VALUES", 500)  # 40,000 take seconds
+    path = tmp_path / "trial.yaml"
+    path.write_text(text)
+    if not told:
+        assert load(path).name == "x"
+        return
+    with pytest.raises(ConfigError, match=r"trial.yaml") as said:
+        load(path)
+    assert told in str(said.value)
+
+
+def test_a_home_of_nobody(tmp_path: Path) -> None:
+    """RuntimeError came through."""
+    path = tmp_path / "trial.yaml"
+    path.write_text("trial: x\nrecording: ~nobody-of-this-name/trial.c3d\n")
+    with pytest.raises(RecordingError, match="no such file"):
+        from mocap_id import runner
+
+        runner.run(load(path))
+
+
+def edited(data: bytes, change: object) -> bytes:
+    stream = io.BytesIO(data)
+    with h5py.File(stream, "r+", libver=("v108", "v110")) as file:
+        change(file)  # type: ignore[operator]
+    return stream.getvalue()
+
+
+def many_ways(file: h5py.File) -> None:
+    """Each level is reached by two ways: 2 to the 40th ways in all."""
+    group = file.create_group("extra")
+    for _ in range(40):
+        group["a"] = below = group.create_group("b")
+        group = below
+
+
+def long_texts(file: h5py.File) -> None:
+    """4096 strings as wide as the longest are gigabytes."""
+    texts = file.create_dataset("extra", (1 << 12,), h5py.string_dtype(), chunks=(1 << 12,), compression="gzip")
+    texts[0] = "x" * (1 << 18)
+
+
+HDF5 = {
+    "a ring": (lambda file: file.__setitem__("extra", file["/"]), "twice"),
+    "many ways": (many_ways, "twice"),
+    "long texts": (long_texts, "more values than it holds"),
+    "a great many texts": (
+        lambda file: file.create_dataset("extra", (1 << 20,), h5py.string_dtype(), chunks=(1 << 12,)),
+        "more than 5000 texts",
+    ),
+    "huge and empty": (lambda file: file.create_dataset("extra", (1 << 30,), "f8"), "more values than it holds"),
+    "chunks of gigabytes": (
+        lambda file: file.create_dataset("extra", (1 << 40, 1 << 40), "f8", chunks=(1 << 10, 1 << 10)),
+        "more values than it holds",
+    ),
+    "a bomb": (
+        lambda file: file.create_dataset("extra", data=np.zeros(1 << 22), chunks=(1 << 20,), compression="gzip"),
+        "more values than it holds",
+    ),
+    "external": (
+        lambda file: file.create_dataset("extra", (4,), "f8", external=[("/dev/zero", 0, 32)]),
+        "another file",
+    ),
+    "soft": (lambda file: file.__setitem__("extra", h5py.SoftLink("/joints")), "link"),
+    "external link": (lambda file: file.__setitem__("extra", h5py.ExternalLink("x.h5", "/")), "link"),
+    "references": (lambda file: file.create_dataset("extra", (3,), h5py.ref_dtype), "references"),
+    "compound": (lambda file: file.create_dataset("extra", data=np.zeros(3, [("a", "f8")])), "of a kind"),
+    "nothing": (lambda file: file.create_dataset("extra", data=h5py.Empty("f8")), "of a kind"),
+    "facts that are none": (lambda file: file.attrs.__setitem__("mocap-id.facts", "[]"), "damaged provenance"),
+    "facts without end": (lambda file: file.attrs.__setitem__("mocap-id.facts", "[" * 20000), "damaged provenance"),
+    "deep facts": (
+        lambda file: file.attrs.__setitem__("mocap-id.facts", '{"a":' * 980 + "1" + "}" * 980),
+        "damaged provenance",
+    ),
+    "a grave reason": (
+        lambda file: file.attrs.__setitem__("mocap-id.reasons", '[{"code":"a","message":"b","level":"grave"}]'),
+        "damaged provenance",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", HDF5)
+def test_trees_that_nobody_wrote(tmp_path: Path, made: Path, case: str) -> None:
+    change, told = HDF5[case]
+    (tmp_path / "chain.h5").write_bytes(edited((made / "done" / "chain.h5").read_bytes(), change))
+    with pytest.raises(StoreError, match=r"chain.h5") as said:
+        Folder(tmp_path).read("chain.h5")
+    assert told in str(said.value)
+
+
+def one_many_times(table: pa.Table) -> pa.Table:
+    rows = 80_000_000
+    return pa.table({"time": pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array([0.0]))})
+
+
+PARQUET = {
+    "a column twice": (lambda table: table.append_column("time", table.column("time")), "stands twice"),
+    "columns without number": (
+        lambda table: pa.table({f"theta_{k}": pa.nulls(1, pa.float64()) for k in range(1, 6000)}),
+        "6000",
+    ),
+    "one value eighty million times": (one_many_times, "more memory"),
+    "facts that are none": (lambda table: table, "damaged provenance"),
+}
+
+
+@pytest.mark.parametrize("case", PARQUET)
+def test_tables_that_nobody_wrote(tmp_path: Path, made: Path, case: str) -> None:
+    change, told = PARQUET[case]
+    table = pq.read_table(made / "done" / "states.parquet")
+    metadata = dict(table.schema.metadata)
+    if "facts" in case:
+        metadata[b"mocap-id.facts"] = b"[]"
+    pq.write_table(change(table).replace_schema_metadata(metadata), tmp_path / "states.parquet")
+    with pytest.raises(StoreError, match=r"states.parquet") as said:
+        Folder(tmp_path).read("states.parquet")
+    assert told.replace("6000", "columns") in str(said.value)
