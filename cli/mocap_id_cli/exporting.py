@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress
+from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress, short
 
 
 def export(
@@ -36,9 +36,8 @@ def export(
     log_to_stderr(quiet, verbose)
     formats = [name.strip() for each in to for name in each.split(",")]
     done = workflow.export(trial, formats, out, force=force, progress=progress(quiet))
-    here = Path.cwd()
     for file in done.files:
-        typer.echo(str(file.relative_to(here) if file.is_relative_to(here) else file))
+        typer.echo(short(file))
     if not quiet:
         for note in done.notes:
             typer.echo(f"note: {note}", err=True)

@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -72,10 +72,6 @@ def clean(
             runner.clean(trial, first)
         did = ("would be cleaned" if dry_run else "cleaned") if there else "has nothing"
         typer.echo(f"{trial.name}: {short(trial.out)} {did}")
-
-
-def _plain(one: runner.Status) -> dict[str, Any]:
-    return {"done": one.done, **asdict(one)}
 
 
 def _lines(trial: Trial, one: runner.Status, width: int) -> Iterator[str]:

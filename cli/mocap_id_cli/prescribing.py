@@ -15,6 +15,7 @@ from mocap_id.config.prescription import load_prescription
 from mocap_id.errors import Refused
 from mocap_id.workflows import prescribe as workflow
 from mocap_id.workflows.prescribe.performing import Timed
+from mocap_id.workflows.prescribe.searching import SpringMap
 from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress
 
 
@@ -33,7 +34,7 @@ def prescribe(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """The springs that let a weak person hold most of a joint's, or a chain's, range."""
+    """Find the springs that let a weak person hold most of a joint's, or a chain's, range."""
     log_to_stderr(quiet, verbose)
 
     def tell(line: str) -> None:
@@ -68,11 +69,7 @@ def _lines(found: workflow.Prescribed) -> Iterator[str]:
     if found.timed is not None:
         yield from _timed(found.timed)
     if found.map is not None:
-        k, r = found.map.best
-        yield (
-            f"search: widest within {found.map.horizon:g} s is {math.degrees(found.map.width[k, r]):.1f}°, with "
-            f"{found.map.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(found.map.rest[r]):.0f}°"
-        )
+        yield _searched(found.map)
     if found.graph is not None and found.graph_postures is not None:
         yield from _graph(found)
 
@@ -113,6 +110,16 @@ def _timed(timed: Timed) -> Iterator[str]:
     for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
         yield f"within {time:g} s: {'nothing' if bound is None else _range(bound)} reached and held"
     yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
+
+
+def _searched(springs: SpringMap) -> str:
+    if springs.best is None:
+        return "search: with none of these springs does the joint rest within its limits"
+    k, r = springs.best
+    return (
+        f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
+        f"{springs.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(springs.rest[r]):.0f}°"
+    )
 
 
 def _graph(found: workflow.Prescribed) -> Iterator[str]:

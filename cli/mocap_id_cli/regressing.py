@@ -52,6 +52,9 @@ def regress(
         before = Baseline.read(baseline) if baseline.exists() else Baseline()
         made = update(named, before, Here(jobs), tell)
         made.write(baseline)
+        for trial, numbers in made.trials.items():
+            if "exit_code" in numbers:
+                typer.echo(f"{trial}: failed, exit code {numbers['exit_code'].value}: the baseline holds no more of it")
         typer.echo(f"baseline: {short(baseline.absolute())}, {len(made.trials)} trials")
         return
     found = compare(named, Baseline.read(baseline), Here(jobs), tell)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress
+from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress, short
 
 if TYPE_CHECKING:
     from mocap_id.workflows.sensitivity.study import Outcome
@@ -27,7 +27,10 @@ def sensitivity(
         Path | None, typer.Option(metavar="FILE", help="YAML list of what to try, instead of everything.")
     ] = None,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="KIND", help="Try this kind alone; may be given several times.")
+        list[str] | None,
+        typer.Option(
+            metavar="KIND", help="Try this kind alone, such as clock-offset; repeat for more (docs/sensitivity.md)."
+        ),
     ] = None,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Perturbations at a time.")] = 2,
     out: Annotated[
@@ -74,6 +77,4 @@ def _lines(found: Outcome, share: float) -> Iterator[str]:
     if found.studied.note:
         yield f"note: {found.studied.note}"
     yield from (f"  {row['sentence']}" for row in found.document["tolerates"])
-    here = Path.cwd()
-    folder = found.folder.absolute()
-    yield f"written: {folder.relative_to(here) if folder.is_relative_to(here) else folder}"
+    yield f"written: {short(found.folder.absolute())}"

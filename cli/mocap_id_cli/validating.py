@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap_id.workflows.simulate import RobotSet
-from mocap_id_cli.running import Quiet, Verbose, log_to_stderr
+from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, short
 from mocap_id_cli.studying import teller
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def robot(
         list[Path] | None,
         typer.Argument(
             metavar="[STUDY|TRIAL...]",
-            help="A robot study's file, or trials' files; with none, a set is simulated.",
+            help="A robot study's file, or trials' files; with none, the set in FOLDER/trials, simulated if need be.",
             show_default=False,
         ),
     ] = None,
@@ -56,7 +56,7 @@ def robot(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Tables 5.1 to 5.6 and figures 5.2 to 5.6 of the thesis, on simulated trials or on one's own.
+    """Repeat tables 5.1 to 5.6 and figures 5.2 to 5.6 of the thesis, on simulated trials or on one's own.
 
     Every trial goes through every method for the joint states. One that fails stops no other; the exit code is then 1.
     """
@@ -84,10 +84,5 @@ def _lines(found: Outcome) -> Iterator[str]:
     for done in found.failed:
         yield f"{done.trial}: {done.message}"
     yield f"{len(found.cases) - len(found.failed)} of {len(found.cases)} trials went through"
-    yield f"tables: {_short(found.folder)}"
-    yield f"page: {_short(found.page)}"
-
-
-def _short(path: Path) -> str:
-    here = Path.cwd()
-    return str(path.relative_to(here) if path.is_relative_to(here) else path)
+    yield f"tables: {short(found.folder)}"
+    yield f"page: {short(found.page)}"

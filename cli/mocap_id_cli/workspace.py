@@ -40,7 +40,7 @@ def workspace(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """What the tip of the chain can reach within the joint limits that were seen: area, or volume in space.
+    """Measure what the tip of the chain can reach within the joint limits that were seen: area, or volume in space.
 
     Forces are not needed. A trial's YAML file is run as far as the joint states; a run folder is taken as it is.
     """

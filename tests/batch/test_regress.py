@@ -63,7 +63,9 @@ def test_the_command(cli: Callable[..., Any], made: tuple[Path, Baseline], tmp_p
     assert "broken: the baseline knows nothing of it" in said.out
     told = json.loads(cli("regress", folder / "well.yaml", "--baseline", file, "--json").out)
     assert {one["name"] for one in told["moved"]} == {"segments.assignment.L1", "plane.yaw_deg"}
-    assert cli("regress", folder, "--baseline", file, "--update").code == 0
+    updated = cli("regress", folder, "--baseline", file, "--update")
+    assert updated.code == 0
+    assert "broken: failed, exit code 3" in updated.out, "that a failure is now what is expected has to be seen"
     again = Baseline.read(file)
     assert again.tolerances == baseline.tolerances
     assert again.trials.keys() == {"well", "broken"}

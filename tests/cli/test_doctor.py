@@ -94,6 +94,15 @@ def test_an_opensim_that_is_named_but_not_there(monkeypatch: pytest.MonkeyPatch,
     assert examining.opensim(tmp_path).level == "ok"
 
 
+def test_a_small_trial_that_breaks_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("a library is missing\nand more")
+
+    monkeypatch.setattr(examining, "simulate", broken)
+    found = examining.small_trial()
+    assert (found.level, found.found) == ("fail", "RuntimeError: a library is missing")
+
+
 def test_a_small_trial_runs() -> None:
     found = examining.small_trial()
     assert found.level == "ok", found

@@ -9,7 +9,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
-from mocap_id.dynamics.course import course_through, joined, recorded_course
+from mocap_id.dynamics.course import Course, course_through, joined, recorded_course
 from mocap_id.dynamics.design import Design, design
 from mocap_id.dynamics.excitation import changed
 from mocap_id.dynamics.foresight import Body, Foresight
@@ -183,6 +183,14 @@ def test_those_who_stand_rest_where_they_stand_highest() -> None:
     course = course_through(time, np.column_stack([0.3 * bent, -bent, 0.7 * bent]))
     assert np.max(np.abs(resting_posture(course, CENTRES, upright=True))) < 0.1
     assert resting_posture(course, CENTRES, upright=False)[1] == pytest.approx(-np.median(bent))
+
+
+@pytest.mark.parametrize("rate", [100.0, 150.0, 240.0])
+def test_a_whole_part_of_the_rate_is_that_part(rate: float) -> None:
+    for count in range(600, 640):
+        time = np.arange(count) / rate
+        course, every = Course(time, *np.zeros((3, count, 1))), int(rate / 20)
+        assert len(course.thinned(course.rate / every).time) == -(-count // every)
 
 
 def test_one_movement_after_the_other_is_their_information_together(sight: Foresight) -> None:

@@ -105,6 +105,7 @@ def test_a_body_without_mass_can_still_be_loaded() -> None:
     body = about_centre(np.zeros(4))
     assert body.mass > 0
     assert body.inertia == 0
+    assert about_centre(np.array([0.0, 0.0, 0.0, 0.02])).inertia == 0.02, "a wheel without mass still resists turning"
 
 
 def test_rounding_does_not_make_an_inertia_negative() -> None:

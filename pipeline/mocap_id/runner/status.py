@@ -167,5 +167,7 @@ def _held(folder: Path) -> bool:
     try:
         with FileLock(lock, timeout=0):
             return False
-    except (Timeout, OSError):
+    except Timeout:
         return True
+    except OSError:  # it may not be opened, so that nobody can tell; a lock by itself is no run
+        return False

@@ -16,6 +16,7 @@ from mocap_id.dynamics.excitation import standing
 from mocap_id.dynamics.foresight import Foreseen
 from mocap_id.dynamics.proposal import OBJECTIVES, Proposal
 from mocap_id.reporting.movement import draw
+from mocap_id.reporting.numbers import show
 from mocap_id.reporting.vector import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.advice.advise import Advised
@@ -71,7 +72,10 @@ def _worth(advised: Advised, proposal: Proposal) -> str:
     found = advised.design
     before, after = found.now.sd / found.size, proposal.foreseen.sd / found.size
     gains = [i for i in np.argsort(-before) if after[i] < _CLOSER * before[i]]
-    named = [f"sd of {advised.names[i]} from {100 * before[i]:.2g} % to {100 * after[i]:.2g} %" for i in gains[:_NAMED]]
+    named = [
+        f"sd of {advised.names[i]} from {show(100 * before[i], 2, '%')} to {show(100 * after[i], 2, '%')}"
+        for i in gains[:_NAMED]
+    ]
     condition = f"condition number {found.now.condition:.0f} -> {proposal.foreseen.condition:.0f}"
     return ", ".join([*(named or ["no sd smaller"]), condition])
 

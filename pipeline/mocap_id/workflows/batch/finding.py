@@ -16,7 +16,7 @@ _TRIAL_FILES = ("*.yaml", "*.yml")
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A file that was named as a trial's and is none."""
+    """A file that was named as a trial's or a study's and is none."""
 
     file: Path
     error: ConfigError
@@ -34,7 +34,7 @@ def find(named: Sequence[str]) -> tuple[list[Trial], list[Unreadable]]:
     Raises
     ------
     ConfigError
-        A name fits nothing, a study's file is wrong, or two trials share a run folder.
+        A name fits nothing, or two trials share a run folder.
     """
     trials: dict[Path, Trial] = {}
     unreadable: list[Unreadable] = []

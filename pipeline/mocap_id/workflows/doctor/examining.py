@@ -67,6 +67,9 @@ def small_trial() -> Check:
             level = outcome.summary()["verdict"]["level"]
         except MocapIdError as error:
             return Check("small trial", "fail", str(error).partition("\n")[0], "please report it")
+        except Exception as error:  # noqa: BLE001  a broken installation may raise anything
+            what = str(error).partition("\n")[0]
+            return Check("small trial", "fail", f"{type(error).__name__}: {what}", "please report it")
         whole = (outcome.folder / "report.html").is_file()
     found = f"simulated and run in {time.perf_counter() - start:.1f} s, verdict {level}"
     if level == "refused" or not whole:

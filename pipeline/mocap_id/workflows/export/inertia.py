@@ -49,7 +49,7 @@ def about_centre(block: FloatArray) -> BodyInertia:
     """
     mass, mx, my, inertia = (float(value) for value in block)
     if mass <= 0.0:
-        return BodyInertia(_LEAST_MASS, (0.0, 0.0), 0.0)
+        return BodyInertia(_LEAST_MASS, (0.0, 0.0), max(inertia, 0.0))
     return BodyInertia(mass, (mx / mass, my / mass), max(inertia - (mx * mx + my * my) / mass, 0.0))
 
 
@@ -92,7 +92,6 @@ def _identified(run: RunFolder) -> str:
     base: Any = tree.data["base"]
     verdicts = [str(verdict) for verdict in base["verdict"]]
     names = [str(name) for name in base["name"]]
-    table = run.facts("dynamics.h5").get("reference_table")
     table = run.facts("dynamics.h5").get("reference_table")
     rest = "one of the bodies that can exist" if table is None else _table(run)
     return (

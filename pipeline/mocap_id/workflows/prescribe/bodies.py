@@ -18,6 +18,7 @@ from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.reach import PlanarArm
 from mocap_id.prescription.sampling import sobol
 from mocap_id.store import Folder, Tree
+from mocap_id.workflows.run_folder import check_origins
 from mocap_id.workflows.workspace.sources import Subject, of_folder
 
 _LAST = "identify-dim"
@@ -99,6 +100,7 @@ def _of_trial(config: PrescriptionConfig, progress: runner.Progress) -> Body:
         path, name = outcome.folder, trial.name
     folder = Folder(path)
     subject = of_folder(folder, name, wishes.trial, wishes.tip, 0.0)
+    check_origins(path, {file: folder.provenance(file) for file in ("chain.h5", "states.parquet", "dynamics.h5")})
     dynamics = folder.read("dynamics.h5")
     assert isinstance(dynamics, Tree) and isinstance(subject.arm, PlanarArm)
     n = subject.arm.joints

@@ -46,8 +46,10 @@ class SpringMap:
     horizon: float
 
     @property
-    def best(self) -> tuple[int, int]:
-        """Indices of the spring with the widest range in time."""
+    def best(self) -> tuple[int, int] | None:
+        """Indices of the spring with the widest range in time; None where none has an equilibrium to start from."""
+        if np.isnan(self.width).all():
+            return None
         k, r = np.unravel_index(int(np.nanargmax(self.width)), self.width.shape)
         return int(k), int(r)
 

@@ -137,11 +137,12 @@ def _several(found: Prescribed) -> dict[str, Any]:
 
 
 def _timed(over: Timed) -> dict[str, Any]:
+    start = over.dynamics.equilibrium()
     return {
         "stiffness_Nm_per_rad": over.dynamics.stiffness,
         "rest_deg": _number(np.degrees(over.dynamics.rest)),
         "inertia_kgm2": over.dynamics.inertia,
-        "equilibrium_deg": _number(np.degrees(over.dynamics.equilibrium() or np.nan)),
+        "equilibrium_deg": None if start is None else float(np.degrees(start)),
         "static_deg": None if over.static is None else _degrees(over.static),
         "horizons": [
             {"time_s": time, "reached_and_held_deg": None if bound is None else _degrees(bound)}
@@ -151,16 +152,16 @@ def _timed(over: Timed) -> dict[str, Any]:
 
 
 def _map(springs: SpringMap) -> dict[str, Any]:
-    k, r = springs.best
-    return {
-        "horizon_s": springs.horizon,
-        "springs": int(springs.width.size),
-        "best": {
+    best = springs.best
+    found = None
+    if best is not None:
+        k, r = best
+        found = {
             "stiffness_Nm_per_rad": float(springs.stiffness[k]),
             "rest_deg": float(np.degrees(springs.rest[r])),
             "reached_and_held_deg": float(np.degrees(springs.width[k, r])),
-        },
-    }
+        }
+    return {"horizon_s": springs.horizon, "springs": int(springs.width.size), "best": found}
 
 
 def _graph(graph: Graph, postures: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +16,7 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings, Subject, TrialKeys
 from mocap_id.store import Artefact, Folder, Table, Tree, dumps
+from mocap_id.workflows.run_folder import check_origins
 
 FIRST, LAST = "fit-joints", "identify-dim"
 
@@ -156,20 +157,9 @@ def read(source: Source) -> Perturbed:
     Raises
     ------
     StoreError
-        An artefact is missing or damaged.
+        An artefact is missing or damaged, or was made from others than those beside it.
     """
     folder = Folder(source.folder)
     files = {file for stage in again() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
-    _check_origins(folder, files)
+    check_origins(folder.path, {file: folder.provenance(file) for file in sorted(files)})
     return Perturbed(source, {file: folder.read(file) for file in sorted(files)}, source.settings)
-
-
-def _check_origins(folder: Folder, files: Collection[str]) -> None:
-    """StoreError where artefacts were not made from one another: someone changed a part of a run."""
-    for file in sorted(files):
-        for needed, content in folder.provenance(file).origin.inputs.items():
-            if needed in files and folder.provenance(needed).content != content:
-                raise StoreError(
-                    f"{folder.path / file} was made from another {needed} than the one beside it: run the trial again "
-                    "(`mocap-id run TRIAL.yaml`)"
-                )

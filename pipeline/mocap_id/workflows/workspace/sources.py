@@ -18,6 +18,7 @@ from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.prescription.limits import Limits, observed_limits
 from mocap_id.prescription.reach import PlanarArm, SpatialArm
 from mocap_id.store import Folder, Table, Tree
+from mocap_id.workflows.run_folder import check_origins
 
 _LAST = "ukf-smooth"
 
@@ -88,7 +89,16 @@ def subject(
 
 
 def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile: float) -> Subject:
-    """An arm of the artefacts in a run folder; `source` is what messages call it."""
+    """An arm of the artefacts in a run folder; `source` is what messages call it.
+
+    Raises
+    ------
+    StoreError
+        An artefact is missing, damaged, or was made from others than those beside it.
+    ConfigError, RecordingError
+        As for :func:`subject`.
+    """
+    check_origins(folder.path, {file: folder.provenance(file) for file in ("chain.h5", "states.parquet")})
     chain, states = folder.read("chain.h5"), folder.read("states.parquet")
     assert isinstance(chain, Tree) and isinstance(states, Table)
     centres = _array(chain, "joints", "centre")
