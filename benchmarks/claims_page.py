@@ -197,14 +197,15 @@ thesis takes it for the clock: below 0.5 %.
 {claims}
 
 What to make of it. Constants of the plate go where the thesis says, on people too (on one generated sit-to-stand a
-constant torque of 10 N·m moves more than that, by 5 %), and a constant of an angle turns the link's first moments back. White noise of the plate averages out, so that it costs more the shorter the trial is:
-what lies beyond 0.5 % are short generated trials at 100 Hz. Noise in the angles ruins a trial whose filter takes it for
-movement; telling the filter of it repairs one joint, not a person's three. Two claims do not hold. The clock's figures
-are those of one slow joint: on people 10 ms cost several times as much, unless the offset is estimated, and then
-they cost nothing. And the filter's noise matters: half of the grid and more changes the states by over 1 %, the
-over-constrained corner by more than half, with our gate and without it alike. The thesis does not say at what rate its
-sigma_v holds or how it enters a step; here it is the standard deviation of the snap held over one frame. The program
-estimates both noises unless told otherwise.
+constant torque of 10 N·m moves more than that, by 5 %), and a constant of an angle turns the link's first moments
+back. White noise of the plate averages out, so that it costs more the shorter the trial is: what lies beyond 0.5 %
+are short generated trials at 100 Hz. Noise in the angles ruins a trial whose filter takes it for movement; telling
+the filter of it repairs one joint, not a person's three. Two claims do not hold. The clock's figures are those of
+one slow joint: on people 10 ms cost several times as much, unless the offset is estimated, and then they cost
+nothing. And the filter's noise matters: half of the grid and more changes the states by over 1 %, the
+over-constrained corner by more than half, with our gate and without it alike. The thesis does not say at what rate
+its sigma_v holds or how it enters a step; here it is the standard deviation of the snap held over one frame. The
+program estimates both noises unless told otherwise.
 
 ## Two trials
 
