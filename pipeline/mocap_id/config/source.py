@@ -17,6 +17,10 @@ Location: TypeAlias = tuple[str | int, ...]
 """Keys and indices from the root to a value."""
 
 _MAX_BYTES = 1 << 20
+_ADVICE = {
+    "'\\t'": "indent with blanks, not with tabs",
+    "unknown escape character": "write a path with / or without quotes",
+}
 _YAML = "tag:yaml.org,2002:"
 _JSON_TAGS = tuple(_YAML + name for name in ("str", "int", "float", "bool", "null"))
 
@@ -55,21 +59,30 @@ def read(file: Path) -> Source:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{file}, line {mark.line + 1}" if mark else str(file)
-        raise ConfigError(f"{where}: not valid YAML: {error.problem or error.context}") from error
+        problem = error.problem or error.context or ""
+        raise ConfigError(f"{where}: not valid YAML: {problem}{_advice(problem)}") from error
     except (YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"{file}: not valid YAML: {str(error).splitlines()[0]}") from error
+
+
+def _advice(problem: str) -> str:
+    """What to do about what people write most often, whatever the parser calls it."""
+    return next((f": {advice}" for words, advice in _ADVICE.items() if words in problem), "")
 
 
 def _text(file: Path) -> str:
     try:
         size = file.stat().st_size
         if size > _MAX_BYTES:
-            raise ConfigError(f"{file}: {size} bytes are no configuration; expected a YAML file such as trial.yaml")
+            raise ConfigError(
+                f"{file}: {size} bytes are no configuration; expected a YAML file such as "
+                "trial.yaml (`mocap-id inspect` takes a recording)"
+            )
         return file.read_text("utf-8")
     except FileNotFoundError as error:
         raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: not a text file; expected a YAML file such as trial.yaml") from error
+        raise ConfigError(f"{file}: not a text file in UTF-8; expected a YAML file such as trial.yaml") from error
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read ({error.strerror}); expected a YAML file") from error
 
