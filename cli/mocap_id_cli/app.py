@@ -20,6 +20,12 @@ class _Commands(TyperGroup):
         for entry in COMMANDS:
             self.add_command(TyperCommand(entry.name, help=entry.help, rich_markup_mode=None))
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
+        if args and args[0].startswith("-") and args[0] not in own and any(name in self.commands for name in args[1:]):
+            ctx.fail(f"No such option: {args[0]}. A command's options stand after it: mocap-id COMMAND {args[0]} …")
+        return super().parse_args(ctx, args)
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
         if name is not None and command is not None:

@@ -208,3 +208,21 @@ def test_stages_one_by_one_need_those_before(cli, trial) -> None:
     assert "mocap-id planarise" in said.err
     assert cli("planarise", path).code == 0
     assert "mocap-id segment" in cli("fit-joints", path).err
+
+
+def test_an_option_before_its_command(cli, trial) -> None:
+    said = cli("-q", "run", trial.trc(pendulum()))
+    assert said.code == 2
+    assert "A command's options stand after it: mocap-id COMMAND -q" in said.err
+
+
+def test_a_run_that_is_not_there(cli, trial) -> None:
+    said = cli("export", trial.folder / "runs" / "nothing", "--to", "csv")
+    assert said.code == 2
+    assert "no such file or folder; expected a trial's YAML file or a run folder" in said.err
+
+
+def test_a_trc_file_without_plates_is_told_of_its_mot_file(cli, trial) -> None:
+    said = run(cli, trial, trial.trc(pendulum()))
+    assert said.code == 0, said.err
+    assert "If there is a MOT file, name it: `recording: {markers: …, forces: …}`" in said.out

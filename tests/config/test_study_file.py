@@ -133,3 +133,8 @@ def test_no_trials_are_no_study(tmp_path: Path) -> None:
     assert "`trials` is missing" in told(tmp_path, "study: x\nsubjects: {}\n")[0]
     assert "`trials` is []" in told(tmp_path, "study: x\nsubjects: {}\ntrials: []\n")[0]
     assert "expected keys such as `study:`" in told(tmp_path, "- a\n")[0]
+
+
+def test_a_trial_is_sent_to_its_own_command(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"is a trial, not a study: `mocap-id run .*study\.yaml`"):
+        load_study(study(tmp_path, "trial: a\nrecording: a.c3d\n"))

@@ -62,11 +62,12 @@ def renamed(old: str, new: str) -> dict[str, object]:
         ({**COLUMNS, "current_A": TIME}, ["current_A", "leave everything else out"]),
         (with_cell("velocity_rad_s", 7, ""), ["`velocity_rad_s` holds no number in line 9", "1 such"]),
         (with_cell("position_rad", 7, "nan"), ["`position_rad` holds no number in line 9"]),
-        (with_cell("position_rad", 7, "broken"), ["expected numbers"]),
+        (with_cell("position_rad", 7, "broken"), ["`position_rad` is 'broken' in line 9", "expected numbers"]),
         (with_cell("time_s", 20, 0.05), ["does not increase", "line 22", "0.05 s after 0.152 s"]),
         ({name: values[:5] for name, values in COLUMNS.items()}, ["5 rows", "expected 20"]),
         ({**COLUMNS, "position_rad": np.degrees(COLUMNS["position_rad"])}, ["57.3 times", "position in degrees"]),
         ({**COLUMNS, "velocity_rad_s": np.degrees(COLUMNS["velocity_rad_s"])}, ["0.0175 times", "velocity in degrees"]),
+        ({**COLUMNS, "time_s": 1000 * TIME}, ["milliseconds"]),
         ({**COLUMNS, "velocity_rad_s": -COLUMNS["velocity_rad_s"]}, ["-1 times", "another joint or sense"]),
         ({**COLUMNS, "velocity_rad_s": np.cos(9 * TIME)}, ["another joint or sense"]),
     ],
@@ -96,3 +97,10 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="no such file"):
         read_encoder(tmp_path / "nowhere.csv")
+
+
+def test_cells_parted_by_semicolons_are_named(tmp_path: Path) -> None:
+    path = written(tmp_path, COLUMNS)
+    path.write_text(path.read_text().replace(",", ";").replace(".", ","))
+    with pytest.raises(RecordingError, match=r"parted by `;`.*`,` between and decimal points"):
+        read_encoder(path)

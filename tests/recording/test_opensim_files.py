@@ -9,7 +9,7 @@ import pytest
 from recording_cases import body
 
 from mocap_id import recording
-from mocap_id.errors import RecordingError
+from mocap_id.errors import ConfigError, RecordingError
 
 FRAMES = 40
 POSITIONS = body(FRAMES, 3)
@@ -244,3 +244,27 @@ def test_a_declared_rate_that_the_time_column_contradicts(tmp_path: Path) -> Non
     lines[2] = lines[2].replace("100\t100", "60\t60", 1)
     with pytest.raises(RecordingError, match="DataRate is 60 Hz, the Time column runs at 100 Hz"):
         write(tmp_path, "\n".join(lines))
+
+
+@pytest.mark.parametrize(
+    ("markers", "forces", "words"),
+    [
+        ("a_grf.mot", "a.trc", r"exchange them, `recording: \{markers: a.trc, forces: a_grf.mot\}`"),
+        ("a_grf.mot", None, "holds no markers: give the C3D or TRC file"),
+        ("a.trc", "a.c3d", "`forces` is for a MOT file"),
+    ],
+)
+def test_files_under_the_wrong_key(tmp_path: Path, markers: str, forces: str | None, words: str) -> None:
+    for name, text in (("a.trc", trc(POSITIONS @ TO_Y_UP.T)), ("a_grf.mot", mot(force_columns())), ("a.c3d", "")):
+        (tmp_path / name).write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        recording.read(tmp_path / markers, None if forces is None else tmp_path / forces)
+
+
+@pytest.mark.parametrize(("factor", "declared", "right"), [(1000.0, "m", "mm"), (100.0, "m", "cm"), (1.0, "mm", "m")])
+def test_a_wrong_unit_is_told_with_the_right_one(tmp_path: Path, factor: float, declared: str, right: str) -> None:
+    far = np.linspace(0.0, 1.5, POSITIONS.shape[1])[None, :, None] * [0.0, 0.0, 1.0]
+    with pytest.raises(
+        RecordingError, match=rf"say `planarise: \{{units: …\}}`.*\b{right} makes it (2.[0-9]+|0.2[0-9]*) m"
+    ):
+        write(tmp_path, trc(factor * (POSITIONS + far) @ TO_Y_UP.T, units=declared))

@@ -59,6 +59,8 @@ def _suggest(name: str, above: Location, model: type[BaseModel]) -> str:
     """The nearest key here, or the section in which a key of exactly this name belongs."""
     here = _model(model, above)
     known = names(here)
+    if name.isdigit():
+        return "a number takes a decimal point, not a comma, as in 1.75"
     if not above:
         sections = [section for section in known if name in names(_model(model, (section,)))]
         if sections:
@@ -82,7 +84,8 @@ def _expected(detail: ErrorDetails, location: Location) -> str:
         return "which is not allowed"
     if detail["type"] == "literal_error":
         choices = re.findall(r"'([^']*)'", detail["ctx"]["expected"])
-        return f"expected {detail['ctx']['expected']}: {nearest(str(detail['input']), choices)}"
+        near = nearest(str(detail["input"]), choices)
+        return f"expected {detail['ctx']['expected']}" + (f": {near}" if near.startswith("did you") else "")
     if detail["type"] in _NUMBERS:
         return _NUMBERS[detail["type"]] + (" without a unit" if isinstance(detail["input"], str) else "")
     if detail["type"] in ("tuple_type", "list_type"):

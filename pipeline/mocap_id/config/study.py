@@ -114,6 +114,8 @@ def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
     source = read(file.absolute())
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.where(())}: expected keys such as `study:`, `subjects:` and `trials:`")
+    if {"trial", "recording"} <= source.data.keys() and "trials" not in source.data:
+        raise ConfigError(f"{source.file} is a trial, not a study: `mocap-id run {source.file}` runs it")
     try:
         parsed = _File.model_validate_json(json.dumps(_written_out(source.data)), strict=True)
     except ValidationError as error:

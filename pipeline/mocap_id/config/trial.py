@@ -108,6 +108,8 @@ def compose(
     ConfigError
         As for :func:`load`.
     """
+    if isinstance(source.data, dict) and {"study", "trials"} <= source.data.keys():
+        raise ConfigError(f"{source.file} is a study, not a trial: `mocap-id study {source.file}` runs all its trials")
     model = trial_model(stages) if model is None else model
     try:  # as JSON: strict about types, yet lists are tuples and text is a path
         parsed = model.model_validate_json(json.dumps(_written_out(source.data, stages)), strict=True)

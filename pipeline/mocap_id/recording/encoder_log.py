@@ -20,6 +20,8 @@ _SPAN = 0.1  # s, over which the velocity must add up to the change of position
 _AGREES = (0.8, 1.25)  # of the change of position by the velocity's own
 _MOVES = 0.05  # rad: less movement tells nothing
 DEGREES = 180.0 / np.pi
+_LONGEST = 120  # characters of a header that is shown
+_EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and perhaps {TORQUE}"
 
 
 @dataclass(frozen=True)
@@ -73,18 +75,29 @@ def _table(path: Path) -> pd.DataFrame:
     try:
         table = pd.read_csv(io.StringIO(text), skipinitialspace=True)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        raise RecordingError(f"{path}: no CSV table ({str(error).splitlines()[0]})") from None
+        raise RecordingError(f"{path}: no CSV table ({str(error).splitlines()[0]}); {_EXPECTED} as columns") from None
     names = [str(name).strip() for name in table.columns]
+    if len(names) == 1 and ";" in names[0]:
+        raise RecordingError(f"{path}: its cells are parted by `;`: export it with `,` between and decimal points")
     if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
         raise RecordingError(
-            f"{path}: has the columns {', '.join(names)}, expected {TIME}, {POSITION}, {VELOCITY} and perhaps "
-            f"{TORQUE}: convert other units, which the names tell (degrees to radians), and leave everything else out"
+            f"{path}: has the columns {', '.join(names)[:_LONGEST]}, {_EXPECTED}: convert other units, which the names "
+            "tell (degrees to radians), and leave everything else out"
         )
     table.columns = pd.Index(names)
     try:
         return table.astype(np.float64)
-    except ValueError as error:
-        raise RecordingError(f"{path}: {error}; expected numbers in every cell") from None
+    except ValueError:
+        raise RecordingError(f"{path}: {_first_text(table)}; expected numbers in every cell") from None
+
+
+def _first_text(table: pd.DataFrame) -> str:
+    """Where the first cell is that holds no number, as a user counts lines: the header is line 1."""
+    for name in table.columns:
+        text = np.flatnonzero((pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()).to_numpy())
+        if len(text):
+            return f"`{name}` is {str(table[name].iloc[text[0]])!r} in line {text[0] + 2}"
+    return "a cell holds text"
 
 
 def _check_whole(path: Path, table: pd.DataFrame) -> None:
@@ -123,6 +136,8 @@ def _check_derivative(path: Path, time: FloatArray, position: FloatArray, veloci
     for what, factor in (("position", DEGREES), ("velocity", 1.0 / DEGREES)):
         if _AGREES[0] <= ratio / factor <= _AGREES[1]:
             hint = f"in other units, the {what} in degrees"
+    if _AGREES[0] <= ratio * 1000.0 <= _AGREES[1]:
+        hint = f"in other units, or `{TIME}` is in milliseconds and must be in seconds"
     raise RecordingError(
         f"{path}: `{POSITION}` changes by {slope:.3g} times what `{VELOCITY}` adds up to: one of them is {hint}; both "
         "must be in radians and of the same joint"

@@ -45,7 +45,7 @@ def metres_per_unit(path: Path, declared: str, override: str | None, oddities: l
     scale = length_scale(name)
     if scale is None:
         found = f"unit {name!r}, which is not unambiguous" if name else "no length unit"
-        raise RecordingError(f"{path}: the file declares {found}; say `units: mm` (or m, cm) in the configuration")
+        raise RecordingError(f"{path}: the file declares {found}; say `planarise: {{units: mm}}` (or m, cm)")
     if name.lower() not in LENGTHS:
         oddities.append(f"the length unit {name!r} is cut short: read as {'metres' if scale == 1 else name}")
     return name, scale
@@ -92,7 +92,10 @@ def _check_size(path: Path, positions: FloatArray, seen: BoolArray, units: str) 
     several = int(seen.any(axis=0).sum()) >= 3
     if spread > _LARGEST_M or (several and 0 < extent < _SMALLEST_M):
         size = spread if spread > _LARGEST_M else extent
+        raw = size / (length_scale(units) or 1.0)
+        sizes = {name: raw * LENGTHS[name] for name in ("mm", "cm", "m")}
+        fits = ", ".join(f"{name} makes it {at:.3g} m" for name, at in sizes.items() if _SMALLEST_M <= at <= _LARGEST_M)
         raise RecordingError(
             f"{path}: the markers spread over {size:.3g} m when read in {units!r}, expected {_SMALLEST_M} to "
-            f"{_LARGEST_M:.0f} m; the unit is wrong, say `units:` in the configuration"
+            f"{_LARGEST_M:.0f} m; the unit is wrong, say `planarise: {{units: …}}`" + (f": {fits}" if fits else "")
         )

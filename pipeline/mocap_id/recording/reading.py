@@ -12,6 +12,8 @@ from mocap_id.recording.model import Recording
 from mocap_id.recording.tables import read_bytes
 from mocap_id.recording.trc_reader import read_trc
 
+_TABLES = (".mot", ".sto")
+
 
 def read(
     markers: Path,
@@ -49,14 +51,15 @@ def read(
     RecordingError
         A file is missing, unreadable, truncated, of unknown units, without markers, or contradicts itself.
     ConfigError
-        ``units``, ``force_unit`` or ``moment_unit`` is no such unit, ``vertical`` is no axis, or ``forces`` stands
-        beside a C3D file.
+        ``units``, ``force_unit`` or ``moment_unit`` is no such unit, ``vertical`` is no axis, ``forces`` stands
+        beside a C3D file, or a file is of a kind that the other one should be.
     """
     axis = None if vertical is None else parse_axis(vertical)
     if vertical is not None and axis is None:
         raise ConfigError(f"vertical: {vertical!r} is no axis; expected X, Y or Z, with a minus where it points down")
     plate_units = ForceUnits(force_unit, moment_unit)
     markers = Path(markers)
+    _check_kinds(markers, None if forces is None else Path(forces))
     if markers.suffix.lower() == ".trc":
         return read_trc(markers, None if forces is None else Path(forces), units, axis, plate_units)
     data = read_bytes(markers)
@@ -65,3 +68,19 @@ def read(
     if forces is not None:
         raise ConfigError(f"{forces}: a C3D file holds its own force plates; `forces` belongs to a TRC file")
     return read_c3d(markers, data, units, axis, plate_units)
+
+
+def _check_kinds(markers: Path, forces: Path | None) -> None:
+    """Files that stand under each other's key, by their names, before either is misread as the other."""
+    if markers.suffix.lower() in _TABLES:
+        if forces is not None and forces.suffix.lower() not in _TABLES:
+            raise ConfigError(
+                f"{markers} stands under `markers` and {forces.name} under `forces`: exchange them, "
+                f"`recording: {{markers: {forces.name}, forces: {markers.name}}}`"
+            )
+        raise ConfigError(
+            f"{markers}: a MOT or STO file holds no markers: give the C3D or TRC file, "
+            f"`recording: {{markers: trial.trc, forces: {markers.name}}}`"
+        )
+    if forces is not None and markers.suffix.lower() == ".trc" and forces.suffix.lower() in (".trc", ".c3d"):
+        raise ConfigError(f"{forces}: `forces` is for a MOT file; a C3D file stands alone, `recording: trial.c3d`")

@@ -79,7 +79,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         return plain_files.read(path)
     except FileNotFoundError:
-        raise RecordingError(f"{path}: no such file; check the path in the configuration") from None
+        raise RecordingError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
         raise RecordingError(f"{path}: is a folder, expected a recording (.c3d, .trc or .mot)") from None
     except PermissionError:

@@ -262,7 +262,9 @@ def _wrench_facts(
         if plates:
             found = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))
             why = f"none of the force plates carries the feet ({found})"
-        reasons = (Reason("no-plate", f"{why}: kinematics only, nothing dynamic can be identified."),)
+        advice = " If there is a MOT file, name it: `recording: {markers: …, forces: …}`."
+        told = f"{why}: kinematics only, nothing dynamic can be identified."
+        reasons = (Reason("no-plate", told + (advice if part.source.format == "TRC" and not plates else "")),)
     facts = {
         "plates": choice.facts(plates),
         "external": list(external.facts),

@@ -16,14 +16,14 @@ _TEMPORARY = ".mocap-id.tmp"  # nobody else's name
 _ADVICE = {
     errno.ENOSPC: "the disk is full: make room and run again",
     errno.EDQUOT: "your disk quota is used up: make room and run again",
-    errno.EFBIG: "the file is larger than this system allows: choose another folder with `out:`",
-    errno.EROFS: "the disk is read-only: choose another folder with `out:`",
-    errno.EACCES: "you may not write there: change its permissions or choose another folder with `out:`",
-    errno.EPERM: "you may not write there: change its permissions or choose another folder with `out:`",
-    errno.ENOTDIR: "a file stands where a folder is needed: move it or choose another folder with `out:`",
-    errno.EEXIST: "a file stands where a folder is needed: move it or choose another folder with `out:`",
-    errno.EISDIR: "a folder stands where the file should go: move it or choose another folder with `out:`",
-    errno.ENAMETOOLONG: "the name is too long: choose another folder with `out:`",
+    errno.EFBIG: "the file is larger than this system allows: choose another folder with `out:` or `--out`",
+    errno.EROFS: "the disk is read-only: choose another folder with `out:` or `--out`",
+    errno.EACCES: "you may not write there: change its permissions or choose another folder with `out:` or `--out`",
+    errno.EPERM: "you may not write there: change its permissions or choose another folder with `out:` or `--out`",
+    errno.ENOTDIR: "a file stands where a folder is needed: move it or choose another folder with `out:` or `--out`",
+    errno.EEXIST: "a file stands where a folder is needed: move it or choose another folder with `out:` or `--out`",
+    errno.EISDIR: "a folder stands where the file should go: move it or choose another folder with `out:` or `--out`",
+    errno.ENAMETOOLONG: "the name is too long: choose another folder with `out:` or `--out`",
 }
 
 

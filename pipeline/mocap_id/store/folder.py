@@ -195,7 +195,9 @@ class Folder:
             try:
                 content = plain_files.read(path, links=False)
             except FileNotFoundError as error:
-                raise StoreError(f"{path} is missing: run the stage that writes it") from error
+                raise StoreError(
+                    f"{path} is missing: `mocap-id run TRIAL.yaml` makes it, unless it refuses the trial"
+                ) from error
             except OSError as error:
                 raise StoreError(f"{path} cannot be read ({error.strerror}): delete it and run again") from error
             try:

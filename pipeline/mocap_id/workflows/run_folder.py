@@ -13,7 +13,7 @@ import pandas as pd
 
 from mocap_id import runner
 from mocap_id.config import load
-from mocap_id.errors import StoreError
+from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import Artefact, Facts, Folder, Provenance, Table, Tree
 from mocap_id.store.schemas import SCHEMAS
 
@@ -109,6 +109,8 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
     ConfigError, RecordingError, NumericalError
         As for :func:`mocap_id.runner.run`. A refusal is none: the folder tells of it.
     """
+    if not path.exists():
+        raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
     where = path if path.is_dir() else runner.run(load(path), progress=progress).folder
     folder = Folder(where)
     there = [file for file in SCHEMAS if folder.exists(file)]
