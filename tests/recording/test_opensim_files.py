@@ -264,7 +264,5 @@ def test_files_under_the_wrong_key(tmp_path: Path, markers: str, forces: str | N
 @pytest.mark.parametrize(("factor", "declared", "right"), [(1000.0, "m", "mm"), (100.0, "m", "cm"), (1.0, "mm", "m")])
 def test_a_wrong_unit_is_told_with_the_right_one(tmp_path: Path, factor: float, declared: str, right: str) -> None:
     far = np.linspace(0.0, 1.5, POSITIONS.shape[1])[None, :, None] * [0.0, 0.0, 1.0]
-    with pytest.raises(
-        RecordingError, match=rf"say `planarise: \{{units: …\}}`.*\b{right} makes it (2.[0-9]+|0.2[0-9]*) m"
-    ):
+    with pytest.raises(RecordingError, match=rf"say `planarise: \{{units: …\}}`.*\b{right} makes it 2[.][0-9]+ m"):
         write(tmp_path, trc(factor * (POSITIONS + far) @ TO_Y_UP.T, units=declared))
