@@ -101,12 +101,12 @@ COMMANDS = (
     ),
     Entry(
         "workspace",
-        "What the tip of the chain can reach within the joint limits that were seen: area, or volume in space.",
+        "Measure what the tip of the chain can reach within the joint limits that were seen: area, or volume in space.",
         partial(_found, "workspace", "workspace"),
     ),
     Entry(
         "prescribe",
-        "The springs that let a weak person hold most of a joint's, or a chain's, range.",
+        "Find the springs that let a weak person hold most of a joint's, or a chain's, range.",
         partial(_found, "prescribing", "prescribe"),
     ),
     Entry(
