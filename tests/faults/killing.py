@@ -51,11 +51,13 @@ def kills(trial: Path, count: int, seed: int) -> Iterator[Round]:
     """Kill ``count`` runs of a trial; AssertionError where something half-written or something else is left."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory(prefix="mocap-id-kills-") as name:
-        whole = Path(name) / "whole"
-        shutil.copytree(trial.parent, whole)
-        start = time.perf_counter()
-        out = run(load(whole / trial.name)).folder
-        seconds, expected = time.perf_counter() - start, contents(out)
+        whole, again = Path(name) / "whole", Path(name) / "again"
+        for folder in (whole, again):
+            shutil.copytree(trial.parent, folder)
+        expected = contents(run(load(whole / trial.name)).folder)
+        start = time.perf_counter()  # now that everything is imported and compiled
+        run(load(again / trial.name))
+        seconds = time.perf_counter() - start
         for number in range(count):
             here = Path(name) / f"round-{number}"
             shutil.copytree(trial.parent, here)
