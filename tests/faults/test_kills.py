@@ -15,4 +15,4 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_trials" / "robot-joint" /
 @pytest.mark.filterwarnings("ignore:This process.*is multi-threaded:DeprecationWarning")
 def test_killed_runs_resume_to_the_same() -> None:
     done = list(kills(SAMPLE, 5, seed=7))
-    assert any(one.computed > 1 for one in done), "killed before the last stage"
+    assert any(one.computed for one in done), "some were killed before they were done"
