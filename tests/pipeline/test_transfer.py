@@ -251,7 +251,7 @@ def test_what_is_out_of_date_is_computed_and_nothing_else(subject, tmp_path) -> 
     yaml.write_text(yaml.read_text() + "\nidentify-dim: {reference: de-leva}\n")
     steps.clear()
     assert finished(yaml, lambda step: steps.append((step.stage, step.action))).facts["reference_table"] == "de-leva"
-    assert [action for _, action in steps] == ["reused"] * 4 + ["computed"]
+    assert [action for _, action in steps] == ["reused"] * 4 + ["begun", "computed"]
     assert not (tmp_path / "trial" / "runs" / "s21-normal" / "report.html").exists()
 
 
