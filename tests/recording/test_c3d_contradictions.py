@@ -140,7 +140,7 @@ def test_declared_units(tmp_path: Path, declared: str, metres: float) -> None:
 @pytest.mark.parametrize("declared", ["", "me", "furlong"])
 def test_unknown_units_are_refused_and_the_key_is_named(tmp_path: Path, declared: str) -> None:
     data = build_c3d(POINTS, parameters={"POINT:UNITS": declared or " "})
-    with pytest.raises(RecordingError, match="`planarise: {units: mm}`"):
+    with pytest.raises(RecordingError, match=r"`planarise: \{units: mm\}`"):
         read(tmp_path, data)
     np.testing.assert_allclose(read(tmp_path, data, units="mm").positions, POINTS / 1e3, atol=1e-6)
 
