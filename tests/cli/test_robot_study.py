@@ -206,3 +206,9 @@ def test_a_set_is_made_in_an_empty_folder_only(tmp_path: Path) -> None:
     (tmp_path / "something").write_text("")
     with pytest.raises(Exception, match="not empty"):
         simulate_set(tmp_path, TWO)
+
+
+def test_another_set_is_not_taken_for_the_one_that_is_asked_for(study: tuple[Path, Outcome]) -> None:
+    other = replace(TWO, options=replace(TWO.options, seed=TWO.options.seed + 1))
+    with pytest.raises(ConfigError, match="another seed or number of trials"):
+        validate_robot([], study[0], generated=other)

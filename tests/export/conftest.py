@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ from mocap_id.recording import write_c3d
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.runner import run
 from mocap_id.workflows.export import FORMATS, Exported, export
-from mocap_id_cli.__main__ import main
 
 RATE = 100.0
 G = 9.81
@@ -108,28 +106,3 @@ def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactor
         return done[with_plate]
 
     return made
-
-
-@dataclass(frozen=True)
-class Said:
-    """What a command did."""
-
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
-    """``cli("export", folder, …)``: exit code and output; there is never a traceback."""
-
-    def call(*arguments: object) -> Said:
-        monkeypatch.setattr(sys, "argv", ["mocap-id", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main()
-        out, err = capsys.readouterr()
-        assert "Traceback" not in out + err
-        return Said(int(left.value.code or 0), out, err)
-
-    return call

@@ -10,14 +10,14 @@ import pandas as pd
 
 from mocap_id.reporting.residuals import by_marker
 from mocap_id.reporting.views import Dynamics, Motion, Skeleton
-from mocap_id.store import Artefact, Facts, Table, Tree
+from mocap_id.store import Artefact, Held
 from mocap_id.verdict import Level, Reason, overall
 
 _GRAVEST_FIRST: tuple[Level, ...] = ("refused", "caution", "ok")
 
 
 @dataclass(frozen=True)
-class Material:
+class Material(Held):
     """A trial as the report sees it.
 
     Parameters
@@ -42,21 +42,6 @@ class Material:
     refusal: Reason | None = None
     seconds: Mapping[str, float] | None = None
     settings: Mapping[str, str] = field(default_factory=dict)
-
-    def frame(self, file: str) -> pd.DataFrame | None:
-        """The rows of a Parquet artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact.frame if isinstance(artefact, Table) else None
-
-    def tree(self, file: str) -> Tree | None:
-        """An HDF5 artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact if isinstance(artefact, Tree) else None
-
-    def facts(self, file: str) -> Facts:
-        """The facts beside an artefact, empty where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact.facts if artefact is not None else {}
 
     def why_missing(self, file: str) -> str:
         """One sentence for a quantity that the artefact ``file`` should have given and did not."""

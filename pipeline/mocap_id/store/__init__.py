@@ -14,6 +14,7 @@ from mocap_id.store.artefacts import (
 )
 from mocap_id.store.content import hash_bytes, hash_file
 from mocap_id.store.folder import Folder
+from mocap_id.store.held import Held
 from mocap_id.store.provenance import Origin, Provenance, dumps
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Document",
     "Facts",
     "Folder",
+    "Held",
     "LongTable",
     "Node",
     "Origin",

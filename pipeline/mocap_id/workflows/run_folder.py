@@ -9,19 +9,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from mocap_id import runner
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store import Artefact, Facts, Folder, Provenance, Table, Tree
+from mocap_id.store import Artefact, Folder, Held, Provenance
 from mocap_id.store.schemas import SCHEMAS
 
 SUMMARY = "summary.json"
 
 
 @dataclass(frozen=True)
-class RunFolder:
+class RunFolder(Held):
     """What a run left.
 
     Parameters
@@ -64,21 +62,6 @@ class RunFolder:
         except (OSError, ValueError) as error:
             raise StoreError(f"{file} cannot be read ({error}): delete it and run `mocap-id report` again") from error
         return found
-
-    def frame(self, file: str) -> pd.DataFrame | None:
-        """The rows of a Parquet artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact.frame if isinstance(artefact, Table) else None
-
-    def tree(self, file: str) -> Tree | None:
-        """An HDF5 artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact if isinstance(artefact, Tree) else None
-
-    def facts(self, file: str) -> Facts:
-        """The facts beside an artefact, empty where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact.facts if artefact is not None else {}
 
     def why_missing(self, file: str) -> str:
         """Why there is no such artefact."""

@@ -24,7 +24,7 @@ from mocap_id.workflows.robot_study.rows import Case, case
 from mocap_id.workflows.robot_study.tables import tables
 from mocap_id.workflows.robot_study.variants import CAMERAS, perform_variants
 from mocap_id.workflows.simulate import RobotSet, simulate_set
-from mocap_id.workflows.simulate.robot_set import FILE
+from mocap_id.workflows.simulate.robot_set import FILE, set_file
 from mocap_id.workflows.study.writing import as_bytes, table_document, table_files
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
@@ -114,8 +114,15 @@ def validate_robot(
 
 
 def _generated(out: Path, wanted: RobotSet) -> Path:
+    """The simulated set in the study's folder, made if it is not there; ConfigError where another one is."""
     folder = out / "trials"
-    return folder / FILE if (folder / FILE).exists() else simulate_set(folder, wanted)
+    if not (folder / FILE).exists():
+        return simulate_set(folder, wanted)
+    if (folder / FILE).read_text("utf-8") != set_file(wanted):
+        raise ConfigError(
+            f"{folder} holds a set of another seed or number of trials: ask for that one, or choose another `--out`"
+        )
+    return folder / FILE
 
 
 def _write(

@@ -93,9 +93,15 @@ def simulate_set(folder: Path, wanted: RobotSet) -> Path:
         if folder.exists() and any(folder.iterdir()):
             raise StoreError(f"{folder} is not empty: choose a new folder for the set")
         folder.mkdir(parents=True, exist_ok=True)
-    trials = list(set_trials(wanted))
-    for name, options in trials:
+    for name, options in set_trials(wanted):
         simulate("robot", folder / name, options)
+    replace_together(folder, {FILE: set_file(wanted).encode()})
+    return folder / FILE
+
+
+def set_file(wanted: RobotSet) -> str:
+    """The text of ``robot-study.yaml``."""
+    trials = list(set_trials(wanted))
     text = _TOP.format(
         count=len(trials), periods=wanted.options.repetitions, seed=wanted.options.seed, name="simulated-ur5"
     )
@@ -103,6 +109,4 @@ def simulate_set(folder: Path, wanted: RobotSet) -> Path:
         known = REFERENCE[joint]
         text += _REFERENCE.format(name=joint, l1=known.distance, mass=TOTAL, my=known.my, inertia=known.inertia)
     text += "trials:\n"
-    text += "".join(_TRIAL.format(name, each.joint, each.speed, each.orientation) for name, each in trials)
-    replace_together(folder, {FILE: text.encode()})
-    return folder / FILE
+    return text + "".join(_TRIAL.format(name, each.joint, each.speed, each.orientation) for name, each in trials)

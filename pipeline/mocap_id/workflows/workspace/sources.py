@@ -113,6 +113,8 @@ def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile
         for prefix in ("theta", "sd_theta", "observed")
     ]
     q, sd, seen = columns[0].astype(float), columns[1].astype(float), columns[2].astype(bool)
+    if not np.isfinite(sd[seen & np.isfinite(q)]).all():
+        notes.append("some angles have no standard deviation, so the interval holds less than it should")
     try:
         limits = observed_limits(q, np.nan_to_num(sd), seen, quantile)
     except ValueError as wrong:

@@ -1,0 +1,30 @@
+"""Looking into a run's artefacts, of which some may not have been made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from mocap_id.store.artefacts import Artefact, Facts, Table, Tree
+
+
+class Held:
+    """What holds ``artefacts`` by their file names; those that were not made are absent."""
+
+    artefacts: Mapping[str, Artefact]
+
+    def frame(self, file: str) -> pd.DataFrame | None:
+        """The rows of a Parquet artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact.frame if isinstance(artefact, Table) else None
+
+    def tree(self, file: str) -> Tree | None:
+        """An HDF5 artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, Tree) else None
+
+    def facts(self, file: str) -> Facts:
+        """The facts beside an artefact, empty where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact.facts if artefact is not None else {}
