@@ -105,7 +105,11 @@ def main() -> None:
         record = work / f"{name}.json"
         if asked.only or asked.afresh or not record.exists():
             record.write_text(json.dumps(measured(name, sizes, work), indent=1), encoding="utf-8")
-    found = {name: json.loads((work / f"{name}.json").read_text("utf-8")) for name in PARTS if (work / f"{name}.json").exists()}
+    found = {
+        name: json.loads((work / f"{name}.json").read_text("utf-8"))
+        for name in PARTS
+        if (work / f"{name}.json").exists()
+    }
     text = page(found)
     sys.stdout.write(text)
     if asked.out:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -16,7 +16,6 @@ from scale_recordings import Wanted, make
 STAGES = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim", "report")
 WARM = Wanted(1_000)
 SHORT = 1_000_000  # marker-frames up to which a run is repeated
-LARGER = 500_000  # marker-frames from which fixed costs are small
 
 
 def measure(wanted: Sequence[Wanted], place: Path, repeats: int, say: Any) -> list[dict[str, Any]]:
@@ -67,16 +66,33 @@ def _middle(runs: Sequence[dict[str, Any]], k: int) -> dict[str, float | None]:
     }
 
 
+@dataclass(frozen=True)
+class Grown:
+    """Processor seconds at every size, and the power of the size that they grow with: over all, and the larger half."""
+
+    seconds: tuple[float, ...]
+    all: float | None
+    larger: float | None
+
+
+def fitted_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
+    """Of a stage, or of a whole ``run``, against ``frames``, ``markers`` or ``joints``."""
+    sizes = [float(one["wanted"][key]) for one in part]
+    seconds = tuple(float((one["whole"] if name == "run" else one["stages"][name])["cpu"]) for one in part)
+    half = len(sizes) // 2
+    return Grown(seconds, exponent(sizes, seconds), exponent(sizes[half:], seconds[half:]))
+
+
+def fitted_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] | None:
+    """MB a million marker-frames, MB without any, and the largest distance of a length from that line."""
+    size = np.array([one["wanted"]["frames"] * one["wanted"]["markers"] / 1e6 for one in part])
+    peak = np.array([one["whole"]["peak"] for one in part])
+    if len(size) < 2:
+        return None
+    slope, intercept = np.polyfit(size, peak, 1)
+    return float(slope), float(intercept), float(np.abs(peak - intercept - slope * size).max())
+
+
 def exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
     """p of value ∝ size^p, by least squares of the logarithms; None for fewer than two sizes."""
-    if len(size) < 2:
-        return None
-    return float(np.polyfit(np.log(size), np.log(value), 1)[0])
-
-
-def line(size: Sequence[float], value: Sequence[float]) -> tuple[float, float] | None:
-    """Slope and intercept of a straight line; None for fewer than two sizes."""
-    if len(size) < 2:
-        return None
-    slope, intercept = np.polyfit(size, value, 1)
-    return float(slope), float(intercept)
+    return float(np.polyfit(np.log(size), np.log(value), 1)[0]) if len(size) > 1 else None

@@ -18,17 +18,17 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import scale_tasks
 from scale_trial import memory
 
-import scale_tasks
 from mocap_id.config import Trial, load, load_study
+from mocap_id.store import Table
+from mocap_id.store.parquet import conform
 from mocap_id.workflows.batch import BATCH, find
 from mocap_id.workflows.batch.table import row
 from mocap_id.workflows.performing import Dask, Engine, Here, Performed, perform_all
 from mocap_id.workflows.study.columns import frame
 from mocap_id.workflows.study.writing import parquet
-from mocap_id.store import Table
-from mocap_id.store.parquet import conform
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand" / "trial.yaml"
 SUMMARY = "summary.json"
@@ -84,7 +84,9 @@ def finding(count: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as place:
         for k in range(count):
             text = SAMPLE.read_text("utf-8").replace("sit-to-stand", f"t{k:06}", 2)
-            Path(place, f"t{k:06}.yaml").write_text(text.replace(f"protocol: t{k:06}", "protocol: sit-to-stand"), "utf-8")
+            Path(place, f"t{k:06}.yaml").write_text(
+                text.replace(f"protocol: t{k:06}", "protocol: sit-to-stand"), "utf-8"
+            )
         start = perf_counter()
         found, unreadable = find([place])
         taken = perf_counter() - start
