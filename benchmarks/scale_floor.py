@@ -1,8 +1,9 @@
 """What reading a recording and writing its arrays takes without any of our code: ``scale_floor.py FILE.c3d``.
 
 Prints JSON, seconds: the file read by numpy alone (``numpy``), by ezc3d, and by the c3d package (``c3d``, frame by
-frame in Python; left out with ``--quick``, and where that package cannot read the file), and the marker positions with frame, time and label as a long table
-(``parquet``) and as they are (``hdf5``) written with each library's own defaults and synced.
+frame in Python; left out with ``--quick``, and where that package cannot read the file); the marker positions with
+frame, time and label as a long table (``parquet``) and as they are (``hdf5``) written with each library's own
+defaults and synced.
 """
 
 from __future__ import annotations

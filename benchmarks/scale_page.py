@@ -120,8 +120,8 @@ def starts(part: Part) -> str:
     return (
         f"Medians of {part['repeats']}, in turns; runs of {part['recording']}, compiled code at hand.\n\n"
         + table(("process", "wall", "processor", "memory", "of bare Python"), rows)
-        + f"\n`run` beside what others take for a part of it. It takes {run / floor_of(part):.1f} times the floor, and a "
-        + f"rerun with nothing to do {spent[RUN_AGAIN]['wall'] / floor_of(part):.1f} times.\n\n"
+        + f"\n`run` beside what others take for a part of it. It takes {run / floor_of(part):.1f} times the floor, "
+        + f"and a rerun with nothing to do {spent[RUN_AGAIN]['wall'] / floor_of(part):.1f} times.\n\n"
         + table(("", "time", "`run` takes so many times that"), beside)
     )
 
@@ -164,8 +164,9 @@ def frames(part: Sequence[Part]) -> str:
     for one in part:
         wanted, whole = one["wanted"], one["whole"]
         count, base = wanted["frames"] * wanted["markers"], floor_of(one)
-        rows.append([f"{wanted['frames'] / wanted['rate'] / 60:g} min", f"{wanted['frames']:,}", f"{whole['wall']:.1f} s",
-                     f"{whole['cpu']:.1f} s", f"{1e6 * whole['cpu'] / count:.1f}", f"{base:.2f} s",
+        minutes = wanted["frames"] / wanted["rate"] / 60
+        rows.append([f"{minutes:g} min", f"{wanted['frames']:,}", f"{whole['wall']:.1f} s", f"{whole['cpu']:.1f} s",
+                     f"{1e6 * whole['cpu'] / count:.1f}", f"{base:.2f} s",
                      f"{whole['wall'] / base:.1f}", memory(whole["peak"])])  # fmt: skip
     head = ("length", "frames", "`run`", "processor", "µs a marker and frame", "floor", "`run` by the floor", "memory")
     text = (
@@ -177,8 +178,8 @@ def frames(part: Sequence[Part]) -> str:
         return text
     slope, intercept, worst = line
     return text + (
-        f"\nMemory of a whole run: {intercept:.0f} MB + {slope:.1f} MB for every million of marker-frames (frames times "
-        f"markers), which no length is off by more than {worst:.0f} MB.\n"
+        f"\nMemory of a whole run: {intercept:.0f} MB + {slope:.1f} MB for every million of marker-frames (frames "
+        f"times markers), which no length is off by more than {worst:.0f} MB.\n"
     )
 
 
@@ -225,8 +226,9 @@ def batch(part: Part) -> str:
                      memory(way["peak"])])  # fmt: skip
     head = ("", "wall", "processor", "a trial", "of twice as fast as one", "memory of a process")
     return (
-        f"{count} times the sample trial `sample_trials/sit-to-stand`, median of {part['rounds']} round(s). Two commands "
-        "that share nothing are the best that the machine itself can do with two processes.\n\n" + table(head, rows)
+        f"{count} times the sample trial `sample_trials/sit-to-stand`, median of {part['rounds']} round(s). Two "
+        "commands that share nothing are the best that the machine itself can do with two processes.\n\n"
+        + table(head, rows)
     )
 
 

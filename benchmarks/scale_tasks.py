@@ -8,7 +8,6 @@ over; ``finding`` reads so many trials' files, ``study`` a study's file with so 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from time import perf_counter
 from typing import Any
 
 import scale_tasks
+from scale_processes import PROGRAM, spend
 from scale_trial import memory
 
 from mocap_id.config import Trial, load, load_study
@@ -31,7 +31,6 @@ from mocap_id.workflows.study.columns import frame
 from mocap_id.workflows.study.writing import parquet
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand" / "trial.yaml"
-SUMMARY = "summary.json"
 
 
 def nothing(trial: Trial) -> Performed:
@@ -62,7 +61,7 @@ def through(engine: Engine, count: int) -> dict[str, float]:
 def table(count: int) -> dict[str, float]:
     """Rows of so many trials that went through, and their bytes as a table."""
     with tempfile.TemporaryDirectory() as place:
-        summary = Path(os.environ["SCALE_SUMMARY"]) if "SCALE_SUMMARY" in os.environ else _summary(Path(place))
+        summary = _summary(Path(place))
         asked = [replace(one, out=summary.parent) for one in trials(count)]
         start = perf_counter()
         rows = [row(one, nothing(one), Path(place)) for one in asked]
@@ -71,12 +70,11 @@ def table(count: int) -> dict[str, float]:
 
 
 def _summary(place: Path) -> Path:
-    """A finished trial's."""
-    from mocap_id import runner  # noqa: PLC0415
-
+    """A finished trial's, made by a process of its own, whose memory is not this one's."""
     for name in ("trial.c3d", "trial.yaml"):
         shutil.copyfile(SAMPLE.with_name(name), place / name)
-    return Path(runner.run(load(place / "trial.yaml")).folder) / SUMMARY
+    spend([*PROGRAM, "run", "--quiet", str(place / "trial.yaml")], place)
+    return load(place / "trial.yaml").out / "summary.json"
 
 
 def finding(count: int) -> dict[str, float]:
