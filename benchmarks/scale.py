@@ -1,9 +1,9 @@
-"""Time and memory of everything, at every size: ``python benchmarks/scale.py --out docs/scale.md``.
+"""Time and memory at every size: ``python benchmarks/scale.py --out docs/scale.md --quote docs/cluster.md``.
 
-Prints the page, and with ``--out`` writes it. What was measured is kept in a folder (``--work``), part by part, so that
-an interrupted run goes on where it stopped, and ``--only frames,batch`` measures parts anew and leaves the others. The
-reference recording is taken from MOCAP_ID_RECORDINGS; without it a simulated one of the same size stands in. About
-twenty minutes on an idle machine with two cores, one part at a time; nothing else should run meanwhile.
+Prints the page, and with ``--out`` writes it; ``--quote`` renews the table of another page. What was measured is kept
+in a folder (``--work``), part by part, so that an interrupted run goes on where it stopped, and ``--only frames,batch``
+measures parts anew and leaves the others. The reference recording is taken from MOCAP_ID_RECORDINGS; without it a
+simulated one stands in. Nothing else should run meanwhile.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from typing import Any
 import scale_lengths
 import scale_many
 import scale_starts
-from scale_page import page
+from scale_page import machine, page
+from scale_plan import plan, quote
 from scale_recordings import Wanted
 
 MINUTES = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
@@ -87,6 +88,7 @@ def main() -> None:
     """Measure what is asked for or missing, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--out", type=Path, help="page to write")
+    parser.add_argument("--quote", type=Path, help="page in which to write anew what 100,000 trials would take")
     parser.add_argument("--only", type=lambda words: words.split(","), help=f"parts to measure anew: {','.join(PARTS)}")
     parser.add_argument("--work", type=Path, help="folder of what was measured; default: one for this user and version")
     parser.add_argument("--repeats", type=int, default=Sizes.repeats, help="of whole processes and short trials")
@@ -114,6 +116,8 @@ def main() -> None:
     sys.stdout.write(text)
     if asked.out:
         asked.out.write_text(text, encoding="utf-8")
+    if asked.quote:
+        quote(asked.quote, f"{machine(found)}\n\n{plan({name: one['found'] for name, one in found.items()})}")
 
 
 def measured(name: str, sizes: Sizes, work: Path) -> dict[str, Any]:
