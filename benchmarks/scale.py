@@ -45,7 +45,7 @@ class Sizes:
     dense: Wanted = DENSE
     still: float = 60.0  # s of recording where markers or joints vary
     repeats: int = 5
-    trials: int = 100
+    trials: int = 50
     rounds: int = 1
     tasks: tuple[int, ...] = TASKS
     dask: tuple[int, ...] = ON_DASK
@@ -70,13 +70,13 @@ PARTS: Mapping[str, Callable[[Sizes, Path, Say], Any]] = {
     "starts": lambda s, place, say: scale_starts.measure(place, s.repeats, s.filterpy, s.dense),
     "dense": lambda s, place, say: scale_lengths.measure([s.dense], place, s.repeats, say),
     "frames": lambda s, place, say: scale_lengths.measure(
-        [Wanted(round(6_000 * minutes)) for minutes in s.minutes], place, min(3, s.repeats), say
+        [Wanted(round(6_000 * minutes)) for minutes in s.minutes], place, min(2, s.repeats), say
     ),
     "markers": lambda s, place, say: scale_lengths.measure(
-        [Wanted(round(100 * s.still), markers=count) for count in s.markers], place, min(3, s.repeats), say
+        [Wanted(round(100 * s.still), markers=count) for count in s.markers], place, 1, say
     ),
     "joints": lambda s, place, say: scale_lengths.measure(
-        [Wanted(round(100 * s.still), joints=count) for count in s.joints], place, min(3, s.repeats), say
+        [Wanted(round(100 * s.still), joints=count) for count in s.joints], place, 1, say
     ),
     "storage": lambda s, place, say: scale_many.storage(place),
     "tasks": lambda s, place, say: scale_many.handed_out(place, s.tasks, s.dask, say),
