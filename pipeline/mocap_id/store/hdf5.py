@@ -132,9 +132,5 @@ def _nested(leaves: Leaves) -> dict[str, Any]:
         place = root
         for group in groups:
             place = place.setdefault(group, {})
-            if not isinstance(place, dict):
-                raise ValueError(f"is damaged (it holds a dataset in the place of a group above `{path[:80]}`)")
-        if name in place:
-            raise ValueError(f"is damaged (it holds a dataset in the place of the group `{path[:80]}`)")
         place[name] = array if array.ndim else array.item()
     return root

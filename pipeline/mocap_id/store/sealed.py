@@ -68,11 +68,6 @@ def seal(content: bytes, size: int, places: Mapping[str, Place], provenance: Map
     return _head(rest) + rest
 
 
-def resealed(content: bytes) -> bytes:
-    """A file with the hash that it should have, whatever it holds."""
-    return _head(content[_HEAD:]) + content[_HEAD:]
-
-
 def opened(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
     """Values by their paths, and the provenance.
 
@@ -118,6 +113,9 @@ def _check(places: Mapping[str, Place], length: int) -> None:
             raise ValueError(f"`{path[:80]}` has a shape or place that is none")
         if place.start + place.size > length:
             raise ValueError(f"`{path[:80]}` ends after the file")
+    groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
+    if groups & places.keys():
+        raise ValueError(f"`{min(groups & places.keys())[:80]}` is a dataset and a group")
     if sum(place.size for place in places.values()) > length:
         raise ValueError("its datasets are larger than the file")
 
