@@ -215,6 +215,12 @@ def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
         ("trial: !!python/object/apply:os.system [echo]", "tag"),
         ("trial: x\ntrial: y", "stands twice"),
         ('recording: "a\\0b"\ntrial: x', ""),
+        (
+            "trial: x\nrecording: x.c3d\nout: runs/" + "x" * 300,
+            "line 3: the folder of the results",
+        ),  # case 5760 of 20261
+        ("trial: x\nrecording: x.c3d\nout: " + "runs/" * 1000, "longer than this system allows"),
+        ('trial: x\nrecording: x.c3d\nout: "a\\0b"', "can be none"),
     ],
 )
 def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str) -> None:

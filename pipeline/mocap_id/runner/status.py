@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError, StoreError
@@ -17,6 +17,7 @@ from mocap_id.runner.log import RUN_LOG, last_failure
 from mocap_id.runner.refusals import forget_refusal, remembered
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
+from mocap_id.store.locking import LOCK, lock_in
 
 State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "waiting"]
 
@@ -96,8 +97,7 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
         forget_refusal(trial.out)
         if first is None:
             folder.remove([LOG_FILE, RUN_LOG])
-    if first is None:
-        folder.dissolve()
+            folder.dissolve()
 
 
 def _standings(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[Standing]:
@@ -161,11 +161,11 @@ def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _held(folder: Path) -> bool:
-    lock = folder / ".mocap-id" / "lock"
-    if not lock.is_file():
+    own = folder / ".mocap-id"
+    if not (own / LOCK).is_file():
         return False
     try:
-        with FileLock(lock, timeout=0):
+        with lock_in(own).acquire(timeout=0):
             return False
     except Timeout:
         return True
