@@ -68,6 +68,12 @@ class Status:
 def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> Status:
     """Look at a trial's folder; nothing is written, nothing computed."""
     folder = Folder(trial.out)
+    try:
+        folder.there()
+    except StoreError as error:
+        first, *later = (stage.name for stage in stages)
+        waiting = (Standing(name, "waiting", f"for {first}") for name in later)
+        return Status((Standing(first, "damaged", str(error)), *waiting), False, None)
     return Status(tuple(_standings(trial, folder, stages)), _held(trial.out), last_failure(trial.out))
 
 
@@ -86,11 +92,11 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
     Raises
     ------
     StoreError
-        A run holds the folder, or it cannot be changed.
+        A run holds the folder, or it cannot be looked into or changed.
     """
-    if not trial.out.is_dir():
-        return
     folder, names = Folder(trial.out), [stage.name for stage in stages]
+    if not folder.there():
+        return
     with folder.locked():
         for stage in stages[0 if first is None else names.index(first) :]:
             folder.forget(stage.name, stage.outputs)

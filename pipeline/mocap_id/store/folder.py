@@ -75,6 +75,15 @@ class Folder:
             self._tidy(made)
             lock.release()
 
+    def there(self) -> bool:
+        """Whether there is such a folder; StoreError where one may not look."""
+        try:
+            (self.path / _HIDDEN / LOCK).exists()
+            return self.path.is_dir()
+        except OSError as error:
+            message = f"{self.path} cannot be looked into ({error.strerror}): change its permissions"
+            raise StoreError(message) from error
+
     def read(self, file: str) -> Artefact:
         """An artefact, checked, for its reader alone; StoreError where it is missing or damaged."""
         artefact = self._load(file)[0]
