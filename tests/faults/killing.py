@@ -1,6 +1,6 @@
 """Runs that are killed without a word at random instants: what is left must be whole, and resuming must give the same.
 
-    python tests/faults/killing.py [KILLS [SEED]]
+    python tests/faults/killing.py [KILLS [SEED [TRIAL.yaml ...]]]
 
 Each round copies a trial, starts a run of it in a process of its own, kills that with SIGKILL after a random time,
 looks at everything that is left, lets a new run finish and compares its results with an undisturbed run's. Random
@@ -147,11 +147,11 @@ def told(rounds: Iterable[Round]) -> str:
 
 
 def main() -> None:
-    """Kill as many runs of the sample trials as asked for."""
-    asked = [int(text) for text in sys.argv[1:]]
+    """Kill as many runs of the trials, or of the samples, as asked for."""
+    asked = [int(text) for text in sys.argv[1:3]]
     count, seed = [*asked, *(200, 1)[len(asked) :]]
     root = Path(__file__).resolve().parents[2] / "sample_trials"
-    files = sorted(root.glob("*/trial.yaml"))
+    files = [Path(text).resolve() for text in sys.argv[3:]] or sorted(root.glob("*/trial.yaml"))
     for number, file in enumerate(files):
         with tempfile.TemporaryDirectory(prefix="mocap-id-kills-") as place:
             killing = Killing(file, Path(place))

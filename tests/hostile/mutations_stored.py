@@ -136,6 +136,8 @@ def _edit_parquet(data: bytearray, rng: np.random.Generator) -> None:
         make = parquet_columns if chance < 0.55 else parquet_metadata if chance < 0.97 else parquet_bomb
         if table.num_columns:
             table = make(table, rng)
+        if make is parquet_bomb:
+            break  # another change of so many rows would take the memory of whoever makes it
     stream = io.BytesIO()
     compression = str(rng.choice(["zstd", "snappy", "gzip", "none"]))
     version = str(rng.choice(["1.0", "2.6"]))
