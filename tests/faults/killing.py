@@ -139,7 +139,10 @@ def _run(file: Path, renaming: int | None) -> None:
 
 def told(rounds: Iterable[Round]) -> str:
     """How many were killed in which stage."""
-    done = list(rounds)
+    done = []
+    for one in rounds:
+        done.append(one)
+        print(f"{one.when}: {'killed' if one.killed else 'done before'}, {one.computed} stages left", flush=True)
     names = [*(stage.name for stage in STAGES), "after the last stage"]
     stages = Counter(names[len(STAGES) - one.computed] for one in done if one.killed)
     each = ", ".join(f"{name} {stages[name]}" for name in names if stages[name])
