@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.contents import PdfFonts
+from mocap_id.reporting.panel import Sheet
 
 INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#6b6e75"
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
@@ -85,7 +86,7 @@ def house(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
 
 def figure(height: float) -> Figure:
     """An empty figure of the house's width and this height, inches; call it under :func:`house`."""
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+    return Sheet(figsize=(WIDTH, height), layout="constrained")
 
 
 def colour(k: int) -> str:
