@@ -36,6 +36,8 @@ class _Scale(Axis):
     _mark: Any
     _free = True  # the label goes where the numbers leave room
     _own = True  # drawn as here
+    _text: Text | None = None
+    _asked: float | str | None = None
 
     def set_ticks(self, ticks: Any, labels: Any = None, *, minor: bool = False, **kwargs: Any) -> Any:
         """As matplotlib's; names without looks of their own do not make it build the ticks."""
@@ -153,16 +155,18 @@ class _Scale(Axis):
         return Bbox.from_extents(box.x0, box.y0 - size, box.x1, box.y0)
 
     def _number(self) -> Text:
-        """The text that takes the place of each number in turn."""
+        """The text that takes the place of each number in turn; made anew only for another size."""
         settings = "ytick" if self._along else "xtick"
-        away = mpl.rcParams[f"{settings}.major.size"] + mpl.rcParams[f"{settings}.major.pad"]
-        find = self.axes.get_yaxis_text1_transform if self._along else self.axes.get_xaxis_text1_transform
-        through, vertical, horizontal = find(away)
         size = self.get_tick_params().get("labelsize", mpl.rcParams[f"{settings}.labelsize"])
-        colour = mpl.rcParams[f"{settings}.color"]
-        number = Text(fontsize=size, color=colour, va=vertical, ha=horizontal, transform=through)
-        number.set_figure(self.get_figure(root=False))
-        return number
+        if self._text is None or self._asked != size:
+            away = mpl.rcParams[f"{settings}.major.size"] + mpl.rcParams[f"{settings}.major.pad"]
+            find = self.axes.get_yaxis_text1_transform if self._along else self.axes.get_xaxis_text1_transform
+            through, vertical, horizontal = find(away)
+            colour = mpl.rcParams[f"{settings}.color"]
+            self._text = Text(fontsize=size, color=colour, va=vertical, ha=horizontal, transform=through)
+            self._text.set_figure(self.get_figure(root=False))
+            self._asked = size
+        return self._text
 
     def _boxes(self, renderer: Any, locations: FloatArray, texts: Sequence[str]) -> FloatArray:
         """Left, bottom, right and top of every number, (K, 4) pixels."""
