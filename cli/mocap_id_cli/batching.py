@@ -13,9 +13,10 @@ import typer
 from mocap_id.config.source import read
 from mocap_id.errors import ConfigError
 from mocap_id.workflows import batch as workflow
-from mocap_id.workflows.performing import Dask, Engine, Here, OnError, Performed
+from mocap_id.workflows.performing import Dask, Engine, Here, OnError
 from mocap_id_cli import live
 from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, short
+from mocap_id_cli.telling import counting, teller
 
 _SHOWN = 40  # rows; of a longer batch those that did not go through
 
@@ -59,8 +60,8 @@ def batch(
         out,
         engine=_engine(jobs, scheduler, cluster),
         on_error=on_error,
-        begin=(lambda trials: None) if quiet else (lambda trials: live.show("trials", trials)),
-        tell=(lambda done: None) if quiet else told_of,
+        begin=counting(quiet),
+        tell=teller(quiet),
     )
     live.stop()
     if as_json:
@@ -83,13 +84,6 @@ def _engine(jobs: int, scheduler: str | None, cluster: Path | None) -> Engine:
             raise ConfigError(f"{cluster}: expected keys such as `kind:` and `workers:`")
         return Dask(cluster=data)
     return Here(jobs) if scheduler is None else Dask(scheduler)
-
-
-def told_of(done: Performed) -> None:
-    """Say on standard error what became of a trial."""
-    what = {0: f"{done.seconds:8.2f} s" if done.computed else "reused", 4: "refused"}.get(done.exit_code, "failed")
-    live.say(f"{done.trial:<28}{what:>10}")
-    live.advance()
 
 
 def _lines(found: workflow.Batch) -> Iterator[str]:

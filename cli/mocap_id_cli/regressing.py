@@ -10,14 +10,13 @@ from typing import Annotated
 
 import typer
 
-from mocap_id.workflows.performing import Here, Performed
+from mocap_id.workflows.performing import Here
 from mocap_id.workflows.regress import Baseline, Moved, Regression, update
 from mocap_id.workflows.regress import regress as compare
 from mocap_id.workflows.regress.regress import used
-from mocap_id_cli import live
-from mocap_id_cli.batching import told_of
 from mocap_id_cli.initialising import aligned
 from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, short
+from mocap_id_cli.telling import teller
 
 
 def regress(
@@ -47,7 +46,7 @@ def regress(
     moved by more than its tolerance, by default the 95 % interval that was stated with it.
     """
     log_to_stderr(quiet, verbose)
-    tell = _silent if quiet else told_of
+    tell = teller(quiet)
     if make:
         before = Baseline.read(baseline) if baseline.exists() else Baseline()
         made = update(named, before, Here(jobs), tell)
@@ -58,7 +57,6 @@ def regress(
         typer.echo(f"baseline: {short(baseline.absolute())}, {len(made.trials)} trials")
         return
     found = compare(named, Baseline.read(baseline), Here(jobs), tell)
-    live.stop()
     if as_json:
         told = {"passed": found.passed, "compared": found.compared, "unknown": found.unknown}
         moved = [asdict(one) for one in found.moved]
@@ -67,10 +65,6 @@ def regress(
         typer.echo("\n".join(_lines(found, baseline)))
     if not found.passed:
         raise typer.Exit(1)
-
-
-def _silent(done: Performed) -> None:
-    """Tell nothing."""
 
 
 def _lines(found: Regression, baseline: Path) -> Iterator[str]:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mocap_id_cli import live
 from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, short
+from mocap_id_cli.telling import counting, teller
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.performing import Performed
     from mocap_id.workflows.study import Outcome
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.", show_default=False)]
-_LEVELS = {0: "", 4: "refused"}
 
 
 def study(
@@ -34,23 +34,14 @@ def study(
     from mocap_id.workflows import study as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    found = workflow.run(file, jobs, teller(quiet))
+    found = workflow.run(file, jobs, begin=counting(quiet), tell=teller(quiet))
+    live.stop()
     if as_json:
         typer.echo(json.dumps(found.document, indent=2, ensure_ascii=False, allow_nan=False))
     else:
         typer.echo("\n".join(_lines(found)))
     if found.failed:
         raise typer.Exit(1)
-
-
-def teller(quiet: bool) -> Any:
-    """What tells of every trial on stderr."""
-
-    def tell(done: Performed) -> None:
-        what = _LEVELS.get(done.exit_code, "failed") or (f"{done.seconds:8.2f} s" if done.computed else "reused")
-        typer.echo(f"{done.trial:<28}{what:>10}", err=True)
-
-    return (lambda done: None) if quiet else tell
 
 
 def _lines(found: Outcome) -> Iterator[str]:

@@ -12,7 +12,7 @@ import typer
 
 from mocap_id.workflows.simulate import RobotSet
 from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, short
-from mocap_id_cli.studying import teller
+from mocap_id_cli.telling import teller
 
 if TYPE_CHECKING:
     from mocap_id.workflows.robot_study import Outcome

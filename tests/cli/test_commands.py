@@ -18,14 +18,28 @@ from swinging_link import pendulum
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "h5py", "numba", "matplotlib", "pydantic", "rich"}
 
 
-def test_help_names_every_command_and_loads_none() -> None:
-    asked = "import sys; from mocap_id_cli.__main__ import main; sys.argv[1:] = ['--help']"
+def loading(*arguments: str) -> tuple[str, set[str]]:
+    """What a call prints on standard output, and the libraries that it loads."""
+    asked = f"import sys; from mocap_id_cli.__main__ import main; sys.argv[1:] = {list(arguments)!r}"
     told = "try: main()\nexcept SystemExit: print(*sys.modules)"
     said = subprocess.run([sys.executable, "-c", f"{asked}\n{told}"], capture_output=True, text=True, check=True)
-    help_, _, modules = said.stdout.rstrip().rpartition("\n")
+    out, _, modules = said.stdout.rstrip().rpartition("\n")
+    return out, {name for name in modules.split() if "." not in name}
+
+
+def test_help_names_every_command_and_loads_none() -> None:
+    help_, modules = loading("--help")
     for entry in COMMANDS:
         assert f"\n  {entry.name} " in help_ + "\n"
-    assert {name for name in modules.split() if "." not in name} & HEAVY == set()
+    assert modules & HEAVY == set()
+
+
+def test_what_has_nothing_to_do_loads_no_library_of_the_stages(cli, trial) -> None:
+    path = trial.trc(pendulum())
+    cli("planarise", path)
+    out, modules = loading("planarise", str(path), "--json")
+    assert [step["action"] for step in json.loads(out)["steps"]] == ["reused"]
+    assert modules & HEAVY == {"numpy", "pydantic"}
 
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)

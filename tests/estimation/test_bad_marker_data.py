@@ -12,7 +12,7 @@ from test_ukf_smooth_stage import STAGE, Context, Files, Path, TrialKeys, chain,
 
 from mocap_id.estimation import States
 from mocap_id.estimation.skin import camera_sd, with_lasting_errors
-from mocap_id.stages.state_errors import known_skin, lasting_errors
+from mocap_id.stages.ukf_smooth.state_errors import known_skin, lasting_errors
 from mocap_id.store.parquet import conform
 
 FLOOR = 5e-5

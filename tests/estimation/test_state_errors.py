@@ -14,9 +14,8 @@ from test_ukf_smooth_stage import chain, planar
 from mocap_id.estimation import States
 from mocap_id.estimation.process import noise_shape, transition
 from mocap_id.estimation.skin import LastingErrors, camera_sd, with_lasting_errors
-from mocap_id.stages import state_errors
 from mocap_id.stages.base import Context, Files, TrialKeys
-from mocap_id.stages.ukf_smooth import STAGE
+from mocap_id.stages.ukf_smooth import STAGE, state_errors
 
 FLOOR = 5e-5
 

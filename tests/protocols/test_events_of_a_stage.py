@@ -10,7 +10,7 @@ from protocol_cases import WEIGHT, sit_to_stand
 from mocap_id.dynamics.prepare import FitSettings, prepare
 from mocap_id.protocols.movement import read_movement
 from mocap_id.protocols.support import LIMIT
-from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
+from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.store import Table
 from mocap_id.store.schemas import WRENCH
 

@@ -14,7 +14,7 @@ from mocap_id.protocols.phases import GRID, agreement, average, on_grid
 from mocap_id.recording import read_angles
 from mocap_id.stages.base import Compare, Context, Files, TrialKeys
 from mocap_id.stages.identify_dim import IdentifyDimSettings
-from mocap_id.stages.repetition_averages import averages
+from mocap_id.stages.identify_dim.repetition_averages import averages
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import CHAIN, STATES
 

@@ -217,7 +217,7 @@ def test_what_was_odd_is_passed_on(tmp_path: Path) -> None:
 
 def test_a_long_trial_has_a_row_for_every_frame_and_marker(tmp_path: Path) -> None:
     from mocap_id.geometry.plane import PlaneFrame
-    from mocap_id.stages.planarise import _Part, _trajectories
+    from mocap_id.stages.planarise.function import _Part, _trajectories
 
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, ["A"], body(10, 1), RATE)

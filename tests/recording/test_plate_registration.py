@@ -20,7 +20,7 @@ from mocap_id.recording.plate_types import plate_axes
 from mocap_id.recording.registration import register, standing_lean
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.plate_registration import Checked, check
+from mocap_id.stages.planarise.plate_registration import Checked, check
 from mocap_id.workflows.simulate import Options
 from mocap_id.workflows.simulate.generate import generate
 

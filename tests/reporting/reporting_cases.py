@@ -12,7 +12,7 @@ import pandas as pd
 from mocap_id.errors import Refused
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
-from mocap_id.stages.repetition_averages import averages
+from mocap_id.stages.identify_dim.repetition_averages import averages
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.store import Artefact, Document, Table, Tree
 from mocap_id.store.schemas import (

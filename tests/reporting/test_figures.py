@@ -18,7 +18,8 @@ from mocap_id.reporting.figures.repetitions import on_common_time
 from mocap_id.reporting.figures.skeleton import two_moments
 from mocap_id.reporting.tracks import tracks
 from mocap_id.reporting.views import Dynamics, Motion
-from mocap_id.stages.report import STAGE, material
+from mocap_id.stages.report import STAGE
+from mocap_id.stages.report.function import material
 from mocap_id.store.schemas import SCHEMAS
 
 

@@ -20,7 +20,8 @@ from mocap_id.errors import Refused
 from mocap_id.kinematics.confidence import Evidence
 from mocap_id.reporting.readings import AGAINST
 from mocap_id.reporting.report import documents
-from mocap_id.stages.report import STAGE, material
+from mocap_id.stages.report import STAGE
+from mocap_id.stages.report.function import material
 from mocap_id.store import Artefact, Table
 from mocap_id.verdict import Reason
 

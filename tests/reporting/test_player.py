@@ -13,7 +13,7 @@ from mocap_id.geometry.planar import segment_poses
 from mocap_id.reporting.player import frames as moments
 from mocap_id.reporting.player.embedding import player
 from mocap_id.reporting.player.frames import MOST, Frames, frames
-from mocap_id.stages.report import material
+from mocap_id.stages.report.function import material
 
 
 def moving(trial: Trial, **changed: object) -> Frames:

@@ -18,7 +18,7 @@ from mocap_id.errors import Refused
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.shape import Summary
 from mocap_id.reporting.summary import summarise, to_json
-from mocap_id.stages.report import material
+from mocap_id.stages.report.function import material
 from mocap_id.store import Artefact, Table
 from mocap_id.verdict import Reason
 

@@ -14,7 +14,7 @@ from reporting_cases import Trial, context
 from mocap_id.reporting import style
 from mocap_id.reporting.figures import _DRAW
 from mocap_id.reporting.vector import svg_and_pdf
-from mocap_id.stages.report import material
+from mocap_id.stages.report.function import material
 
 SILENT = {"Date": None, "Creator": None, "Format": None, "Type": None, "Title": "what it shows"}
 NAMES = ["skeleton", "states", "parameters", "point_masses"]

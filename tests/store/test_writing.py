@@ -91,7 +91,8 @@ print(len(folder.read("markers.parquet").frame))
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert "markers.parquet cannot be written: the file is larger than this system allows" in result.stdout
     assert result.stdout.split()[-1] == "400"
-    assert [path.name for path in tmp_path.iterdir()] == ["markers.parquet"]
+    files = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    assert files == {"markers.parquet", ".mocap-id/ukf-smooth.json"}
 
 
 def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:

@@ -217,7 +217,7 @@ class _Run:
         report = self.stages[-1]
         self.forget_from(stage, but=report)
         self.took(Step(stage.name, "refused", 0.0))
-        hashes = {file: self.folder.provenance(file).content for file in report.inputs if self.folder.exists(file)}
+        hashes = {file: self.folder.content(file) for file in report.inputs if self.folder.exists(file)}
         with _named(self.trial, report):
             standing = self.current(report, hashes, refused)
             if standing is None:
@@ -275,7 +275,7 @@ class _Run:
 
     def hashes(self, stage: Stage) -> dict[str, str]:
         """Content hash of every file of the user's and every artefact that a stage reads."""
-        return self.files.of(stage) | {file: self.folder.provenance(file).content for file in stage.inputs}
+        return self.files.of(stage) | {file: self.folder.content(file) for file in stage.inputs}
 
     def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
         """Cache key that the stage's outputs would have."""

@@ -12,7 +12,7 @@ from mocap_id.store.artefacts import (
     Tree,
     TreeSchema,
 )
-from mocap_id.store.content import hash_bytes, hash_file
+from mocap_id.store.digest import hash_bytes, hash_file
 from mocap_id.store.folder import Folder
 from mocap_id.store.held import Held
 from mocap_id.store.provenance import Origin, Provenance, dumps

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.verdict import Reason
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Facts: TypeAlias = Mapping[str, Any]
 """Numbers and choices beside the data, JSON values only; None where a quantity could not be determined."""
@@ -113,6 +115,8 @@ class LongTable:
 
     def column(self, name: str, rows: slice = slice(None)) -> pd.Series[Any]:
         """A column, or some rows of it."""
+        import pandas as pd  # noqa: PLC0415  most who know what an artefact is make none
+
         if name in self.values:
             return pd.Series(self.values[name].reshape(-1)[rows], name=name, copy=False)
         start, stop, _ = rows.indices(self.length)
@@ -128,6 +132,8 @@ class LongTable:
     @property
     def frame(self) -> pd.DataFrame:
         """All of it, with all its labels."""
+        import pandas as pd  # noqa: PLC0415
+
         return pd.DataFrame({name: self.column(name) for name in self.names})
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from mocap_id import plain_files
 from mocap_id.arrays import IntArray, chunks
 from mocap_id.store.artefacts import Facts
 from mocap_id.store.provenance import dumps
@@ -20,7 +18,6 @@ from mocap_id.verdict import Reason
 Parts: TypeAlias = Callable[[], Iterable[pa.Array]]
 """A column's values, in as many arrays as its owner likes; asked for more than once."""
 
-_CHUNK = 1 << 20  # bytes of a file
 _ROWS = 1 << 17  # numbers of an array, at a time
 
 
@@ -64,26 +61,6 @@ def hash_nodes(nodes: Mapping[str, np.ndarray[Any, Any]], facts: Facts, reasons:
         digest.update(f"node {path} ".encode())
         _add_array(digest, nodes[path])
     return _finish(digest, facts, reasons)
-
-
-def hash_bytes(content: bytes) -> str:
-    """Hash of a document or of a canonical string."""
-    return hashlib.sha256(content).hexdigest()
-
-
-def hash_file(path: Path) -> str:
-    """Hash of a file's bytes.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read, is no plain file, or changes meanwhile: see :mod:`mocap_id.plain_files`.
-    """
-    digest = hashlib.sha256()
-    with plain_files.opened(path) as stream:
-        while chunk := stream.read(_CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
 
 
 def _finish(digest: Any, facts: Facts, reasons: Iterable[Reason]) -> str:

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from os import utime
 from pathlib import Path
+from typing import BinaryIO
 
 from filelock import FileLock, Timeout
 
 from mocap_id import plain_files
 from mocap_id.errors import StoreError
-from mocap_id.store import hdf5, parquet
-from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, Tree, TreeSchema
+from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, TableSchema, Tree, TreeSchema
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
-from mocap_id.store.content import hash_bytes
+from mocap_id.store.digest import HashedStream, hash_bytes, hash_file
 from mocap_id.store.provenance import Origin, Provenance
+from mocap_id.store.record import UNREADABLE, Record, Seal
 from mocap_id.store.schemas import SCHEMAS
 
 _HIDDEN = ".mocap-id"
-_UNREADABLE = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)  # of a record that is none
 
 
 class Folder:
@@ -42,6 +41,7 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._read: dict[str, tuple[Artefact, Provenance]] = {}
+        self._untouched: dict[str, Record] = {}
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[Folder]:
@@ -85,6 +85,11 @@ class Folder:
         """What an artefact says about itself; StoreError where it is missing or damaged."""
         return self._load(file)[1]
 
+    def content(self, file: str) -> str:
+        """Content hash of an artefact; StoreError where it is missing or damaged."""
+        record = self._as_written(file)
+        return self.provenance(file).content if record is None else record.artefacts[file].content
+
     def exists(self, file: str) -> bool:
         """Whether there is such a file, sound or not."""
         return (self.path / file).is_file()
@@ -101,22 +106,20 @@ class Folder:
         """
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
+        seals: dict[str, Seal] = {}
         for output in outputs:
-            match output:
-                case Table() | LongTable():
-                    contents[output.schema.file] = partial(parquet.write, output, origin)
-                case Tree():
-                    contents[output.schema.file] = hdf5.encode(output, origin)
-                case Document():
-                    contents[output.file] = output.content
-                    documents[output.file] = hash_bytes(output.content)
+            if isinstance(output, Document):
+                contents[output.file] = output.content
+                documents[output.file] = hash_bytes(output.content)
+            else:
+                contents[output.schema.file] = _sealed(output, origin, seals)
         before = self.documents(origin.stage)
-        if documents:
-            contents[_record(origin.stage)] = _encode_record(origin, documents)
+        record = Record(origin, documents, seals)
+        contents[_record(origin.stage)] = partial(_write_record, record)  # the last, when the seals are known
         replace_together(self.path, contents)
         self.remove({file for file in self._ours(before) if file not in documents})
         for file in contents:
-            self._read.pop(file, None)
+            self._forget(file)
 
     def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
         """Where a stage's outputs come from, if all of them are there, sound and of one and the same computation.
@@ -138,18 +141,19 @@ class Folder:
             if not self.exists(file):
                 return None
             if file in SCHEMAS:
-                origins.append(self.provenance(file).origin)
+                record = self._as_written(file)
+                origins.append(self.provenance(file).origin if record is None else record.origin)
         if any(file not in SCHEMAS for file in files):
-            record = self._document_origin(stage)
-            if record is None:
+            told = self._document_origin(stage)
+            if told is None:
                 return None
-            origins.append(record)
+            origins.append(told)
         return origins[0] if all(origin.key == origins[0].key for origin in origins) else None
 
     def documents(self, stage: str) -> Mapping[str, str]:
         """Documents that a stage wrote last, with their content hashes; none where there is no readable record."""
         record = self._record(stage)
-        return record[1] if record else {}
+        return record.documents if record else {}
 
     def remove(self, files: Iterable[str]) -> None:
         """Delete files of this folder; those that are not there are no matter."""
@@ -157,7 +161,7 @@ class Folder:
             path = within(self.path, file)
             with explained(path):
                 path.unlink(missing_ok=True)
-            self._read.pop(file, None)
+            self._forget(file)
 
     def forget(self, stage: str, files: Iterable[str]) -> None:
         """Delete everything that a stage wrote."""
@@ -189,6 +193,21 @@ class Folder:
                 for folder in made:
                     folder.rmdir()
 
+    def _as_written(self, file: str) -> Record | None:
+        """The record that knows an artefact, if the file still holds the very bytes that were written."""
+        if file not in self._untouched:
+            version, digest = SCHEMAS[file].version, self._hash(file)
+            for place in sorted((self.path / _HIDDEN).glob("*.json")):
+                record = self._record(place.stem)
+                seal = None if record is None else record.artefacts.get(file)
+                if record and seal and (seal.schema_version, seal.digest) == (version, digest):
+                    self._untouched[file] = record
+        return self._untouched.get(file)
+
+    def _forget(self, file: str) -> None:
+        self._read.pop(file, None)
+        self._untouched.pop(file, None)
+
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
             path, schema = self.path / file, SCHEMAS[file]
@@ -201,22 +220,18 @@ class Folder:
             except OSError as error:
                 raise StoreError(f"{path} cannot be read ({error.strerror}): delete it and run again") from error
             try:
-                self._read[file] = (
-                    hdf5.decode(content, schema) if isinstance(schema, TreeSchema) else parquet.decode(content, schema)
-                )
+                self._read[file] = _decoded(content, schema)
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
         return self._read[file]
 
-    def _record(self, stage: str) -> tuple[Provenance, dict[str, str]] | None:
+    def _record(self, stage: str) -> Record | None:
         try:
-            strings = json.loads(plain_files.read(within(self.path, _record(stage)), links=False))
-            documents: dict[str, str] = dict(json.loads(strings["documents"]))
-            provenance = Provenance.decode(strings)
-            sound = all(self._may_be_document(file) for file in documents)
-        except (StoreError, *_UNREADABLE):
+            record = Record.decode(plain_files.read(within(self.path, _record(stage)), links=False))
+            sound = all(self._may_be_document(file) for file in record.documents)
+        except (StoreError, *UNREADABLE):
             return None  # no record: the documents count as not written
-        return (provenance, documents) if sound else None
+        return record if sound else None
 
     def _may_be_document(self, file: str) -> bool:
         """Whether a name could be a document's: in this folder, and neither an artefact nor one of our own records."""
@@ -228,9 +243,9 @@ class Folder:
         return [file for file, content in documents.items() if self._hash(file) == content]
 
     def _hash(self, file: str) -> str | None:
-        """Content hash of a document; None where there is none to read."""
+        """Hash of a file's bytes; None where there is none to read."""
         try:
-            return hash_bytes(plain_files.read(within(self.path, file), links=False))
+            return hash_file(within(self.path, file), links=False)
         except (StoreError, OSError, ValueError):
             return None
 
@@ -238,15 +253,38 @@ class Folder:
         record = self._record(stage)
         if record is None:
             return None
-        return record[0].origin if len(self._ours(record[1])) == len(record[1]) else None
+        return record.origin if len(self._ours(record.documents)) == len(record.documents) else None
 
 
 def _record(stage: str) -> str:
     return f"{_HIDDEN}/{stage}.json"
 
 
-def _encode_record(origin: Origin, documents: Mapping[str, str]) -> bytes:
-    """Provenance of documents, which cannot carry their own, with the content hash of each."""
-    content = hash_bytes(json.dumps(documents, sort_keys=True).encode())
-    strings = Provenance("documents", 1, origin, content, {}, ()).encode()
-    return json.dumps(strings | {"documents": json.dumps(documents)}, indent=1).encode()
+def _write_record(record: Record, stream: BinaryIO) -> None:
+    stream.write(record.encode())
+
+
+def _sealed(artefact: Artefact | LongTable, origin: Origin, seals: dict[str, Seal]) -> Content:
+    """What writes an artefact, and notes what it wrote."""
+    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
+
+    version, file = artefact.schema.version, artefact.schema.file
+    if isinstance(artefact, Tree):
+        packed, content = hdf5.encode(artefact, origin)
+        seals[file] = Seal(version, hash_bytes(packed), content)
+        return packed
+    table = artefact
+
+    def write(stream: BinaryIO) -> None:
+        hashed = HashedStream(stream)
+        content = parquet.write(table, origin, hashed)
+        seals[file] = Seal(version, hashed.hash(), content)
+
+    return write
+
+
+def _decoded(content: bytes, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
+    """An artefact out of a file's bytes; ValueError where it is damaged."""
+    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
+
+    return hdf5.decode(content, schema) if isinstance(schema, TreeSchema) else parquet.decode(content, schema)

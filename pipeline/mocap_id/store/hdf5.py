@@ -26,8 +26,8 @@ _ROOM, _LEAST_ROOM = 4, 1 << 24
 """Bytes in memory for each byte of the file, which is never compressed (text takes four a character); and at least."""
 
 
-def encode(tree: Tree, origin: Origin) -> bytes:
-    """The tree as the bytes of an HDF5 file.
+def encode(tree: Tree, origin: Origin) -> tuple[bytes, str]:
+    """The tree as the bytes of an HDF5 file, and its content hash.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def encode(tree: Tree, origin: Origin) -> bytes:
             dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
         for key, value in provenance.encode().items():
             file.attrs[key] = value
-    return stream.getvalue()
+    return stream.getvalue(), content
 
 
 def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:

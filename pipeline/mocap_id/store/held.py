@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from mocap_id.store.artefacts import Artefact, Facts, Table, Tree
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Held:

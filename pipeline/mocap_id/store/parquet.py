@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from mocap_id.arrays import chunks
 from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema
 from mocap_id.store.content import TableHash, ranked_strings
+from mocap_id.store.digest import HashedStream
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
 _ROWS = 1 << 18  # that are written together
@@ -36,8 +37,8 @@ _TYPES = {
 }
 
 
-def write(table: Table | LongTable, origin: Origin, stream: BinaryIO) -> None:
-    """Write the table as a Parquet file, a stretch of rows at a time.
+def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStream) -> str:
+    """Write the table as a Parquet file, a stretch of rows at a time; its content hash.
 
     Raises
     ------
@@ -63,6 +64,7 @@ def write(table: Table | LongTable, origin: Origin, stream: BinaryIO) -> None:
         for rows in chunks(table.length, _ROWS):
             arrays = [_arrow(table.column(column.name, rows), column, table.schema.file) for column in columns]
             writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+    return provenance.content
 
 
 def encode(table: Table | LongTable, origin: Origin) -> bytes:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
-
-import pandas as pd
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from mocap_id.reporting.shape import ReasonEntry
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PAGE_FILE = "cohort.html"
 COHORT = "cohort"

@@ -23,8 +23,9 @@ from mocap_id.errors import RecordingError
 from mocap_id.kinematics.skin_foreseen import skin_in
 from mocap_id.stages import STAGES, skin_artefact
 from mocap_id.stages.base import Context, TrialKeys
-from mocap_id.stages.identify_dim import STAGE, identification, weak_share
-from mocap_id.stages.unknown import Unknown
+from mocap_id.stages.identify_dim import STAGE
+from mocap_id.stages.identify_dim.function import identification, weak_share
+from mocap_id.stages.identify_dim.unknown import Unknown
 from mocap_id.store import Artefact, Folder, Tree
 from mocap_id.workflows.advice.asked import Asked
 from mocap_id.workflows.finished import finished

@@ -71,7 +71,12 @@ class Outcome:
         return self.study.folder / PAGE_FILE
 
 
-def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
+def run(
+    file: Path,
+    jobs: int = 1,
+    begin: Callable[[int], None] = lambda trials: None,
+    tell: Tell = lambda done: None,
+) -> Outcome:
     """Run a study.
 
     Parameters
@@ -80,6 +85,8 @@ def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
         Its YAML file.
     jobs : int
         Trials at a time.
+    begin : callable, optional
+        Told how many trials there are.
     tell : callable, optional
         Told of every trial once it is done.
 
@@ -93,6 +100,7 @@ def run(file: Path, jobs: int = 1, tell: Tell = lambda done: None) -> Outcome:
     study = load_study(file)
     folder = Folder(study.folder)
     with folder.locked():
+        begin(len(study.trials))
         performed = perform_all([one.trial for one in study.trials], Here(jobs), tell)
         key = _key(study, performed)
         standing = _standing(study.folder, key)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
-from mocap_id.dynamics.consistent import Consistency
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import Identification, identify
@@ -22,59 +20,19 @@ from mocap_id.dynamics.predict import predict
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.errors import StoreError
-from mocap_id.protocols.contact import ContactRule
 from mocap_id.protocols.movement import Movement, read_movement
-from mocap_id.stages import dynamics_artefacts as artefacts
-from mocap_id.stages import skin_artefact, surroundings, validation
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.encoder_torque import torque_facts
-from mocap_id.stages.lineup import LINEUP
-from mocap_id.stages.repetition_averages import averages
-from mocap_id.stages.rivals import Rivals, rivals
-from mocap_id.stages.sit_to_stand_events import missing_force, sit_to_stand_events
-from mocap_id.stages.unknown import Unknown, not_excited, without_wrench
+from mocap_id.stages import skin_artefact
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings, validation
+from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
+from mocap_id.stages.identify_dim.encoder_torque import torque_facts
+from mocap_id.stages.identify_dim.repetition_averages import averages
+from mocap_id.stages.identify_dim.rivals import Rivals, rivals
+from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
+from mocap_id.stages.identify_dim.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
-
-
-class IdentifyDimSettings(Settings):
-    """How the dynamics are identified; the defaults suit people and robots alike."""
-
-    components: tuple[Literal["Fx", "Fy", "tauz"], ...] = Field(
-        ("Fx", "Fy", "tauz"), min_length=1, description="components of the wrench that are fitted"
-    )
-    cutoff_hz: float | None = Field(
-        None, gt=0, description="low-pass of regressor and wrench, Hz; default: from the joints' velocities"
-    )
-    apply_clock_offset: bool = Field(True, description="take the offset between the clocks out; it is always reported")
-    clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="offsets up to ± this are tried, s")
-    plate_bias: bool = Field(True, description="estimate a constant error of the plate's Fx")
-    plate_zero_sd_n: float = Field(3.0, ge=0, description="sd of a constant error of the plate's Fy, N")
-    plate_zero_sd_nm: float = Field(0.5, ge=0, description="sd of a constant error of the plate's tauz, N*m")
-    contact: ContactRule = Field("seat-force", description="how the chair's contact is found")
-    seat_off_share: float = Field(
-        0.72, gt=0, lt=1, description="of the standing weight, for `contact: weight` and `seat_off_72`"
-    )
-    knee_bend_rad: float = Field(0.8, gt=0, description="straighter is off the chair, for `contact: knee`, rad")
-    seat_plate: bool = Field(True, description="take the chair's force from its own plate, where it has one")
-    seat_segment: str | int | None = Field(
-        None, description="segment that the chair pushes on, by name or number (0 = base); default: the thigh"
-    )
-    reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table to compare with")
-    reference_sd: float = Field(0.15, gt=0, le=1, description="standard deviation of its parameters, of their size")
-    reference_pulls: bool = Field(False, description="it pulls what the wrench tells too (4.13), as a prior")
-    consistency: Consistency = Field("grid", description="bodies that can exist: point masses, or their exact cone")
-    grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
-    block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
-    still_arc_deg: float = Field(3.0, ge=0, description="if no joint turns more, only the mass is known, degrees")
-    weak_share: float | None = Field(
-        None,
-        gt=0,
-        le=1,
-        description="a parameter is weak above this standard deviation, of its size; default: a robot's 0.05, else 0.2",
-    )
-    gravity: float = Field(9.81, gt=0, description="m/s^2")
 
 
 @dataclass(frozen=True)
@@ -333,15 +291,3 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
         block=settings.block_s,
         gravity=settings.gravity,
     )
-
-
-STAGE = Stage(
-    name="identify-dim",
-    version=12,
-    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet"),
-    outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
-    uses=("trial", "protocol", "subject", "compare", "encoder"),
-    settings=IdentifyDimSettings,
-    function=identify_dim,
-    help=LINEUP["identify-dim"],
-)

@@ -23,9 +23,9 @@ from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.sit_to_stand import Contact
-from mocap_id.stages import validation
-from mocap_id.stages.rivals import Rivals, rival_facts
-from mocap_id.stages.validation import SERIES, Validation
+from mocap_id.stages.identify_dim import validation
+from mocap_id.stages.identify_dim.rivals import Rivals, rival_facts
+from mocap_id.stages.identify_dim.validation import SERIES, Validation
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
 

@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from pydantic import Field
-
 from mocap_id import __version__
 from mocap_id.reporting.collection import put_off
-from mocap_id.reporting.contents import FILES, PdfFonts
 from mocap_id.reporting.material import Material
-from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
-from mocap_id.stages.lineup import LINEUP
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.stages.base import Context, Outputs, TrialKeys
 from mocap_id.verdict import Reason
-
-
-class ReportSettings(Settings):
-    """How the figures are written; what they show is not to be set."""
-
-    pdf_fonts: PdfFonts = Field(
-        "type-3", description="letters of the PDF figures: drawn (type-3), or as some journals ask truetype: 1 s more"
-    )
 
 
 def report(context: Context) -> Outputs:
@@ -67,15 +54,3 @@ def _asked_for(trial: TrialKeys) -> dict[str, str]:
         "encoder": "" if trial.encoder is None else trial.encoder.name,
     }
     return {key: value for key, value in asked.items() if value}
-
-
-STAGE = Stage(
-    name="report",
-    version=4,
-    inputs=tuple(SCHEMAS),
-    outputs=FILES,
-    uses=tuple(TrialKeys.model_fields),
-    settings=ReportSettings,
-    function=report,
-    help=LINEUP["report"],
-)

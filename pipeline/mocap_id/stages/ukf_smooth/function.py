@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.errors import RecordingError
@@ -18,58 +17,17 @@ from mocap_id.estimation.inverse import Chain
 from mocap_id.estimation.skin import camera_sd, with_lasting_errors
 from mocap_id.kinematics import SkinModel
 from mocap_id.stages import skin_artefact
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
-from mocap_id.stages.lineup import LINEUP
-from mocap_id.stages.predicted_markers import beside_measured
-from mocap_id.stages.state_errors import NOISE, SKIN, UNKNOWN, known_skin, lasting_errors, supposed_skin
+from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.trajectories import PlanarView
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
+from mocap_id.stages.ukf_smooth.predicted_markers import beside_measured
+from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, known_skin, lasting_errors, supposed_skin
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import MARKERS, STATES
 from mocap_id.verdict import Reason
 
 _JITTER = 0.25  # of a frame: what rounding to milliseconds does at 500 Hz
-
-
-class UkfSmoothSettings(Settings):
-    """Noise, gate and engine of the filter."""
-
-    method: Literal["rts", "two-filter", "butterworth", "spline", "encoder"] = Field(
-        "rts",
-        description="filter and smoother; to compare with: the thesis's passes forwards and backwards averaged, the "
-        "angles of single frames through a zero-phase low-pass or a quintic smoothing spline, or a robot's encoder",
-    )
-    butterworth_hz: float = Field(
-        6.0, gt=0, description="cutoff of each of the two passes of `method: butterworth`, Hz; human movement: 6"
-    )
-    engine: Literal["compiled", "filterpy"] = Field(
-        "compiled", description="machine code, or filterpy's filter: the same result, a hundred times slower"
-    )
-    marker_sd: float | None = Field(
-        None, gt=0, description="standard deviation of a marker coordinate, m; estimated where not given (thesis: 1e-3)"
-    )
-    sigma_v: float | None = Field(
-        None,
-        gt=0,
-        description="standard deviation of the snap held over one frame, rad/s^4; estimated for each joint where not "
-        "given (thesis: 1e2)",
-    )
-    marker_sd_floor: float = Field(5e-5, gt=0, description="least estimate of marker_sd, m, for filtered recordings")
-    gate: float = Field(
-        5.0, ge=3, description="a marker farther from its prediction than this many standard deviations is left out"
-    )
-    angle_sd_limit: float = Field(
-        0.2, gt=0, description="an angle less certain than this is not given, rad (standard deviation)"
-    )
-    encoder_offset_limit_s: float = Field(
-        0.5, ge=0.01, le=10, description="offsets of an encoder's clock up to ± this are tried, s"
-    )
-    encoder_position_sd: float | None = Field(
-        None, gt=0, description="standard deviation of an encoder's position, rad; estimated where not given"
-    )
-    encoder_velocity_sd: float | None = Field(
-        None, gt=0, description="standard deviation of an encoder's velocity, rad/s; estimated where not given"
-    )
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -262,15 +220,3 @@ def _stretches(flags: BoolArray) -> tuple[IntArray, IntArray]:
     """First samples, and samples after the last, of the runs of true."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int64))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-
-
-STAGE = Stage(
-    name="ukf-smooth",
-    version=6,
-    inputs=("planar.parquet", "chain.h5"),
-    outputs=("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet"),
-    uses=("encoder",),
-    settings=UkfSmoothSettings,
-    function=ukf_smooth,
-    help=LINEUP["ukf-smooth"],
-)

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.lineup import LINEUP
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.trajectories import Trajectories
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.verdict import Reason
-
-
-class FitJointsSettings(Settings):
-    """How much is looked at, and when a joint is called weak."""
-
-    estimator: Literal["bundle", "rigid-body", "circle"] = Field(
-        "bundle",
-        description="the whole chain; to compare with: bodies pair by pair, or the thesis's circles link by link",
-    )
-    frames: int = Field(400, ge=50, description="frames fitted, evenly along the way that the markers travel")
-    lambda_a: float = Field(
-        0.01, gt=0, description="weight of the markers about a joint that `segment: joint_markers` names (3.16)"
-    )
-    small_arc_deg: float = Field(10.0, ge=0, description="a joint that turns less is reported as weak, degrees")
-    large_sd_m: float = Field(0.02, gt=0, description="a centre less certain than this is reported, m")
 
 
 def fit_joints(context: Context) -> Outputs:
@@ -156,15 +139,3 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
                 )
             )
     return tuple(reasons)
-
-
-STAGE = Stage(
-    name="fit-joints",
-    version=3,
-    inputs=("planar.parquet", "segments.parquet"),
-    outputs=("chain.h5",),
-    uses=(),
-    settings=FitJointsSettings,
-    function=fit_joints,
-    help=LINEUP["fit-joints"],
-)

@@ -4,58 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import fit_plane, propose_window
-from mocap_id.recording import PlateChoice, PlateSamples, Recording, ZeroRule
+from mocap_id.recording import PlateChoice, PlateSamples, Recording
 from mocap_id.recording.posture import Facing, facing
-from mocap_id.stages import plate_losses, plate_registration, swapped
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.external_wrenches import Measured, Seen, measure_seat, measure_sensors
-from mocap_id.stages.lineup import LINEUP
+from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import columns
+from mocap_id.stages.planarise import PlanariseSettings, plate_losses, plate_registration, swapped
+from mocap_id.stages.planarise.external_wrenches import Measured, Seen, measure_seat, measure_sensors
 from mocap_id.store import Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
-
-
-class PlanariseSettings(Settings):
-    """How the recording is read and turned into its plane."""
-
-    units: Literal["mm", "cm", "m", "in"] | None = Field(
-        None, description="length unit of the markers, where the file does not declare it or declares it wrong"
-    )
-    vertical: Literal["X", "Y", "Z", "-X", "-Y", "-Z"] | None = Field(
-        None, description="the file's axis that points up; found from the force plates or the file where not given"
-    )
-    force_unit: Literal["N", "kN", "mN", "lbf", "kgf"] | None = Field(
-        None, description="unit of the plates' force channels, where the file does not declare it or declares it wrong"
-    )
-    moment_unit: Literal["Nm", "Nmm", "Ncm", "kNm", "lbf.ft", "lbf.in", "kgf.m"] | None = Field(
-        None, description="unit of the plates' moment channels, where the file does not declare it or declares it wrong"
-    )
-    facing: Literal["-x", "+x"] = Field(
-        "-x", description="way along the plane's x that the subject should face; +x turns the plane around"
-    )
-    yaw_deg: float | None = Field(
-        None, ge=-180, le=180, description="angle of the plane's x from the lab's X, degrees; fitted where not given"
-    )
-    ignore: tuple[str, ...] = Field((), description="markers to leave out, as names or patterns such as 'L*WR*'")
-    repair_swaps: bool = Field(False, description="exchange markers back that carry each other's label for a while")
-    cop_threshold_N: float = Field(  # noqa: N815
-        20.0, gt=0, description="vertical force under which there is no centre of pressure, N"
-    )
-    seat_zero: ZeroRule = Field(
-        "standing", description="what a chair's own plate reads without the person: as the person stands, or nothing"
-    )
 
 
 @dataclass(frozen=True)
@@ -333,15 +300,3 @@ def _notes(
             )
         )
     return tuple(notes)
-
-
-STAGE = Stage(
-    name="planarise",
-    version=5,
-    inputs=(),
-    outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "protocol", "window", "plates", "external"),
-    settings=PlanariseSettings,
-    function=planarise,
-    help=LINEUP["planarise"],
-)

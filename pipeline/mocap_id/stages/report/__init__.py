@@ -1,0 +1,36 @@
+"""``report``: the verdict and the numbers of a trial, for people and for other programs."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from mocap_id.reporting.contents import FILES, PdfFonts
+from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
+from mocap_id.stages.lineup import LINEUP
+from mocap_id.store.schemas import SCHEMAS
+
+
+class ReportSettings(Settings):
+    """How the figures are written; what they show is not to be set."""
+
+    pdf_fonts: PdfFonts = Field(
+        "type-3", description="letters of the PDF figures: drawn (type-3), or as some journals ask truetype: 1 s more"
+    )
+
+
+def _function(context: Context) -> Outputs:
+    from mocap_id.stages.report.function import report  # noqa: PLC0415  whoever runs it loads its libraries
+
+    return report(context)
+
+
+STAGE = Stage(
+    name="report",
+    version=5,
+    inputs=tuple(SCHEMAS),
+    outputs=FILES,
+    uses=tuple(TrialKeys.model_fields),
+    settings=ReportSettings,
+    function=_function,
+    help=LINEUP["report"],
+)
