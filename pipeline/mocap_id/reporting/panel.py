@@ -17,7 +17,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.figure import Figure
-from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 from matplotlib.transforms import Bbox
@@ -60,7 +61,7 @@ class _Scale(Axis):
             return found
         if not self.get_visible() or (for_layout_only and not self.get_in_layout()):
             return None
-        renderer = renderer or self.get_figure(root=True)._get_renderer()
+        renderer = renderer or self._whole._get_renderer()
         locations, texts = self._marks()
         numbers = self._boxes(renderer, locations, texts)
         self._place(numbers, len(locations))
@@ -93,6 +94,15 @@ class _Scale(Axis):
         renderer.close_group("matplotlib.axis")
         self.stale = False
 
+    @property
+    def _whole(self) -> Any:
+        return self.axes.get_figure(root=True)
+
+    def _setting(self, name: str) -> Any:
+        """What the house has set for the ticks of such a scale."""
+        settings: Any = mpl.rcParams
+        return settings[f"{'ytick' if self._along else 'xtick'}.{name}"]
+
     def _lean(self) -> bool:
         """Whether everything that is asked of the scale is known here."""
         asked = self.get_tick_params()
@@ -110,7 +120,7 @@ class _Scale(Axis):
     def _marks(self) -> tuple[FloatArray, Sequence[str]]:
         """Where the ticks within view are, (K,), and their K numbers, or none where the scale shows none."""
         locations = np.asarray(self.get_majorticklocs(), dtype=np.float64)
-        texts = self.get_major_formatter().format_ticks(locations)
+        texts = self.get_major_formatter().format_ticks(locations.tolist())
         self.offsetText.set_text(self.get_major_formatter().get_offset())
         low, high = sorted(self.get_view_interval())
         slack = _CLOSE * (high - low)
@@ -120,7 +130,6 @@ class _Scale(Axis):
 
     def _lines(self, locations: FloatArray) -> list[Line2D]:
         """The grid, if there is one, and the marks."""
-        settings = "ytick" if self._along else "xtick"
         across, along = np.tile([0.0, 1.0, np.nan], len(locations)), np.repeat(locations, 3)
         through = self.axes.get_yaxis_transform("grid") if self._along else self.axes.get_xaxis_transform("grid")
         grid = Line2D(
@@ -134,37 +143,36 @@ class _Scale(Axis):
         zero = np.zeros(len(locations))
         marks = Line2D(
             *((zero, locations) if self._along else (locations, zero)),
-            color=mpl.rcParams[f"{settings}.color"],
+            color=self._setting("color"),
             linestyle="none",
             marker=self._mark,
-            markersize=mpl.rcParams[f"{settings}.major.size"],
-            markeredgewidth=mpl.rcParams[f"{settings}.major.width"],
+            markersize=self._setting("major.size"),
+            markeredgewidth=self._setting("major.width"),
             transform=through,
         )
         drawn = [grid, marks] if self.get_tick_params().get("gridOn", False) else [marks]
         for line in drawn:
-            line.set_figure(self.get_figure(root=False))
+            line.set_figure(self._whole)
         return drawn
 
     def _outside(self, marks: int) -> Bbox:
         """The scale's line, with its marks."""
-        box, settings = self.axes.bbox.frozen(), "ytick" if self._along else "xtick"
-        size = mpl.rcParams[f"{settings}.major.size"] * self.get_figure(root=True).dpi / 72 if marks else 0.0
+        box = self.axes.bbox.frozen()
+        size = self._setting("major.size") * self._whole.dpi / 72 if marks else 0.0
         if self._along:
             return Bbox.from_extents(box.x0 - size, box.y0, box.x0, box.y1)
         return Bbox.from_extents(box.x0, box.y0 - size, box.x1, box.y0)
 
     def _number(self) -> Text:
         """The text that takes the place of each number in turn; made anew only for another size."""
-        settings = "ytick" if self._along else "xtick"
-        size = self.get_tick_params().get("labelsize", mpl.rcParams[f"{settings}.labelsize"])
+        size = self.get_tick_params().get("labelsize", self._setting("labelsize"))
         if self._text is None or self._asked != size:
-            away = mpl.rcParams[f"{settings}.major.size"] + mpl.rcParams[f"{settings}.major.pad"]
+            away = self._setting("major.size") + self._setting("major.pad")
             find = self.axes.get_yaxis_text1_transform if self._along else self.axes.get_xaxis_text1_transform
             through, vertical, horizontal = find(away)
-            colour = mpl.rcParams[f"{settings}.color"]
+            colour = self._setting("color")
             self._text = Text(fontsize=size, color=colour, va=vertical, ha=horizontal, transform=through)
-            self._text.set_figure(self.get_figure(root=False))
+            self._text.set_figure(self._whole)
             self._asked = size
         return self._text
 
@@ -183,7 +191,7 @@ class _Scale(Axis):
 
     def _size(self, renderer: Any, number: Text, text: str) -> FloatArray:
         """A number's box about the point that it stands at, (4,) pixels; what was measured once is known."""
-        key = (text, number.get_fontsize(), self.get_figure(root=True).dpi)
+        key = (text, number.get_fontsize(), self._whole.dpi)
         known: dict[Any, FloatArray] = self.__dict__.setdefault("_sizes", {})
         if key not in known:
             number.set_text(text)
@@ -194,8 +202,8 @@ class _Scale(Axis):
 
     def _place(self, numbers: FloatArray, marks: int) -> None:
         """The label beside the numbers, and what they are to be multiplied by, if anything, at the scale's end."""
-        point = self.get_figure(root=True).dpi / 72
-        outmost = min(self._outside(marks).extents[1 - self._along], *numbers[:, 1 - self._along], np.inf)
+        point = self._whole.dpi / 72
+        outmost = min([self._outside(marks).extents[1 - self._along], *numbers[:, 1 - self._along]])
         x, y = self.label.get_position()
         if self._free:
             edge = outmost - self.labelpad * point
@@ -205,11 +213,11 @@ class _Scale(Axis):
         self.offsetText.set_position((x, self.axes.bbox.y1 + pad) if self._along else (x, outmost - pad))
 
 
-class _Across(_Scale, XAxis):  # type: ignore[misc]
+class _Across(_Scale, XAxis):
     _along, _side, _mark = 0, "bottom", TICKDOWN
 
 
-class _Up(_Scale, YAxis):  # type: ignore[misc]
+class _Up(_Scale, YAxis):
     _along, _side, _mark = 1, "left", TICKLEFT
 
 
