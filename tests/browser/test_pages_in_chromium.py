@@ -234,8 +234,10 @@ def test_where_the_page_is_dark_so_is_the_player_even_if_that_changes(pages: Pag
     for dark in (False, True, False):
         resize(browser, DESKTOP, dark=dark)
         for part in parts:
+            ink, other = (DARK, LIGHT) if dark else (LIGHT, DARK)
+            WebDriverWait(browser, 20).until(lambda _, part=part, ink=ink: ink in colours(browser, part))
             seen = settled(browser, part) and colours(browser, part)
-            assert seen.get(DARK if dark else LIGHT, 0) > 100 and not seen.get(LIGHT if dark else DARK)
+            assert seen.get(ink, 0) > 100 and other not in seen
             assert (255, 255, 255) not in seen, "the page shines through"
             assert pictures.setdefault((part, dark), seen) == seen, "as it was before"
         paper = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
