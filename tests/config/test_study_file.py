@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from mocap_id.config import load, load_study, study_schema, trial_model
+from mocap_id.config import study as study_module
+from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 
 GOOD = """\
@@ -138,3 +141,31 @@ def test_no_trials_are_no_study(tmp_path: Path) -> None:
 def test_a_trial_is_sent_to_its_own_command(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"is a trial, not a study: `mocap-id run .*study\.yaml`"):
         load_study(study(tmp_path, "trial: a\nrecording: a.c3d\n"))
+
+
+class _Counted(dict):  # type: ignore[type-arg]
+    """Lines of a file that count how often somebody goes through all of them."""
+
+    walks = 0
+
+    def items(self):  # type: ignore[no-untyped-def]
+        _Counted.walks += 1
+        return super().items()
+
+
+@pytest.mark.parametrize("count", [5, 50])
+def test_all_lines_are_gone_through_once_for_any_number_of_trials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """With thousands of trials once for each would take minutes."""
+    entry = GOOD.splitlines()[9]
+    text = GOOD + "".join(f"{entry.replace('normal-1', f'normal-{k + 2}')}\n" for k in range(count))
+
+    def counted(file: Path) -> Source:
+        source = read(file)
+        return replace(source, lines=_Counted(source.lines))
+
+    monkeypatch.setattr(study_module, "read", counted)
+    _Counted.walks = 0
+    assert len(load_study(study(tmp_path, text)).trials) == count + 2
+    assert _Counted.walks <= 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,9 +152,10 @@ def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -
     strategy: Any = (str, Field(description=_Entry.model_fields["strategy"].description))
     model = create_model("StudyTrial", __base__=trial_model(stages), strategy=strategy)
     found, wrong = [], []
+    below = _below(source)
     for index, entry in enumerate(parsed.trials):
         try:
-            trial = compose(_one(source, index, parsed.subjects), stages, out=out / entry.trial, model=model)
+            trial = compose(_one(source, below, index, parsed.subjects), stages, out=out / entry.trial, model=model)
         except ConfigError as error:
             wrong += str(error).splitlines()
         else:
@@ -162,7 +164,19 @@ def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -
     return tuple(found)
 
 
-def _one(source: Source, index: int, subjects: Mapping[str, Person]) -> Source:
+def _below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
+    """The lines of each default and of each trial's key, gathered once: a study may have thousands of trials."""
+    found: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
+    for place, line in source.lines.items():
+        size = {"defaults": 2, "trials": 3}.get(str(place[0]), 0) if place else 0
+        if 0 < size <= len(place):
+            found[place[:size]][place[size:]] = line
+    return found
+
+
+def _one(
+    source: Source, below: Mapping[Location, Mapping[Location, int]], index: int, subjects: Mapping[str, Person]
+) -> Source:
     """The keys of one trial with the defaults and the person's, each on the line on which it was written."""
     entry: dict[str, Any] = source.data["trials"][index]
     defaults: dict[str, Any] = source.data.get("defaults") or {}
@@ -173,16 +187,15 @@ def _one(source: Source, index: int, subjects: Mapping[str, Person]) -> Source:
         own, other = entry.get(key), defaults.get(key)
         data[key] = {**other, **own} if isinstance(own, dict) and isinstance(other, dict) else value
         if key in defaults:
-            lines |= _moved(source, ("defaults", key), (key,))
+            lines |= _moved(below["defaults", key], (key,))
         if key in entry:
-            lines |= _moved(source, ("trials", index, key), (key,))
+            lines |= _moved(below["trials", index, key], (key,))
     return Source(source.file, data, lines)
 
 
-def _moved(source: Source, there: Location, here: Location) -> dict[Location, int]:
+def _moved(below: Mapping[Location, int], here: Location) -> dict[Location, int]:
     """The lines of everything below a location, under the name that it has in a trial's file."""
-    size = len(there)
-    return {(*here, *place[size:]): line for place, line in source.lines.items() if place[:size] == there}
+    return {(*here, *place): line for place, line in below.items()}
 
 
 def _contradictions(parsed: _File, source: Source) -> Iterator[str]:

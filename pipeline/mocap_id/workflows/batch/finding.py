@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import BaseModel
+
 from mocap_id.config import Trial, load, load_study
-from mocap_id.config.source import read
+from mocap_id.config.source import Source, read
+from mocap_id.config.trial import compose, trial_model
 from mocap_id.errors import ConfigError
 
 _TRIAL_FILES = ("*.yaml", "*.yml")
@@ -38,9 +41,10 @@ def find(named: Sequence[str]) -> tuple[list[Trial], list[Unreadable]]:
     """
     trials: dict[Path, Trial] = {}
     unreadable: list[Unreadable] = []
-    for file in dict.fromkeys(file for name in named for file in _files(name)):
+    model = trial_model()  # once: making it takes as long as reading a file
+    for file, source in dict(one for name in named for one in _files(name)).items():
         try:
-            for trial in _trials(file):
+            for trial in _trials(file, source, model):
                 other = trials.setdefault(trial.out.resolve(), trial)
                 if (other.file, other.name) != (trial.file, trial.name):
                     raise _Shared(
@@ -57,32 +61,41 @@ class _Shared(ConfigError):
     """Two trials with one folder: none of the two can be trusted with it."""
 
 
-def _files(name: str) -> Iterator[Path]:
+def _files(name: str) -> Iterator[tuple[Path, Source | None]]:
+    """Files that are meant, absolute, with what stands in those that had to be looked into."""
     path = Path(name).expanduser()
+    found: Mapping[Path, Source | None]
     if path.is_dir():
-        found = sorted(file for pattern in _TRIAL_FILES for file in path.rglob(pattern) if _looks_like_a_trial(file))
+        below = sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern))
+        found = dict(one for file in below for one in _if_a_trial(file))
     elif path.exists() or not glob.has_magic(name):
-        found = [path]
+        found = {path.absolute(): None}
     else:
-        found = [Path(file) for file in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207  absolute too
+        every = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  absolute too
+        found = dict.fromkeys(Path(file).absolute() for file in every)
     if not found:
         what = "no trial's YAML file lies below this folder" if path.is_dir() else "nothing has such a name"
         raise ConfigError(f"{name}: {what}; expected a trial's or a study's YAML file, a folder of such, or a pattern")
-    yield from (file.absolute() for file in found)
+    yield from found.items()
 
 
-def _looks_like_a_trial(file: Path) -> bool:
-    """Whether a file below a folder is meant: others may be anybody's."""
+def _if_a_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
+    """A file below a folder with its content, if it is meant: others may be anybody's."""
     try:
-        data = read(file).data
+        source = read(file)
     except ConfigError:
-        return file.stem == "trial"
-    return isinstance(data, dict) and "trial" in data and "recording" in data
-
-
-def _trials(file: Path) -> Iterator[Trial]:
-    data = read(file).data
-    if isinstance(data, dict) and "study" in data:
-        yield from (one.trial for one in load_study(file).trials)
+        if file.stem == "trial":
+            yield file, None
     else:
-        yield load(file)
+        if isinstance(source.data, dict) and "trial" in source.data and "recording" in source.data:
+            yield file, source
+
+
+def _trials(file: Path, source: Source | None, model: type[BaseModel]) -> Iterator[Trial]:
+    source = read(file) if source is None else source
+    if isinstance(source.data, dict) and "study" in source.data:
+        yield from (one.trial for one in load_study(file).trials)
+    elif isinstance(source.data, dict):
+        yield compose(source, model=model)
+    else:
+        yield load(file)  # which says what is wrong

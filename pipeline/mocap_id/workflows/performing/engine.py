@@ -5,14 +5,16 @@ Both ways of running side by side are an `Executor` of the standard library, so 
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import multiprocessing
 import os
 import signal
 import threading
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -24,16 +26,17 @@ from mocap_id.errors import ConfigError, NumericalError
 _LOGGERS = ("mocap_id", "py.warnings")
 _THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP", "NUMBA")}
 _LEAST_WAITING = 16  # trials asked of a scheduler whose workers may still be on their way
+_COUNTED_EVERY = 5.0  # s, a scheduler's workers
 _PATIENCE = 20.0  # s, for a process that was told to end
 _EXTRA = "pip install 'mocap-id[cluster]'"
 
 
 @dataclass(frozen=True)
 class Workers:
-    """What runs trials: an executor, and how many trials it should have at a time."""
+    """What runs trials: an executor, and how many trials it should have at a time, which may change as it goes."""
 
     executor: Executor
-    width: int
+    width: Callable[[], int]
 
 
 class Engine(ABC):
@@ -76,7 +79,7 @@ class Here(Engine):
             for _ in range(jobs):
                 pool.submit(os.getpid)  # which starts a process
         try:
-            yield Workers(pool, jobs)
+            yield Workers(pool, lambda: jobs)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             children = multiprocessing.active_children()
@@ -119,10 +122,8 @@ class Dask(Engine):
                 raise ConfigError(
                     f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
                 ) from error
-            _check_versions(client)
-            threads = sum(client.nthreads().values())
             try:
-                yield Workers(client.get_executor(pure=False), min(most, max(2 * threads, _LEAST_WAITING)))
+                yield Workers(client.get_executor(pure=False), _Joining(client))
             except (CancelledError, distributed.CommClosedError) as error:
                 raise NumericalError(
                     f"the Dask scheduler at {address} was lost: what is done is kept, run again for the rest"
@@ -159,9 +160,38 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
         yield running
 
 
-def _check_versions(client: Any) -> None:
-    """ConfigError where a worker that is there already has another version of this program."""
-    for worker, version in client.run(_version).items():
+class _Joining:
+    """How many trials a scheduler should have at a time: twice what its workers can do, of which some join later.
+
+    A queue gives its workers when it can, so they are counted again every few seconds, and each is asked once for its
+    version: ConfigError where that is another.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._known: set[str] = set()
+        self._width, self._again = _LEAST_WAITING, 0.0
+        self()
+
+    def __call__(self) -> int:
+        now = time.monotonic()
+        if now >= self._again:
+            with contextlib.suppress(OSError):  # a scheduler out of reach is told of by the trials that it has
+                self._count(self._client.nthreads())
+            self._again = now + _COUNTED_EVERY
+        return self._width
+
+    def _count(self, threads: Mapping[str, int]) -> None:
+        new = sorted(set(threads) - self._known)
+        if new:
+            _check_versions(self._client, new)
+        self._known = set(threads)
+        self._width = max(2 * sum(threads.values()), _LEAST_WAITING)
+
+
+def _check_versions(client: Any, workers: Sequence[str]) -> None:
+    """ConfigError where one of these workers has another version of this program; one that has gone says nothing."""
+    for worker, version in client.run(_version, workers=workers, on_error="ignore").items():
         if version != __version__:
             raise ConfigError(
                 f"Dask worker {worker} has mocap-id {version}, here it is {__version__}: install the same"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import BrokenExecutor, Future
+from queue import Empty, SimpleQueue
 from typing import Literal, TypeAlias
 
 from mocap_id.config import Trial
@@ -14,6 +15,7 @@ from mocap_id.workflows.performing.one import How, Performed, killed, not_run, p
 OnError: TypeAlias = Literal["continue", "stop"]
 Tell: TypeAlias = Callable[[Performed], None]
 _Done: TypeAlias = tuple[int, Performed]
+_LOOKED_AGAIN = 5.0  # s, at whether more workers have come
 
 
 def perform_all(
@@ -89,23 +91,38 @@ def _each(going: _Going, engine: Engine) -> Iterator[_Done]:
 def _side_by_side(going: _Going, workers: Workers, lost: list[tuple[int, Trial]]) -> Iterator[_Done]:
     """Keep the workers busy until all is done, or until the processes break down with what is then in ``lost``."""
     asked: dict[Future[Performed], tuple[int, Trial]] = {}
-    while (going and not lost) or asked:
-        while going and not lost and len(asked) < workers.width:
+    # Each that ends comes here by itself: to look through all that are asked would cost a large cluster dear.
+    ended: SimpleQueue[Future[Performed]] = SimpleQueue()
+    while True:
+        while going and not lost and len(asked) < workers.width():
             one = going.next()
             try:
-                asked[workers.executor.submit(perform_until_told, going.how, one[1])] = one
+                future = workers.executor.submit(perform_until_told, going.how, one[1])
             except BrokenExecutor:
                 lost.append(one)
-        for future in wait(asked, return_when=FIRST_COMPLETED).done:
-            number, trial = asked.pop(future)
-            try:
-                yield number, future.result()
-            except BrokenExecutor:
-                lost.append((number, trial))
-            except Exception as error:
-                if type(error).__name__ != "KilledWorker":  # distributed's, which may not be installed
-                    raise
-                yield number, killed(trial)
+            else:
+                asked[future] = one
+                future.add_done_callback(ended.put)
+        if not asked:
+            return
+        try:
+            future = ended.get(timeout=_LOOKED_AGAIN)
+        except Empty:  # there may be more workers by now
+            continue
+        yield from _told(future, asked.pop(future), lost)
+
+
+def _told(future: Future[Performed], one: tuple[int, Trial], lost: list[tuple[int, Trial]]) -> Iterator[_Done]:
+    """What came of a trial; into ``lost`` where its process broke down."""
+    number, trial = one
+    try:
+        yield number, future.result()
+    except BrokenExecutor:
+        lost.append(one)
+    except Exception as error:
+        if type(error).__name__ != "KilledWorker":  # distributed's, which may not be installed
+            raise
+        yield number, killed(trial)
 
 
 def _alone(how: How, trial: Trial) -> Performed:

@@ -62,7 +62,11 @@ class Simulated:
 def generate(kind: Kind, options: Options, given: Motion | None = None) -> Simulated:
     """Draw a trial and measure it; the same options give the same numbers. What is ``given`` is the motion."""
     rng = streams(options.seed, options.subject)
-    scene = draw_scene(kind, options, rng, given)
+    return take(draw_scene(kind, options, rng, given), options, rng)
+
+
+def take(scene: Scene, options: Options, rng: Streams) -> Simulated:
+    """Measure a scene, whoever drew it."""
     frames = round(scene.motion.duration * options.rate)
     state = scene.at(np.arange(frames) / options.rate)
     scene, skin = _with_skin(scene, options, rng, state)

@@ -1,0 +1,130 @@
+"""What handing out many trials costs, without the trials: ``scale_tasks.py here|dask|table|finding|study COUNT``.
+
+Prints JSON: count, seconds and the peak memory of this process, MB. ``here`` and ``dask`` have two workers do nothing
+for each trial, through the code path of `mocap-id batch`; ``table`` makes the batch's table of one summary over and
+over; ``finding`` reads so many trials' files, ``study`` a study's file with so many trials.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import scale_tasks
+from scale_processes import PROGRAM, spend
+from scale_trial import memory
+
+from mocap_id.config import Trial, load, load_study
+from mocap_id.store import Table
+from mocap_id.store.parquet import conform
+from mocap_id.workflows.batch import BATCH, find
+from mocap_id.workflows.batch.table import row
+from mocap_id.workflows.performing import Dask, Engine, Here, Performed, perform_all
+from mocap_id.workflows.study.columns import frame
+from mocap_id.workflows.study.writing import parquet
+
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand" / "trial.yaml"
+
+
+def nothing(trial: Trial) -> Performed:
+    """A trial that takes no time."""
+    return Performed(trial.name, 0, None, None, "0" * 64, computed=True, seconds=0.0)
+
+
+def trials(count: int) -> list[Trial]:
+    """So many, all different."""
+    one = load(SAMPLE)
+    names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
+    return [
+        replace(one, keys=one.keys.model_copy(update={"trial": name}), out=one.out.with_name(name)) for name in names
+    ]
+
+
+def through(engine: Engine, count: int) -> dict[str, float]:
+    """Seconds for all, told of as they end, and until the first was told of."""
+    asked, first = trials(count), []
+    start = perf_counter()
+    done = perform_all(asked, engine, lambda _: first or first.append(perf_counter() - start), how=scale_tasks.nothing)
+    taken = perf_counter() - start
+    if [one.trial for one in done] != [one.name for one in asked]:
+        raise RuntimeError("not every trial was done")
+    return {"seconds": taken, "first": first[0]}
+
+
+def table(count: int) -> dict[str, float]:
+    """Rows of so many trials that went through, and their bytes as a table."""
+    with tempfile.TemporaryDirectory() as place:
+        summary = _summary(Path(place))
+        asked = [replace(one, out=summary.parent) for one in trials(count)]
+        start = perf_counter()
+        rows = [row(one, nothing(one), Path(place)) for one in asked]
+        content = parquet(conform(Table(BATCH, frame(BATCH, rows))), BATCH, "batch")
+    return {"seconds": perf_counter() - start, "bytes": len(content)}
+
+
+def _summary(place: Path) -> Path:
+    """A finished trial's, made by a process of its own, whose memory is not this one's."""
+    for name in ("trial.c3d", "trial.yaml"):
+        shutil.copyfile(SAMPLE.with_name(name), place / name)
+    spend([*PROGRAM, "run", "--quiet", str(place / "trial.yaml")], place)
+    return load(place / "trial.yaml").out / "summary.json"
+
+
+def finding(count: int) -> dict[str, float]:
+    """A folder with so many trials' files."""
+    with tempfile.TemporaryDirectory() as place:
+        for k in range(count):
+            text = SAMPLE.read_text("utf-8").replace("sit-to-stand", f"t{k:06}", 2)
+            Path(place, f"t{k:06}.yaml").write_text(
+                text.replace(f"protocol: t{k:06}", "protocol: sit-to-stand"), "utf-8"
+            )
+        start = perf_counter()
+        found, unreadable = find([place])
+        taken = perf_counter() - start
+    if len(found) != count or unreadable:
+        raise RuntimeError(f"{len(found)} of {count} trials were found, {len(unreadable)} unreadable")
+    return {"seconds": taken}
+
+
+def study(count: int) -> dict[str, float]:
+    """A study's file with so many trials of people who do three each."""
+    people = [f"  p{k:04}: {{height: 1.75, mass: 70}}" for k in range(count // 3 + 1)]
+    lines = [
+        f"  - {{trial: t{k:05}, subject: p{k // 3:04}, strategy: normal, recording: p{k // 3:04}/t{k:05}.c3d}}"
+        for k in range(count)
+    ]
+    text = "\n".join(["study: many", "defaults: {protocol: sit-to-stand}", "subjects:", *people, "trials:", *lines])
+    with tempfile.TemporaryDirectory() as place:
+        file = Path(place) / "study.yaml"
+        file.write_text(text + "\n", "utf-8")
+        start = perf_counter()
+        load_study(file)
+        return {"seconds": perf_counter() - start}
+
+
+WHAT: dict[str, Callable[[int], dict[str, float]]] = {
+    "here": lambda count: through(Here(2), count),
+    "dask": lambda count: through(Dask(cluster={"kind": "local", "workers": 2}), count),
+    "table": table,
+    "finding": finding,
+    "study": study,
+}
+
+
+def main() -> None:
+    """Measure and tell."""
+    what, count = sys.argv[1], int(sys.argv[2])
+    before = memory("VmRSS") or 0.0
+    found: dict[str, Any] = WHAT[what](count)
+    print(json.dumps({"count": count, **found, "before": before, "peak": memory("VmHWM") or 0.0}))
+
+
+if __name__ == "__main__":
+    main()
