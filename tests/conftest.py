@@ -15,10 +15,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; threads th
 
 import pytest
 from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 from mocap_id_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# How long an example takes tells of the machine and of who else uses it, and of no law.
+settings.register_profile("laws", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("laws")
 
 
 @pytest.fixture(scope="session")
