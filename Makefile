@@ -21,7 +21,7 @@ OPENSIM := .venv-opensim
 
 help:
 	@echo 'make demo    install, run the whole pipeline on a sample trial and say where the report is'
-	@echo 'make test    install with the tools of development, check and test everything'
+	@echo 'make test    install with the tools of development, check and test everything, by a process a core (WORKERS=1: one)'
 	@echo 'make fuzz    try spoiled files, NUMBER=10000 of SEED=1 by JOBS=1 processes; the same call goes on where it stopped'
 	@echo 'make trials  build every trial under sample_trials/, with -j several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
@@ -33,12 +33,15 @@ help:
 demo: $(VENV)/installed
 	$(BIN)/mocap-id run $(DEMO)/trial.yaml
 
+# A file's tests stay in one process, for what they share; files go in their order, so that the long ones do not come last.
+WORKERS := logical
+
 test: $(VENV)/installed-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(patsubst 1,0,$(WORKERS)) --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
 
 NUMBER := 10000

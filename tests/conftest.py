@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import os
+import pickle
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices; threads that wait for each other cost more
 
 import pytest
+from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 from mocap_id_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# How long an example takes tells of the machine and of who else uses it, and of no law.
+settings.register_profile("laws", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("laws")
 
 
 @pytest.fixture(scope="session")
@@ -24,6 +33,26 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the shared recordings are not at {folder}: set MOCAP_ID_RECORDINGS")
     return folder
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], Any]], Any]:
+    """``once(name, make)``: what ``make(folder)`` gives, computed by one of the processes that share the tests.
+
+    It reaches the others pickled; the folder stays, and nobody may change what is in it.
+    """
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent  # each worker has its own below it
+
+    def made(name: str, make: Callable[[Path], Any]) -> Any:
+        kept = base / f"{name}.pickle"
+        with FileLock(base / f"{name}.lock"):
+            if not kept.exists():
+                kept.write_bytes(pickle.dumps(make(Path(tempfile.mkdtemp(prefix=f"{name}-", dir=base)))))
+        return pickle.loads(kept.read_bytes())
+
+    return made
 
 
 @dataclass(frozen=True)

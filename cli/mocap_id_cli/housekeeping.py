@@ -14,6 +14,7 @@ from mocap_id import runner
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError
 from mocap_id.stages import LINEUP
+from mocap_id.store import Folder
 from mocap_id.workflows.batch import find
 from mocap_id_cli.running import short
 
@@ -67,7 +68,7 @@ def clean(
     if unreadable:
         raise ConfigError("\n".join(str(one.error) for one in unreadable))
     for trial in trials:
-        there = trial.out.is_dir()
+        there = Folder(trial.out).there()
         if there and not dry_run:
             runner.clean(trial, first)
         did = ("would be cleaned" if dry_run else "cleaned") if there else "has nothing"

@@ -49,11 +49,12 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
         found.quit()
 
 
-def resize(browser: webdriver.Chrome, size: tuple[int, int], *, media: str = "screen") -> None:
-    """Another viewport, in CSS pixels; a narrow one is a phone's."""
+def resize(browser: webdriver.Chrome, size: tuple[int, int], *, media: str = "screen", dark: bool = False) -> None:
+    """Another viewport, in CSS pixels, light or dark; a narrow one is a phone's."""
     metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media})
+    wanted = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media, "features": wanted})
 
 
 def complaints(browser: webdriver.Chrome) -> list[str]:

@@ -199,6 +199,55 @@ def test_everything_is_reached_without_a_mouse_and_the_headings_are_in_order(pag
             assert table.find_elements(By.CSS_SELECTOR, "th[scope]")
 
 
+LIGHT, DARK = (27, 28, 31), (232, 232, 234)
+"""The page's ink where it is light and where it is dark."""
+
+
+def colours(browser: webdriver.Chrome, name: str) -> dict[tuple[int, int, int], int]:
+    """Opaque pixels of the canvases in a part of the player by their colours."""
+    script = """
+      const found = {};
+      const visit = (node) => { for (const one of node.querySelectorAll("*")) {
+        if (one.shadowRoot) visit(one.shadowRoot);
+        if (one.tagName !== "CANVAS" || !(one.width > 50)) continue;
+        const { data } = one.getContext("2d").getImageData(0, 0, one.width, one.height);
+        for (let k = 0; k < data.length; k += 4) {
+          if (data[k + 3] === 255) { const own = data.slice(k, k + 3).join(); found[own] = (found[own] ?? 0) + 1; }
+        }
+      } };
+      visit(document.getElementById(arguments[0]));
+      return found;
+    """
+    found: dict[str, int] = browser.execute_script(script, name)
+    return {(int(r), int(g), int(b)): many for own, many in found.items() for r, g, b in [own.split(",")]}
+
+
+@pytest.mark.parametrize("name", ["good", "refused"])
+def test_where_the_page_is_dark_so_is_the_player_even_if_that_changes(pages: Pages, name: str) -> None:
+    browser = pages.open(name)
+    body = browser.find_element(By.ID, "player-body")
+    parts = ["player-figure", *(["player-curves"] if name == "good" else [])]
+    slider = browser.find_element(By.ID, "player-time")
+    slider.send_keys(Keys.HOME, *[Keys.ARROW_RIGHT] * 12)
+    at = browser.find_element(By.ID, "player-now").text
+    pictures = {}
+    for dark in (False, True, False):
+        resize(browser, DESKTOP, dark=dark)
+        for part in parts:
+            ink, other = (DARK, LIGHT) if dark else (LIGHT, DARK)
+            WebDriverWait(browser, 20).until(lambda _, part=part, ink=ink: ink in colours(browser, part))
+            seen = settled(browser, part) and colours(browser, part)
+            assert seen.get(ink, 0) > 100 and other not in seen
+            assert (255, 255, 255) not in seen, "the page shines through"
+            assert pictures.setdefault((part, dark), seen) == seen, "as it was before"
+        paper = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+        assert paper == ("rgb(23, 24, 27)" if dark else "rgb(255, 255, 255)")
+        assert body.value_of_css_property("background-color") == "rgba(0, 0, 0, 0)"
+        assert body.value_of_css_property("color") == f"rgba{(*(DARK if dark else LIGHT), 1)}"
+        assert browser.find_element(By.ID, "player-now").text == at
+    assert complaints(browser) == []
+
+
 def test_on_paper_there_are_figures_and_no_player(pages: Pages) -> None:
     browser = pages.open("good")
     resize(browser, DESKTOP, media="print")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -76,20 +77,19 @@ def plate(load: np.ndarray) -> PlateSignals:
 
 
 @pytest.fixture(scope="session")
-def links(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def links(once: Callable[..., Any]) -> Callable[..., Path]:
     """The run folder of the two links, with or without their plate, with more keys of a trial's file."""
-    done: dict[str, Path] = {}
 
     def made(with_plate: bool = True, **keys: Any) -> Path:
-        name = json.dumps([with_plate, keys])
-        if name not in done:
-            folder = tmp_path_factory.mktemp("links")
+        def computed(folder: Path) -> Path:
             labels, markers, under = two_links()
             write_c3d(folder / "t.c3d", labels, markers, RATE, plates=(under,) if with_plate else ())
             trial = {"trial": "two-links", "recording": "t.c3d", "protocol": "free", **keys}
             (folder / "t.yaml").write_text(json.dumps(trial))
-            done[name] = run(load(folder / "t.yaml")).folder
-        return done[name]
+            return run(load(folder / "t.yaml")).folder
+
+        asked = hashlib.sha256(json.dumps([with_plate, keys]).encode()).hexdigest()
+        return Path(once(f"links-{asked[:8]}", computed))
 
     return made
 

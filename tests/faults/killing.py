@@ -1,9 +1,10 @@
 """Runs that are killed without a word at random instants: what is left must be whole, and resuming must give the same.
 
-    python tests/faults/killing.py [KILLS [SEED]]
+    python tests/faults/killing.py [KILLS [SEED [TRIAL.yaml ...]]]
 
 Each round copies a trial, starts a run of it in a process of its own, kills that with SIGKILL after a random time,
-looks at everything that is left, lets a new run finish and compares its results with an undisturbed run's.
+looks at everything that is left, lets a new run finish and compares its results with an undisturbed run's. Random
+times seldom fall between two files that belong together; so the run is then killed before every single renaming.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +36,8 @@ from mocap_id.store.schemas import SCHEMAS
 class Round:
     """What one kill left."""
 
-    after: float  # s
+    when: str
+    killed: bool  # or was it done before
     computed: int  # stages that the new run had to compute
 
 
@@ -47,39 +50,65 @@ def contents(out: Path) -> dict[str, str]:
     return artefacts | figures | {SUMMARY_FILE: json.dumps(summary)}
 
 
-def kills(trial: Path, count: int, seed: int) -> Iterator[Round]:
-    """Kill ``count`` runs of a trial; AssertionError where something half-written or something else is left."""
-    rng = np.random.default_rng(seed)
-    with tempfile.TemporaryDirectory(prefix="mocap-id-kills-") as name:
-        whole, again = Path(name) / "whole", Path(name) / "again"
-        for folder in (whole, again):
-            shutil.copytree(trial.parent, folder)
-        expected = contents(run(load(whole / trial.name)).folder)
+class Killing:
+    """A trial, what an undisturbed run makes of it and how long that takes.
+
+    Parameters
+    ----------
+    trial : Path
+        Its file, in a folder of its own that holds no run.
+    place : Path
+        An empty folder.
+    """
+
+    def __init__(self, trial: Path, place: Path) -> None:
+        self.trial, self.place = trial, place
+        self.expected = contents(run(load(self._copy("whole"))).folder)
+        again = self._copy("again")
         start = time.perf_counter()  # now that everything is imported and compiled
-        run(load(again / trial.name))
-        seconds = time.perf_counter() - start
-        for number in range(count):
-            here = Path(name) / f"round-{number}"
-            shutil.copytree(trial.parent, here)
-            yield _round(here / trial.name, float(rng.uniform(0.0, seconds)), expected)
-            shutil.rmtree(here)
+        run(load(again))
+        self.seconds = time.perf_counter() - start
 
+    def at_random(self, count: int, seed: int) -> Iterator[Round]:
+        """Kill so many runs; AssertionError where something half-written or something else is left."""
+        rng = np.random.default_rng(seed)
+        while count:
+            after = float(rng.uniform(0.0, self.seconds))
+            found = self._round(f"after {after:.3f} s", after)
+            count -= found.killed
+            yield found
 
-def _round(file: Path, after: float, expected: dict[str, str]) -> Round:
-    process = multiprocessing.get_context("fork").Process(target=_run, args=(file,))
-    process.start()
-    process.join(after)
-    if process.is_alive():
-        assert process.pid is not None
-        os.kill(process.pid, signal.SIGKILL)
-    process.join()
-    trial = load(file)
-    check(trial.out)
-    outcome = run(trial)
-    assert contents(outcome.folder) == expected, f"killed after {after:.3f} s, another result"
-    left = [path for path in outcome.folder.rglob("*") if path.name.endswith(".mocap-id.tmp")]
-    assert not left, f"killed after {after:.3f} s, left over: {left}"
-    return Round(after, sum(step.action == "computed" for step in outcome.steps))
+    def at_renamings(self, step: int = 1) -> Iterator[Round]:
+        """Kill a run before each renaming, or some, until one gets to its end."""
+        number, killed = 0, True
+        while killed:
+            found = self._round(f"before renaming {number}", None, number)
+            number, killed = number + step, found.killed
+            yield found
+
+    def _round(self, when: str, after: float | None, renaming: int | None = None) -> Round:
+        file = self._copy("round")
+        process = multiprocessing.get_context("fork").Process(target=_run, args=(file, renaming))
+        process.start()
+        process.join(after)
+        if process.is_alive():
+            assert process.pid is not None
+            os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        assert process.exitcode in (0, -signal.SIGKILL), f"{when}: ended with {process.exitcode}"
+        trial = load(file)
+        check(trial.out)
+        outcome = run(trial)
+        assert contents(outcome.folder) == self.expected, f"killed {when}, another result"
+        left = [path for path in outcome.folder.rglob("*") if path.name.endswith(".mocap-id.tmp")]
+        assert not left, f"killed {when}, left over: {left}"
+        return Round(when, process.exitcode != 0, sum(step.action == "computed" for step in outcome.steps))
+
+    def _copy(self, name: str) -> Path:
+        folder = self.place / name
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(self.trial.parent, folder)
+        return folder / self.trial.name
 
 
 def check(out: Path) -> None:
@@ -94,22 +123,44 @@ def check(out: Path) -> None:
             assert (out / file).read_bytes().rstrip().endswith((b"}", b"</html>")), f"{file} is cut off"
 
 
-def _run(file: Path) -> None:
+def _run(file: Path, renaming: int | None) -> None:
+    rename, left = Path.replace, renaming
+
+    def replace(path: Path, target: Path) -> Path:
+        nonlocal left
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        left = None if left is None else left - 1
+        return rename(path, target)
+
+    Path.replace = replace  # type: ignore[method-assign, assignment]
     run(load(file))
 
 
+def told(rounds: Iterable[Round]) -> str:
+    """How many were killed in which stage."""
+    done = []
+    for one in rounds:
+        done.append(one)
+        print(f"{one.when}: {'killed' if one.killed else 'done before'}, {one.computed} stages left", flush=True)
+    names = [*(stage.name for stage in STAGES), "after the last stage"]
+    stages = Counter(names[len(STAGES) - one.computed] for one in done if one.killed)
+    each = ", ".join(f"{name} {stages[name]}" for name in names if stages[name])
+    return f"{sum(stages.values())} kills, all resumed to the same results; killed in: {each}"
+
+
 def main() -> None:
-    """Kill as many runs of the sample trials as asked for."""
-    asked = [int(text) for text in sys.argv[1:]]
+    """Kill as many runs of the trials, or of the samples, as asked for."""
+    asked = [int(text) for text in sys.argv[1:3]]
     count, seed = [*asked, *(200, 1)[len(asked) :]]
     root = Path(__file__).resolve().parents[2] / "sample_trials"
-    files = sorted(root.glob("*/trial.yaml"))
+    files = [Path(text).resolve() for text in sys.argv[3:]] or sorted(root.glob("*/trial.yaml"))
     for number, file in enumerate(files):
-        done = list(kills(file, count // len(files), seed + number))
-        computed = np.bincount([one.computed for one in done], minlength=len(STAGES) + 1)
-        print(
-            f"{file.parent.name}: {len(done)} kills, resumed to the same results;", "stages left to compute:", computed
-        )
+        with tempfile.TemporaryDirectory(prefix="mocap-id-kills-") as place:
+            killing = Killing(file, Path(place))
+            name, own = file.parent.name, count // len(files)
+            print(f"{name}, at random times: {told(killing.at_random(own, seed + number))}", flush=True)
+            print(f"{name}, before renamings: {told(killing.at_renamings())}", flush=True)
 
 
 if __name__ == "__main__":

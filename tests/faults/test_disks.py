@@ -84,3 +84,23 @@ def test_a_clock_that_jumps(cli: Callable[..., Any], trial: Path, monkeypatch: p
         said = cli("run", trial)
         assert said.code == 0
         assert said.err.count("reused") == 6
+
+
+@pytest.mark.parametrize("command", ["run", "status", "clean"])
+def test_a_folder_that_may_not_be_looked_into(
+    cli: Callable[..., Any], trial: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """`status` and `clean` took it for a failure of the program."""
+    assert cli("run", trial).code == 0
+    stat, out = Path.stat, trial.parent / "out"
+
+    def closed(path: Path, **options: Any) -> os.stat_result:
+        if out in path.parents:
+            raise PermissionError(13, "Permission denied", str(path))
+        return stat(path, **options)
+
+    monkeypatch.setattr(Path, "stat", closed)
+    said = cli(command, trial)
+    assert said.code == (0 if command == "status" else 6)
+    assert "permissions" in said.out + said.err
+    assert "unforeseen" not in said.out + said.err

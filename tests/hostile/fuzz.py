@@ -34,7 +34,7 @@ SPARE, FACTOR = 384 << 20, 64
 """Bytes that a case may ask for beyond what the process holds: so many, and so many times its file's size."""
 
 WHOLE_RUN = 2 << 30
-"""The same for a whole run."""
+"""The same for a whole run, and for making a case."""
 
 
 @dataclass
@@ -176,7 +176,8 @@ def warm_up(bench: Any, only: str | None) -> None:
 
 def attempt(bench: Any, seed: int, index: int, only: str | None = None) -> dict[str, Any]:
     """Try one case within its bounds."""
-    case = bench.case(seed, index, only)
+    with _bounded(WHOLE_RUN):
+        case = bench.case(seed, index, only)
     before = _peak(reset=True)
     start = time.perf_counter() - _starved("self")
     with _bounded(WHOLE_RUN if case.form == "run" else SPARE + FACTOR * len(case.data)):
@@ -230,7 +231,7 @@ def main() -> int:
     parser.add_argument("--alone", action="store_true", help="without the shared recordings")
     parser.add_argument("--state", type=Path, default=Path(".fuzz"), help="folder from which a later call goes on")
     parser.add_argument(
-        "--repeat", metavar="SEED:INDEX", help="try one case once more, without bounds, and keep its file"
+        "--repeat", metavar="SEED:INDEX", help="try one case once more, for as long as it takes, and keep its file"
     )
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -247,8 +248,9 @@ def repeat(seed: int, index: int, only: str | None, shared: bool) -> int:
 
     folder = Path(tempfile.mkdtemp(prefix="hostile-"))
     bench = oracles.Bench(folder, shared)
-    case = bench.case(seed, index, only)
-    found = bench.judge(case)
+    with _bounded(WHOLE_RUN):
+        case = bench.case(seed, index, only)
+        found = bench.judge(case)
     kept = folder / f"kept-{Path(case.name).name}"
     kept.write_bytes(case.data)
     print(f"{case.form} {case.name}, {len(case.data)} bytes, kept as {kept}\n{found.outcome}: {found.said}")

@@ -1,4 +1,4 @@
-"""Damage that knows Parquet, HDF5 and the JSON records beside them: columns, types, links, bombs, metadata."""
+"""Damage that knows Parquet and the JSON records beside the documents: columns, types, bombs, metadata."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Callable
 
-import h5py
 import mutations_bytes
 import numpy as np
 import pyarrow as pa
@@ -50,11 +49,13 @@ META = ("schema", "schema_version", "stage", "stage_version", "parameters", "inp
 META = (*META, "content", "facts", "reasons")
 
 
-def _text(rng: np.random.Generator) -> str:
+def text(rng: np.random.Generator) -> str:
+    """A string that something may trip over."""
     return TEXTS[rng.integers(len(TEXTS))]
 
 
-def _named(rng: np.random.Generator) -> str:
+def named(rng: np.random.Generator) -> str:
+    """A key of our provenance."""
     return "mocap-id." + META[rng.integers(len(META))]
 
 
@@ -100,13 +101,13 @@ def parquet_metadata(table: pa.Table, rng: np.random.Generator) -> pa.Table:
     metadata = dict(table.schema.metadata or {})
     what = int(rng.integers(5))
     if what == 0:
-        metadata.pop(_named(rng).encode(), None)
+        metadata.pop(named(rng).encode(), None)
     elif what == 1:
-        metadata[_named(rng).encode()] = _text(rng).encode()
+        metadata[named(rng).encode()] = text(rng).encode()
     elif what == 2:
-        metadata[_named(rng).encode()] = rng.bytes(20)
+        metadata[named(rng).encode()] = rng.bytes(20)
     elif what == 3:
-        metadata[b"pandas"] = _text(rng).encode()
+        metadata[b"pandas"] = text(rng).encode()
     else:
         metadata = {b"\xff\xfe": b"\xff"} | metadata
     return table.replace_schema_metadata(metadata)
@@ -135,133 +136,12 @@ def _edit_parquet(data: bytearray, rng: np.random.Generator) -> None:
         make = parquet_columns if chance < 0.55 else parquet_metadata if chance < 0.97 else parquet_bomb
         if table.num_columns:
             table = make(table, rng)
+        if make is parquet_bomb:
+            break  # another change of so many rows would take the memory of whoever makes it
     stream = io.BytesIO()
     compression = str(rng.choice(["zstd", "snappy", "gzip", "none"]))
     version = str(rng.choice(["1.0", "2.6"]))
     pq.write_table(table, stream, compression=compression, version=version, data_page_version=version[0] + ".0")
-    data[:] = stream.getvalue()
-    if rng.random() < 0.15:
-        mutations_bytes.apply(data, rng, 1)
-
-
-def _datasets(file: h5py.File) -> list[str]:
-    found: list[str] = []
-    file.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
-    return found
-
-
-def _links(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    what = int(rng.integers(6))
-    if what == 0:
-        file[name] = h5py.ExternalLink("other.h5", "/x")
-    elif what == 1:
-        file[name] = h5py.SoftLink(str(rng.choice(["/joints", "/nowhere", f"/{name}", "/"])))
-    elif what == 2:
-        file[name] = file["/"]  # a ring
-    elif what == 3:
-        group = file.create_group(name)
-        for _ in range(int(rng.choice([5, 40]))):  # each level twice: as many paths as 2 to the depth
-            group["a"] = below = group.create_group("b")
-            group = below
-    elif what == 4:
-        file[name] = np.dtype("f8")
-    else:
-        group = file.create_group(name)
-        for _ in range(int(rng.choice([20, 400]))):
-            group = group.create_group("g")
-
-
-def _elsewhere(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    if rng.random() < 0.5:
-        file.create_dataset(name, (4,), "f8", external=[(str(rng.choice(["/dev/zero", "/etc/passwd"])), 0, 32)])
-    else:
-        layout = h5py.VirtualLayout(shape=(4,), dtype="f8")
-        layout[:] = h5py.VirtualSource(str(rng.choice([".", "other.h5"])), "x", shape=(4,))
-        file.create_virtual_dataset(name, layout)
-
-
-def _huge(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    what = int(rng.integers(6))
-    if what == 0:
-        file.create_dataset(name, (1 << 40,), "f8", chunks=(1 << 20,))
-    elif what == 1:
-        file.create_dataset(name, (1 << 28,), "f8", chunks=(1 << 28,), compression="gzip")
-    elif what == 2:
-        zeros = np.zeros(1 << 22)
-        file.create_dataset(name, data=zeros, chunks=(1 << 20,), compression="gzip", compression_opts=9)
-    elif what == 3:
-        file.create_dataset(name, (1 << 30,), "f8")  # contiguous, never written
-    elif what == 4:
-        text = h5py.string_dtype()
-        made = file.create_dataset(name, (1 << 12,), text, chunks=(1 << 12,), compression="gzip")
-        made[0] = "x" * (1 << 18)
-    else:
-        file.create_dataset(name, (1 << 16,), "S65000", chunks=(16,), compression="gzip")
-
-
-def _kinds(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    reference = h5py.ref_dtype
-    made = (
-        lambda: file.create_dataset(name, data=h5py.Empty("f8")),
-        lambda: file.create_dataset(name, (3,), reference),
-        lambda: file.create_dataset(name, (3,), h5py.regionref_dtype),
-        lambda: file.create_dataset(name, data=np.zeros(3, [("a", "f8"), ("b", "i4")])),
-        lambda: file.create_dataset(name, data=np.zeros(3, "c16")),
-        lambda: file.create_dataset(name, (3,), h5py.vlen_dtype(np.dtype("f8"))),
-        lambda: file.create_dataset(name, data=np.array([0, 1]), dtype=h5py.enum_dtype({"A": 0, "B": 1})),
-        lambda: file.create_dataset(name, data=np.zeros(3, "V7")),
-        lambda: file.create_dataset(name, data=np.array([b"\xff\xfe", b"a"])),
-        lambda: file.create_dataset(name, data=np.float64(np.nan)),
-        lambda: file.create_dataset(name, data=np.zeros((0, 5))),
-        lambda: file.create_dataset(name, data=np.zeros((1,) * 20)),
-        lambda: file.create_dataset(name, data=np.array([2**63], "u8")),
-        lambda: file.create_dataset(name, data=np.zeros(3, "f2")),
-        lambda: file.create_dataset(name, (2,), h5py.string_dtype("ascii", 5)),
-        lambda: file.create_dataset(name, (2,), h5py.string_dtype()),
-    )
-    made[rng.integers(len(made))]()
-
-
-def _attributes(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    values = (
-        _text(rng),
-        np.arange(5),
-        h5py.Empty("f8"),
-        np.bytes_(b"\xff\xfe"),
-        7,
-        ["a", "b"],
-        _text(rng).replace("\0", "x"),
-    )
-    chosen = values[rng.integers(len(values))]
-    key = _named(rng)
-    if rng.random() < 0.2:
-        file.attrs.pop(key, None)
-    elif not (isinstance(chosen, str) and "\0" in chosen):
-        file.attrs[key] = chosen
-
-
-def _edit_hdf5(data: bytearray, rng: np.random.Generator) -> None:
-    if rng.random() < 0.45:
-        mutations_bytes.apply(data, rng)
-        return
-    stream = io.BytesIO(bytes(data))
-    makers: tuple[Callable[[h5py.File, str, np.random.Generator], None], ...]
-    makers = (_links, _elsewhere, _huge, _kinds, _attributes)
-    with h5py.File(stream, "r+", libver=("v108", "v110")) as file:
-        for _ in range(int(rng.integers(1, 3))):
-            names = _datasets(file)
-            name = names[rng.integers(len(names))] if names else "x"
-            make = makers[rng.integers(len(makers))]
-            if make is not _attributes:
-                if name in file and rng.random() < 0.8:
-                    del file[name]
-                else:
-                    name = f"extra{rng.integers(1000)}"
-                if name in file:
-                    continue
-            make(file, name, rng)
-            if make is _links:
-                break  # rings make the next look at all datasets endless
     data[:] = stream.getvalue()
     if rng.random() < 0.15:
         mutations_bytes.apply(data, rng, 1)
@@ -313,27 +193,21 @@ def record(data: bytearray, rng: np.random.Generator) -> None:
         elif what == 1:
             found.pop(key, None)
         elif what == 2:
-            found[key] = _text(rng)
+            found[key] = text(rng)
         elif what == 3:
             found[key] = (None, 1, [], {}, True, 1.5)[rng.integers(6)]
         else:
             found = ([found], None, 1, "x")[rng.integers(4)]
     data[:] = json.dumps(found).encode()
     if rng.random() < 0.1:
-        data[:] = _text(rng).encode("utf-8", "replace")
+        data[:] = text(rng).encode("utf-8", "replace")
 
 
 def parquet(data: bytearray, rng: np.random.Generator) -> None:
-    _or_bytes(_edit_parquet, data, rng)
+    or_bytes(_edit_parquet, data, rng)
 
 
-def hdf5(data: bytearray, rng: np.random.Generator) -> None:
-    _or_bytes(_edit_hdf5, data, rng)
-
-
-def _or_bytes(
-    edit: Callable[[bytearray, np.random.Generator], None], data: bytearray, rng: np.random.Generator
-) -> None:
+def or_bytes(edit: Callable[[bytearray, np.random.Generator], None], data: bytearray, rng: np.random.Generator) -> None:
     """Edit a file by its own library; where that will not write such a thing, spoil its bytes."""
     try:
         edit(data, rng)

@@ -12,6 +12,7 @@ from pathlib import Path
 import c3d_count
 import hostile_seeds
 import mutations_c3d
+import mutations_hdf5
 import mutations_stored
 import mutations_text
 import mutations_yaml
@@ -97,7 +98,7 @@ class Bench:
     def _stored(self, rng: np.random.Generator) -> Case:
         seed = _one(hostile_seeds.artefacts(self.made), rng)
         data = bytearray(seed.data)
-        (mutations_stored.hdf5 if seed.name.endswith(".h5") else mutations_stored.parquet)(data, rng)
+        (mutations_hdf5.hdf5 if seed.name.endswith(".h5") else mutations_stored.parquet)(data, rng)
         return Case("stored", seed.name, bytes(data))
 
     def _record(self, rng: np.random.Generator) -> Case:
@@ -116,7 +117,7 @@ class Bench:
         kinds = {
             ".c3d": mutations_c3d.apply,
             ".yaml": mutations_yaml.apply,
-            ".h5": mutations_stored.hdf5,
+            ".h5": mutations_hdf5.hdf5,
             ".parquet": mutations_stored.parquet,
             ".json": mutations_stored.record,
         }

@@ -84,6 +84,12 @@ def test_the_watch_sees_what_no_reader_can_tell(tmp_path: Path, monkeypatch: pyt
     ]
 
 
+def test_making_a_case_takes_no_machine_down() -> None:
+    """Case 3109 of seed 20262: a table of twenty million rows was to have three thousand columns more."""
+    (told,) = fuzz.campaign(20262, iter([3109]), shared=False)
+    assert told["outcome"] == "refused", told
+
+
 def test_a_long_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
     def call(number: int) -> str:
         options = ["--number", str(number), "--seed", "4", "--only", "csv", "--alone", "--state", str(tmp_path)]

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import io
 import struct
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import c3d_count
 import h5py
 import hostile_seeds
 import mutations_c3d
+import mutations_hdf5
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -210,6 +215,12 @@ def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
         ("trial: !!python/object/apply:os.system [echo]", "tag"),
         ("trial: x\ntrial: y", "stands twice"),
         ('recording: "a\\0b"\ntrial: x', ""),
+        (
+            "trial: x\nrecording: x.c3d\nout: runs/" + "x" * 300,
+            "line 3: the folder of the results",
+        ),  # case 5760 of 20261
+        ("trial: x\nrecording: x.c3d\nout: " + "runs/" * 1000, "longer than this system allows"),
+        ('trial: x\nrecording: x.c3d\nout: "a\\0b"', "can be none"),
     ],
 )
 def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str) -> None:
@@ -256,51 +267,118 @@ def long_texts(file: h5py.File) -> None:
 
 
 HDF5 = {
-    "a ring": (lambda file: file.__setitem__("extra", file["/"]), "twice"),
-    "many ways": (many_ways, "twice"),
-    "long texts": (long_texts, "more values than it holds"),
-    "a great many texts": (
-        lambda file: file.create_dataset("extra", (1 << 20,), h5py.string_dtype(), chunks=(1 << 12,)),
-        "more than 5000 texts",
-    ),
-    "huge and empty": (lambda file: file.create_dataset("extra", (1 << 30,), "f8"), "more values than it holds"),
-    "chunks of gigabytes": (
-        lambda file: file.create_dataset("extra", (1 << 40, 1 << 40), "f8", chunks=(1 << 10, 1 << 10)),
-        "more values than it holds",
-    ),
-    "a bomb": (
-        lambda file: file.create_dataset("extra", data=np.zeros(1 << 22), chunks=(1 << 20,), compression="gzip"),
-        "more values than it holds",
-    ),
-    "external": (
-        lambda file: file.create_dataset("extra", (4,), "f8", external=[("/dev/zero", 0, 32)]),
-        "another file",
-    ),
-    "soft": (lambda file: file.__setitem__("extra", h5py.SoftLink("/joints")), "link"),
-    "external link": (lambda file: file.__setitem__("extra", h5py.ExternalLink("x.h5", "/")), "link"),
-    "references": (lambda file: file.create_dataset("extra", (3,), h5py.ref_dtype), "references"),
-    "compound": (lambda file: file.create_dataset("extra", data=np.zeros(3, [("a", "f8")])), "of a kind"),
-    "nothing": (lambda file: file.create_dataset("extra", data=h5py.Empty("f8")), "of a kind"),
-    "facts that are none": (lambda file: file.attrs.__setitem__("mocap-id.facts", "[]"), "damaged provenance"),
-    "facts without end": (lambda file: file.attrs.__setitem__("mocap-id.facts", "[" * 20000), "damaged provenance"),
-    "deep facts": (
-        lambda file: file.attrs.__setitem__("mocap-id.facts", '{"a":' * 980 + "1" + "}" * 980),
-        "damaged provenance",
-    ),
-    "a grave reason": (
-        lambda file: file.attrs.__setitem__("mocap-id.reasons", '[{"code":"a","message":"b","level":"grave"}]'),
-        "damaged provenance",
-    ),
+    "a ring": lambda file: file.__setitem__("extra", file["/"]),
+    "many ways": many_ways,
+    "long texts": long_texts,
+    "a great many texts": lambda file: file.create_dataset("extra", (1 << 20,), h5py.string_dtype(), chunks=(1 << 12,)),
+    "huge and empty": lambda file: file.create_dataset("extra", (1 << 30,), "f8"),
+    "chunks of gigabytes": lambda file: file.create_dataset("extra", (1 << 40, 1 << 40), "f8", chunks=(1024, 1024)),
+    "a bomb": lambda file: file.create_dataset("extra", data=np.zeros(1 << 22), chunks=(1 << 20,), compression="gzip"),
+    "external": lambda file: file.create_dataset("extra", (4,), "f8", external=[("/dev/zero", 0, 32)]),
+    "soft": lambda file: file.__setitem__("extra", h5py.SoftLink("/joints")),
+    "external link": lambda file: file.__setitem__("extra", h5py.ExternalLink("x.h5", "/")),
+    "references": lambda file: file.create_dataset("extra", (3,), h5py.ref_dtype),
+    "compound": lambda file: file.create_dataset("extra", data=np.zeros(3, [("a", "f8")])),
+    "nothing": lambda file: file.create_dataset("extra", data=h5py.Empty("f8")),
+    "facts that are none": lambda file: file.attrs.__setitem__("mocap-id.facts", "[]"),
+    "a node gone": lambda file: file.__delitem__("joints/centre"),
 }
 
 
 @pytest.mark.parametrize("case", HDF5)
 def test_trees_that_nobody_wrote(tmp_path: Path, made: Path, case: str) -> None:
-    change, told = HDF5[case]
-    (tmp_path / "chain.h5").write_bytes(edited((made / "done" / "chain.h5").read_bytes(), change))
+    """Edited, they are refused; with a right hash as well, HDF5 is still not asked what stands in them."""
+    sound = (made / "done" / "chain.h5").read_bytes()
+    changed = edited(sound, HDF5[case])
+    path = tmp_path / "chain.h5"
+    path.write_bytes(changed)
+    with pytest.raises(StoreError, match=r"chain.h5 is damaged or was edited"):
+        Folder(tmp_path).read("chain.h5")
+    path.write_bytes(mutations_hdf5.reseal(changed))
+    assert Folder(tmp_path).provenance("chain.h5") == Folder(made / "done").provenance("chain.h5")
+
+
+def node(path: str, *place: object) -> Callable[[Any], None]:
+    return lambda found: found["nodes"].__setitem__(path, place)
+
+
+def told(key: str, value: object) -> Callable[[Any], None]:
+    return lambda found: found["provenance"].__setitem__(f"mocap-id.{key}", value)
+
+
+INDEXES: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "after the end": (node("joints/centre", "<f8", [2, 2], 1 << 30), "ends after the file"),
+    "before the start": (node("joints/centre", "<f8", [2, 2], -8), "shape or place"),
+    "no place": (node("joints/centre", "<f8", [2, 2], 1.5), "shape or place"),
+    "true": (node("joints/centre", "<f8", [True, 4], 0), "shape or place"),
+    "no numbers": (node("joints/centre", "<f8", "22", 0), "shape or place"),
+    "no shape": (node("joints/centre", "<f8", 4, 0), "is damaged"),
+    "gigabytes": (node("joints/centre", "<f8", [1 << 30], 0), "ends after the file"),
+    "more than any memory": (node("joints/centre", "<f8", [1 << 40] * 9, 0), "ends after the file"),
+    "empty, but larger than any memory": (node("joints/centre", "<f8", [0, *[1 << 40] * 9], 0), "is damaged"),
+    "a hundred dimensions": (node("joints/centre", "<f8", [1] * 100, 0), "is damaged"),
+    "the same bytes over and over": (
+        lambda found: found["nodes"].update({f"extra{k}": ("|S4000", [1], 0) for k in range(50)}),
+        "larger than the file",
+    ),
+    "an object": (node("joints/centre", "|O", [1], 0), "name or type"),
+    "a type that is none": (node("joints/centre", 8, [1], 0), "is damaged"),
+    "not UTF-8": (node("joints/name", "|S8", [1], 2048), "is damaged"),
+    "neither true nor false": (node("extra", "|b1", [64], 0), "neither true nor false"),
+    "deep": (node("a/" * 900 + "b", "<f8", [], 0), "name or type"),
+    "a dataset for a group": (node("joints", "<f8", [], 0), "a dataset and a group"),
+    "a group for a dataset": (node("joints/name/deeper", "<f8", [], 0), "a dataset and a group"),
+    "nodes that are none": (lambda found: {**found, "nodes": [1]}, "is damaged"),
+    "no provenance": (lambda found: {"nodes": found["nodes"]}, "is damaged"),
+    "another node's values": (
+        lambda found: found["nodes"].__setitem__("joints/arc", found["nodes"]["markers/residual"]),
+        "own hash",
+    ),
+    "a node gone": (lambda found: found["nodes"].pop("joints/centre") and None, "`joints/centre` is missing"),
+    "texts for numbers": (node("joints/centre", "|S8", [1], 0), "expected float64"),
+    "no JSON": (lambda found: b"{" * 7, "is damaged"),
+    "JSON without end": (lambda found: b"[" * 100_000, "is damaged"),
+    "a number without end": (lambda found: b"9" * 5000, "is damaged"),
+    "facts that are none": (told("facts", "[]"), "damaged provenance"),
+    "facts of no text": (told("facts", 7), "damaged provenance"),
+    "facts without end": (told("facts", "[" * 20000), "damaged provenance"),
+    "deep facts": (told("facts", '{"a":' * 980 + "1" + "}" * 980), "damaged provenance"),
+    "a grave reason": (told("reasons", '[{"code":"a","message":"b","level":"grave"}]'), "damaged provenance"),
+}
+
+
+@pytest.mark.parametrize("case", INDEXES)
+def test_indexes_that_nobody_wrote(tmp_path: Path, made: Path, case: str) -> None:
+    change, complaint = INDEXES[case]
+    spoilt = mutations_hdf5.reindex((made / "done" / "chain.h5").read_bytes(), change)
+    (tmp_path / "chain.h5").write_bytes(spoilt)
     with pytest.raises(StoreError, match=r"chain.h5") as said:
         Folder(tmp_path).read("chain.h5")
-    assert told in str(said.value)
+    assert complaint in str(said.value)
+
+
+def looping(data: bytes) -> bytes:
+    """The first string of the heap is so long that the library's place in it comes round to where it was."""
+    spoilt = bytearray(data)
+    struct.pack_into("<Q", spoilt, data.index(b"GCOL") + 24, 2**64 - 16)
+    return bytes(spoilt)
+
+
+@pytest.mark.parametrize("kind", ["spoilt", "with a right hash", "of an earlier version"])
+def test_a_heap_that_hdf5_never_leaves(tmp_path: Path, made: Path, kind: str) -> None:
+    """Case 240 of seed 1005: HDF5 2.0 goes round in a heap of strings without end."""
+    whole = (made / "done" / "chain.h5").read_bytes()
+    spoilt = looping(whole[whole.index(b"\x89HDF") :] if "earlier" in kind else whole)
+    (tmp_path / "chain.h5").write_bytes(mutations_hdf5.reseal(spoilt) if "right" in kind else spoilt)
+    script = (
+        "import sys, pathlib; from mocap_id.store import Folder; Folder(pathlib.Path(sys.argv[1])).read('chain.h5')"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", script, tmp_path], capture_output=True, text=True, timeout=60, check=False
+    )
+    complaint = {"spoilt": "is damaged or was edited", "of an earlier version": "HDF5 without a seal"}.get(kind, "")
+    assert complaint in ended.stderr
+    assert (ended.returncode == 0) == (kind == "with a right hash"), ended.stderr
 
 
 def one_many_times(table: pa.Table) -> pa.Table:

@@ -61,21 +61,21 @@ class Finished:
 
 
 @pytest.fixture(scope="session")
-def trial(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Finished]:
+def trial(recordings: Path, once: Callable[..., Any]) -> Callable[..., Finished]:
     """Runs a trial of the shared recordings: ``trial("simulated/sts-normal", protocol="sit-to-stand")``."""
-    done: dict[str, Finished] = {}
 
     def finished(source: str, **keys: Any) -> Finished:
         name = source.replace("/", "-") + "".join(f"-{key}" for key in sorted(keys) if key != "protocol")
-        if name not in done:
-            folder = tmp_path_factory.mktemp("trial")
-            path = recordings / source
+        path = recordings / source
+
+        def make(folder: Path) -> Outcome:
             recording: Any = str(path / "trial.c3d") if path.is_dir() else str(path)
             if path.suffix == ".trc":
                 recording = {"markers": str(path), "forces": str(path.with_name(f"{path.stem}_grf.mot"))}
             yaml = folder / "trial.yaml"
             yaml.write_text(json.dumps({"trial": name.replace(".", "-"), "recording": recording, **keys}))
-            done[name] = Finished(run(load(yaml)), path)
-        return done[name]
+            return run(load(yaml))
+
+        return Finished(once(f"trial-{name}", make), path)
 
     return finished

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -45,9 +46,13 @@ def test_arms_forwards_still_stand() -> None:
     assert shows_standing(body([*STANDING, (0.42, 1.3)]), FRAMES)
 
 
+read = lru_cache(maxsize=1)(recording.read)
+"""Of one recording several windows are looked at, one after the other."""
+
+
 def shown(markers: Path, forces: Path | None, window: tuple[float, float]) -> tuple[float | None, str | None]:
     """The mass that the plates show within a window."""
-    source = recording.read(markers, forces)
+    source = read(markers, forces)
     inside = (source.time >= window[0]) & (source.time <= window[1])
     positions, time = source.positions[inside], source.time[inside]
     samples = [recording.decimate(plate, time, source.rate) for plate in source.plates]

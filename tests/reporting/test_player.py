@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import base64
 import json
+from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.document import Document
+from bokeh.models import BasicTicker, ColumnDataSource, GlyphRenderer, Line, Model, Plot, Span
 from reporting_cases import RATE, Trial, context
 
 from mocap_id.geometry.planar import segment_poses
 from mocap_id.reporting.player import frames as moments
 from mocap_id.reporting.player.embedding import player
 from mocap_id.reporting.player.frames import MOST, Frames, frames
+from mocap_id.reporting.player.models import document, model, source
+from mocap_id.reporting.player.plots import plots
 from mocap_id.stages.report.function import material
 
 
@@ -111,3 +116,52 @@ def test_the_data_end_no_element() -> None:
     told = json.loads(made.data)
     assert made.moments == len(told["frames"]["time"])
     assert set(told["roots"].values()) == {"player-figure", "player-curves"}
+
+
+def read(told: dict[str, Any]) -> Document:
+    """What Bokeh's own classes make of a document; they take no name and no value that they do not know."""
+    return Document.from_json(told | {"config": {"type": "object", "name": "DocumentConfig", "id": "config"}})
+
+
+@pytest.mark.parametrize("case", ["all", "no plates", "four joints", "markers alone"])
+def test_bokehs_own_classes_understand_the_plots(case: str) -> None:
+    trial = Trial(frames=600, joints=4 if case == "four joints" else 3)
+    artefacts = trial.artefacts(plates=case != "no plates")
+    of = material(context({"planar.parquet": trial.planar()} if case == "markers alone" else artefacts))
+    moving = frames(of)
+    assert moving is not None
+    drawn = plots(of, moving)
+    whole = read(drawn.document)
+    assert [root.id for root in whole.roots] == [drawn.figure, *([drawn.curves] if drawn.curves else [])]
+    figure = whole.get_model_by_id(drawn.figure)
+    assert isinstance(figure, Plot)
+    held = {one.data_source.name: one.data_source for one in figure.select(GlyphRenderer)}
+    assert set(held) == {part.source for part in moving.parts}
+    for part in moving.parts:
+        for k, name in enumerate(part.columns):
+            np.testing.assert_array_equal(held[part.source].data[name], part.values[0, k])
+    for sources in whole.select({"type": ColumnDataSource}):
+        assert len({len(column) for column in sources.data.values()}) == 1
+    assert {one.desired_num_ticks for one in whole.select({"type": BasicTicker})} == {4}
+
+
+def test_curves_are_those_of_the_states_and_all_stand_at_the_same_time() -> None:
+    trial = Trial(frames=600)
+    of = material(context(trial.artefacts()))
+    drawn = plots(of, moving(trial))
+    whole = read(drawn.document)
+    column = whole.get_model_by_id(drawn.curves)
+    assert isinstance(column, Model) and of.motion is not None
+    angles, *wrench = column.children  # type: ignore[attr-defined]
+    lines = [one for one in angles.renderers if isinstance(one.glyph, Line)]
+    for line, angle in zip(lines, of.motion.angles.T, strict=True):
+        np.testing.assert_allclose(line.data_source.data["y"], np.degrees(angle), rtol=1e-6)
+    assert len(wrench) == 4 and len({plot.x_range.id for plot in column.children}) == 1  # type: ignore[attr-defined]
+    assert [one.name for one in whole.select({"type": Span}) if one.name] == ["now"]
+
+
+def test_what_two_hold_is_told_once() -> None:
+    data = source({"x": np.arange(3.0)}, "held")
+    told, ids = document("title", [model("GlyphRenderer", data_source=data), model("GlyphRenderer", data_source=data)])
+    first, second = (root["attributes"]["data_source"] for root in told["roots"])
+    assert second == {"id": first["id"]} and ids == ["p1", "p3"]

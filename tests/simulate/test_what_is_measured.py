@@ -76,9 +76,15 @@ def size_and_memory(flat, seen, rate):
     return 1e3 * np.median(np.sqrt((off**2).sum(axis=2).mean(axis=0))), np.mean(memory)
 
 
+@pytest.fixture(scope="module")
+def bodies():
+    """Trials of several bodies."""
+    return [generate("sit-to-stand", Options(seed=seed, repetitions=3)) for seed in range(6)]
+
+
 @pytest.mark.recordings
 @pytest.mark.parametrize("link", [1, 2])
-def test_soft_tissue_is_as_large_and_as_slow_as_the_reference(recordings, link):
+def test_soft_tissue_is_as_large_and_as_slow_as_the_reference(recordings, bodies, link):
     """Rigid-fit residuals of thigh and shank against the shared simulated trial, over several bodies."""
     folder = recordings / "simulated" / "sts-normal"
     truth = json.loads((folder / "truth.json").read_text())
@@ -88,8 +94,7 @@ def test_soft_tissue_is_as_large_and_as_slow_as_the_reference(recordings, link):
     flat = np.transpose(content["data"]["points"][:3, rows], (2, 1, 0)) / 1e3 @ axes.T
     size, memory = size_and_memory(flat, np.isfinite(flat).all(axis=2), truth["point_rate_hz"])
     ours = []
-    for seed in range(6):
-        made = generate("sit-to-stand", Options(seed=seed, repetitions=3))
+    for made in bodies:
         markers = made.scene.markers
         rows = [i for i in np.flatnonzero(markers.link == link) if markers.at_joint[i] is None]
         projected = made.scene.plane.to_plane(made.points[:, rows])[..., :2]

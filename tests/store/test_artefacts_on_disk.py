@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -346,26 +345,6 @@ def test_a_newer_minor_file_with_more_columns_is_read() -> None:
     one = segments()
     written = parquet.encode(Table(wider, one.frame.assign(side=["r", "l", "l"])), ORIGIN)
     assert parquet.decode(written, SEGMENTS)[0].frame["side"].tolist() == ["r", "l", "l"]
-
-
-def test_hdf5_that_points_elsewhere_is_refused(tmp_path: Path) -> None:
-    secret = tmp_path / "secret.h5"
-    with h5py.File(secret, "w") as file:
-        file["centre"] = np.ones((2, 2))
-    for kind in ("external link", "soft link", "virtual"):
-        stream = io.BytesIO(hdf5.encode(chain(), ORIGIN)[0])
-        with h5py.File(stream, "r+") as file:
-            del file["joints/centre"]
-            if kind == "external link":
-                file["joints/centre"] = h5py.ExternalLink(str(secret), "/centre")
-            elif kind == "soft link":
-                file["joints/centre"] = h5py.SoftLink("/markers/local")
-            else:
-                layout = h5py.VirtualLayout(shape=(2, 2), dtype=float)
-                layout[:] = h5py.VirtualSource(str(secret), "centre", shape=(2, 2))
-                file.create_virtual_dataset("joints/centre", layout)
-        with pytest.raises(ValueError, match="refused"):
-            hdf5.decode(stream.getvalue(), CHAIN)
 
 
 def test_a_missing_artefact_is_named(tmp_path: Path) -> None:

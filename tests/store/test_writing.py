@@ -112,6 +112,11 @@ def test_a_second_run_is_turned_away(tmp_path: Path) -> None:
         pass
 
 
+def test_a_folder_of_too_long_a_name(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="the name is too long"), Folder(tmp_path / ("x" * 300) / "run").locked():
+        pass
+
+
 def test_a_run_that_writes_nothing_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     for out in (tmp_path / "runs" / "trial", tmp_path / "mine"):

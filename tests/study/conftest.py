@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import pytest
 from small_study import NAME, STUDY, Ran, record
 
+from blank_figures import blank_figures
 from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.study import run
 
 
 @pytest.fixture(scope="session")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
-    folder = tmp_path_factory.mktemp("study")
+def ran(once: Callable[..., Any]) -> Ran:
+    found: Ran = once("study", _run)
+    return found
+
+
+def _run(folder: Path) -> Ran:
+    """The trials' own figures stay blank; those of the cohort are drawn."""
     record(folder / NAME)
     file = folder / "study.yaml"
     file.write_text(STUDY)
     told: list[Performed] = []
-    return Ran(file, run(file, tell=told.append), tuple(told))
+    with blank_figures():
+        return Ran(file, run(file, tell=told.append), tuple(told))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,9 @@ from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Files, Settings, TrialKeys
+
+_LONGEST = 100
+"""Characters of a name that a run gives to a file in its folder, at most."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +124,23 @@ def compose(
         **{name: absolute(getattr(parsed, name), folder) for name in TrialKeys.model_fields}
     )
     out = absolute(getattr(parsed, "out", None), folder) or out or folder / "runs" / keys.trial
+    _check_name(out, source)
     settings = {stage.name: getattr(parsed, stage.name.replace("-", "_")) for stage in stages}
     return Trial(source.file, keys, settings, out)
+
+
+def _check_name(out: Path, source: Source) -> None:
+    """ConfigError where no file could be called so on this system."""
+    shown = f"{source.where(('out',))}: the folder of the results, {str(out)[-40:]!r},"
+    beside = (source.file.parent / part for part in out.parts[1:])  # out's own folders may not be there yet
+    for path in (out / ".mocap-id" / ("x" * _LONGEST), *beside):
+        try:
+            path.stat()
+        except ValueError as error:
+            raise ConfigError(f"{shown} can be none ({error}): choose another `out`") from error
+        except OSError as error:
+            if error.errno == errno.ENAMETOOLONG:
+                raise ConfigError(f"{shown} is longer than this system allows: choose another `out`") from error
 
 
 def _written_out(data: dict[str, Any], stages: Sequence[Stage]) -> dict[str, Any]:

@@ -1,14 +1,14 @@
 """How every figure looks: colours, sizes, and the way to a deterministic SVG.
 
 The colours are Okabe and Ito's, which people with any colour vision tell apart. Figures are drawn without pyplot and
-under :func:`house`, so that nothing global outlives a drawing. The page replaces :data:`INK`, :data:`GRID` and
-:data:`BLUE` by its own colours (:func:`inline`), so that a figure is readable on light and on dark.
+under :func:`house`, so that nothing global outlives a drawing. The page replaces the colours in :data:`ON_PAGE` by its
+own (:func:`inline`), so that a figure is readable on light and on dark.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,21 +20,24 @@ from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.contents import PdfFonts
+from mocap_id.reporting.panel import Sheet
 
-INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#8a8d94"
+INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#6b6e75"
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 MEASURED, MODEL, REFERENCE = INK, BLUE, ORANGE
 OTHER = "#b2182b"
 """Another system's curves."""
 NOW = "#882255"
 """The player's time."""
+ON_PAGE: Mapping[str, str] = {INK: "--ink", GRID: "--grid", BLUE: "--blue", NOW: "--now"}
+"""Colours that the page has a lighter one of where it is dark, with the names that they go by in its style."""
 HEAT = "cividis"
 SHADES = 24
 """Steps of the heat colours: few enough to read off the bar, and to draw it as vectors."""
 WIDTH = 7.2
 """Width of a figure, inches: two columns of a journal page."""
 
-_CHAIN_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+_CHAIN_COLOURS = (VERMILLION, GREEN, PURPLE, SKY, ORANGE, BLUE)  # last those that stand beside them for forces
 _DASHES = ("-", "--", "-.", ":")
 
 _RC: dict[Any, object] = {
@@ -83,7 +86,7 @@ def house(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
 
 def figure(height: float) -> Figure:
     """An empty figure of the house's width and this height, inches; call it under :func:`house`."""
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+    return Sheet(figsize=(WIDTH, height), layout="constrained")
 
 
 def colour(k: int) -> str:
@@ -155,12 +158,17 @@ def unit(text: str) -> str:
     return text.replace("*", "·").replace("^2", "²").replace("^3", "³")
 
 
+def on_page(colour: str) -> str:
+    """A colour as the page's style says it."""
+    return f"var({ON_PAGE[colour]})" if colour in ON_PAGE else colour
+
+
 def inline(content: bytes, name: str) -> str:
     """An SVG file as an element of an HTML page, in the page's colours and without ids that another figure may have."""
     element = content.decode("utf-8")
     element = element[element.index("<svg") :]
-    for ink, own in ((INK, "currentColor"), (GRID, "var(--grid)"), (BLUE, "var(--blue)")):
-        element = element.replace(ink, own)
+    for colour in ON_PAGE:
+        element = element.replace(colour, on_page(colour))
     element = re.sub(r'\bid="', f'id="{name}-', element)
     element = re.sub(r'href="#', f'href="#{name}-', element)
     return re.sub(r"url\(#", f"url(#{name}-", element)

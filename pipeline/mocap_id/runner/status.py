@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError, StoreError
@@ -17,6 +17,7 @@ from mocap_id.runner.log import RUN_LOG, last_failure
 from mocap_id.runner.refusals import forget_refusal, remembered
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
+from mocap_id.store.locking import LOCK, lock_in
 
 State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "waiting"]
 
@@ -67,6 +68,12 @@ class Status:
 def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> Status:
     """Look at a trial's folder; nothing is written, nothing computed."""
     folder = Folder(trial.out)
+    try:
+        folder.there()
+    except StoreError as error:
+        first, *later = (stage.name for stage in stages)
+        waiting = (Standing(name, "waiting", f"for {first}") for name in later)
+        return Status((Standing(first, "damaged", str(error)), *waiting), False, None)
     return Status(tuple(_standings(trial, folder, stages)), _held(trial.out), last_failure(trial.out))
 
 
@@ -85,19 +92,18 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
     Raises
     ------
     StoreError
-        A run holds the folder, or it cannot be changed.
+        A run holds the folder, or it cannot be looked into or changed.
     """
-    if not trial.out.is_dir():
-        return
     folder, names = Folder(trial.out), [stage.name for stage in stages]
+    if not folder.there():
+        return
     with folder.locked():
         for stage in stages[0 if first is None else names.index(first) :]:
             folder.forget(stage.name, stage.outputs)
         forget_refusal(trial.out)
         if first is None:
             folder.remove([LOG_FILE, RUN_LOG])
-    if first is None:
-        folder.dissolve()
+            folder.dissolve()
 
 
 def _standings(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[Standing]:
@@ -161,11 +167,11 @@ def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _held(folder: Path) -> bool:
-    lock = folder / ".mocap-id" / "lock"
-    if not lock.is_file():
+    own = folder / ".mocap-id"
+    if not (own / LOCK).is_file():
         return False
     try:
-        with FileLock(lock, timeout=0):
+        with lock_in(own).acquire(timeout=0):
             return False
     except Timeout:
         return True

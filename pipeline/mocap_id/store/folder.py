@@ -12,13 +12,14 @@ from os import utime
 from pathlib import Path
 from typing import BinaryIO
 
-from filelock import FileLock, Timeout
+from filelock import SoftFileLock, Timeout
 
 from mocap_id import plain_files
 from mocap_id.errors import StoreError
 from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, TableSchema, Tree, TreeSchema
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
 from mocap_id.store.digest import HashedStream, hash_bytes, hash_file
+from mocap_id.store.locking import LOCK, MARKER, lock_in
 from mocap_id.store.provenance import Origin, Provenance
 from mocap_id.store.record import UNREADABLE, Record, Seal
 from mocap_id.store.schemas import SCHEMAS
@@ -52,18 +53,20 @@ class Folder:
         StoreError
             Another run holds it, or it cannot be made or written.
         """
-        made = [folder for folder in (self.path / _HIDDEN, self.path, *self.path.parents) if not folder.exists()]
         with explained(self.path):
+            made = [folder for folder in (self.path / _HIDDEN, self.path, *self.path.parents) if not folder.exists()]
             (self.path / _HIDDEN).mkdir(parents=True, exist_ok=True)
-        place = within(self.path, f"{_HIDDEN}/lock")
+        place = within(self.path, f"{_HIDDEN}/{LOCK}")
         if place.is_symlink() or (place.exists() and not place.is_file()):
             raise StoreError(f"{place} is no file of ours: delete it and run again")
-        lock = FileLock(place)
         with explained(self.path):
+            lock = lock_in(self.path / _HIDDEN)
             try:
                 lock.acquire(timeout=0)
             except Timeout as error:
                 message = f"{self.path} is in use by another run: wait for it, or choose another folder with `out:`"
+                if isinstance(lock, SoftFileLock):
+                    message += f". If no run goes on, one was killed on another computer: delete {lock.lock_file}"
                 raise StoreError(message) from error
         try:
             remove_leftovers(self.path)
@@ -71,6 +74,15 @@ class Folder:
         finally:
             self._tidy(made)
             lock.release()
+
+    def there(self) -> bool:
+        """Whether there is such a folder; StoreError where one may not look."""
+        try:
+            (self.path / _HIDDEN / LOCK).exists()
+            return self.path.is_dir()
+        except OSError as error:
+            message = f"{self.path} cannot be looked into ({error.strerror}): change its permissions"
+            raise StoreError(message) from error
 
     def read(self, file: str) -> Artefact:
         """An artefact, checked, for its reader alone; StoreError where it is missing or damaged."""
@@ -177,19 +189,21 @@ class Folder:
                     utime(path, ns=(stamp, stamp))
 
     def dissolve(self) -> None:
-        """Take the folder away, if nothing is left in it."""
+        """Take the folder away, if nothing is left in it; call it only while holding the folder's lock."""
         with contextlib.suppress(OSError):
-            (self.path / _HIDDEN / "lock").unlink(missing_ok=True)
+            for name in (LOCK, MARKER):
+                (self.path / _HIDDEN / name).unlink(missing_ok=True)
             (self.path / _HIDDEN).rmdir()
             for folder in (*filter(Path.is_dir, self.path.iterdir()), self.path):
                 folder.rmdir()
 
     def _tidy(self, made: Sequence[Path]) -> None:
         """After a run that wrote nothing, take away the folders that it made, innermost first."""
-        lock = self.path / _HIDDEN / "lock"
-        if made and not any(path.is_file() and path != lock for path in self.path.rglob("*")):
+        locks = [self.path / _HIDDEN / name for name in (LOCK, MARKER)]
+        if made and not any(path.is_file() and path not in locks for path in self.path.rglob("*")):
             with contextlib.suppress(OSError):  # whatever else has come in the meantime may stay
-                lock.unlink()
+                for lock in locks:
+                    lock.unlink(missing_ok=True)
                 for folder in made:
                     folder.rmdir()
 

@@ -1,15 +1,17 @@
-"""Trees as HDF5: typed by their schema, units in the dataset attributes, provenance in the file's attributes."""
+"""Trees as HDF5: typed by their schema, units in the dataset attributes, provenance in the file's attributes.
+
+A tree is written by the HDF5 library and read without it: by the block that :mod:`mocap_id.store.sealed` puts before.
+"""
 
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
-import h5py
 import numpy as np
 
+from mocap_id.store import sealed
 from mocap_id.store.artefacts import Node, Tree, TreeSchema
 from mocap_id.store.content import hash_nodes
 from mocap_id.store.parquet import read_provenance
@@ -19,11 +21,7 @@ Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 """Path in the file → array; strings as numpy ``U`` arrays, scalars with shape ()."""
 
 _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
-_BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError, UnicodeError)
-"""What the library raises on damaged files."""
-_MOST_NODES, _MOST_TEXTS = 1000, 5000
-_ROOM, _LEAST_ROOM = 4, 1 << 24
-"""Bytes in memory for each byte of the file, which is never compressed (text takes four a character); and at least."""
+_STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
 
 def encode(tree: Tree, origin: Origin) -> tuple[bytes, str]:
@@ -36,34 +34,50 @@ def encode(tree: Tree, origin: Origin) -> tuple[bytes, str]:
     """
     leaves = conform(tree)
     content = hash_nodes(leaves, tree.facts, tree.reasons)
-    provenance = Provenance(tree.schema.file, tree.schema.version, origin, content, tree.facts, tree.reasons)
-    stream = io.BytesIO()
-    with h5py.File(stream, "w", libver=("v108", "v110")) as file:  # this format holds attributes over 64 KiB
-        for node in tree.schema.nodes:
-            array = leaves[node.name]
-            text = h5py.string_dtype() if array.dtype.kind == "U" else None
-            data = array.astype(object) if text else array
-            dataset = file.create_dataset(node.name, data=data, dtype=text, track_times=False)
+    told = Provenance(tree.schema.file, tree.schema.version, origin, content, tree.facts, tree.reasons).encode()
+    arrays = {path: _stored(array) for path, array in leaves.items()}
+    size = sealed.room({path: (array.dtype.str, array.shape) for path, array in arrays.items()}, told)
+    file, places = _write(tree.schema, arrays, told, size)
+    whole = sealed.seal(file, size, places, told)
+    decode(whole, tree.schema)  # what HDF5 wrote, and where, is as it should be
+    return whole, content
+
+
+def _stored(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """As it stands in the file: all texts of an array as long as the longest, so that they stand beside each other."""
+    return np.char.encode(array, "utf-8") if array.dtype.kind == "U" else array
+
+
+def _write(
+    schema: TreeSchema, arrays: Leaves, provenance: Mapping[str, str], size: int
+) -> tuple[bytes, dict[str, sealed.Place]]:
+    """An HDF5 file whose first ``size`` bytes are free, and where in it the datasets stand."""
+    import h5py  # noqa: PLC0415  reading does without
+
+    stream, places = io.BytesIO(), {}
+    with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # it holds attributes > 64 KiB
+        for node in schema.nodes:
+            array = arrays[node.name]
+            text = h5py.string_dtype("utf-8", array.dtype.itemsize) if array.dtype.kind == "S" else None
+            data = array.astype(text) if text else array
+            dataset = file.create_dataset(node.name, data=data, track_times=False)
             dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
-        for key, value in provenance.encode().items():
+            start = dataset.id.get_offset() if array.size else 0
+            places[node.name] = sealed.Place(array.dtype.str, array.shape, start)
+        for key, value in provenance.items():
             file.attrs[key] = value
-    return stream.getvalue(), content
+    return stream.getvalue(), places
 
 
 def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
-    """The tree of an HDF5 file's bytes, checked against its schema and its own content hash.
+    """The tree of an HDF5 file's bytes, checked against its seal, its schema and its own content hash.
 
     Raises
     ------
     ValueError
-        The file is damaged, not ours, links elsewhere or is not of this schema; the message completes "FILE …".
+        The file is damaged, not ours or is not of this schema; the message completes "FILE …".
     """
-    try:
-        with h5py.File(io.BytesIO(content), "r") as file:
-            leaves = dict(_Walk(len(content)).leaves(file, ""))
-            metadata = {key: value for key, value in file.attrs.items() if isinstance(value, str)}
-    except _BROKEN as error:
-        raise ValueError(f"is damaged ({str(error).partition(chr(10))[0]})") from error
+    leaves, metadata = sealed.opened(content)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_mismatches(leaves, schema))
     if problem:
@@ -88,7 +102,7 @@ def conform(tree: Tree) -> Leaves:
         problem += f"; nodes that its schema does not name: {', '.join(unknown)}"
     if problem:
         raise ValueError(f"{tree.schema.file}: {problem.removeprefix('; ')}")
-    types = {node.name: np.dtype("U" if node.dtype == "str" else node.dtype) for node in tree.schema.nodes}
+    types = {node.name: np.dtype(_STORED[node.dtype]) for node in tree.schema.nodes}
     return {path: array.astype(types[path], copy=False) for path, array in leaves.items()}
 
 
@@ -108,80 +122,6 @@ def _mismatches(leaves: Leaves, schema: TreeSchema) -> Iterator[str]:
         array = leaves[node.name]
         if array.size and array.dtype.kind not in _KINDS[node.dtype]:
             yield f"`{node.name}` holds {array.dtype}, expected {node.dtype}"
-
-
-class _Walk:
-    """A way through a file that trusts nothing of it.
-
-    Whatever points outside the file is refused before it is opened, whatever declares more values than the file can
-    hold before it is read, and no object is visited twice: links may lead round in rings.
-
-    Parameters
-    ----------
-    size : int
-        Bytes of the file.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._left = _ROOM * size + _LEAST_ROOM
-        self._seen: set[Any] = set()
-
-    def leaves(self, group: h5py.Group, above: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
-        """Every dataset of a group, by its path.
-
-        Raises
-        ------
-        ValueError
-            The file is not as this program writes it; the message completes "FILE …".
-        """
-        self._enter(group, above)
-        for name in group:
-            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                raise ValueError(f"holds a link at `{above}{name}`, which could lead to another file: refused")
-            item = group[name]
-            if isinstance(item, h5py.Group):
-                yield from self.leaves(item, f"{above}{name}/")
-            elif isinstance(item, h5py.Dataset):
-                self._enter(item, above + name)
-                yield above + name, self._array(item, above + name)
-
-    def _enter(self, item: h5py.Group | h5py.Dataset, path: str) -> None:
-        found = h5py.h5o.get_info(item.id)
-        place = (found.fileno, found.addr)
-        if place in self._seen:
-            raise ValueError(f"holds an object twice, once at `{path}`: refused")
-        self._seen.add(place)
-        if len(self._seen) > _MOST_NODES:
-            raise ValueError(f"holds more than {_MOST_NODES} objects: refused")
-
-    def _array(self, dataset: h5py.Dataset, path: str) -> np.ndarray[Any, Any]:
-        if dataset.external or dataset.is_virtual:
-            raise ValueError(f"keeps the values of `{path}` in another file: refused")
-        if dataset.shape is None or dataset.dtype.kind not in "biufSO":
-            raise ValueError(f"holds values of a kind that no node has at `{path}`: {dataset.dtype}")
-        self._take(math.prod(dataset.shape) * dataset.dtype.itemsize, path)
-        if h5py.check_string_dtype(dataset.dtype):
-            return self._text(dataset, path)
-        if dataset.dtype.kind == "O":
-            raise ValueError(f"holds references or lists at `{path}`: refused")
-        return np.asarray(dataset[()])
-
-    def _text(self, dataset: h5py.Dataset, path: str) -> np.ndarray[Any, Any]:
-        """Strings one by one: many of them may stand for one and the same long one."""
-        if math.prod(dataset.shape) > _MOST_TEXTS:
-            raise ValueError(f"holds more than {_MOST_TEXTS} texts at `{path}`: refused")
-        texts: list[str] = []
-        for index in np.ndindex(dataset.shape):
-            texts.append(dataset.asstr()[index])
-            self._take(4 * len(texts[-1]), path)
-        self._take(4 * len(texts) * max(map(len, texts), default=0), path)  # all are as wide as the longest
-        return np.array(texts, dtype="U").reshape(dataset.shape)
-
-    def _take(self, needed: int, path: str) -> None:
-        """Count off memory; what the file cannot hold is refused."""
-        self._left -= needed
-        if self._left < 0:
-            raise ValueError(f"declares more values than it holds at `{path}`: refused")
 
 
 def _nested(leaves: Leaves) -> dict[str, Any]:

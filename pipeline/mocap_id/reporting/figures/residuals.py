@@ -25,7 +25,8 @@ def draw(material: Material) -> Figure | str:
     colours = [style.colour(int(k)) if k >= 0 else style.FAINT for k in shown["segment"]]
     axes.barh(rows, 1e3 * shown["rms"], height=0.7, color=colours, alpha=0.85)
     axes.plot(1e3 * shown["q95"], rows, "|", color=style.INK, ms=6, mew=1.2, label="95 % quantile")
-    axes.set_yticks(rows, [style.printable(label, 24) for label in shown.index], fontsize=6.5)
+    axes.set_yticks(rows, [style.printable(label, 24) for label in shown.index])
+    axes.tick_params(axis="y", labelsize=6.5)
     axes.set(ylim=(len(shown) - 0.4, -0.6), xlim=(0, None), xlabel="residual (mm)")
     axes.grid(False, axis="y")
     if len(shown) < len(found):

@@ -21,7 +21,7 @@ from mocap_id.reporting.player.plots import FRAME, plots
 
 @dataclass(frozen=True)
 class Key:
-    """An entry of the player's legend: a colour, how it is drawn, and what it stands for."""
+    """An entry of the player's legend: a colour of the page's style, how it is drawn, and what it stands for."""
 
     colour: str
     look: str
@@ -70,7 +70,7 @@ def player(material: Material) -> Player | None:
         return None
     drawn = plots(material, moving)
     roots = {drawn.figure: "player-figure"} | ({drawn.curves: "player-curves"} if drawn.curves else {})
-    held = {"document": drawn.document, "roots": roots, "frames": moving.packed()}
+    held = {"document": drawn.document, "roots": roots, "frames": moving.packed(), "themed": style.ON_PAGE}
     library, script, policy = _scripts()
     return Player(
         library=library,
@@ -100,12 +100,16 @@ def _inert(text: str) -> str:
 
 def _legend(material: Material, moving: Frames) -> dict[str, tuple[Key, ...]]:
     joints = material.skeleton.joints if material.skeleton is not None and material.motion is not None else ()
-    names = [Key(style.colour(k), "solid", style.printable(name, 20)) for k, name in enumerate(joints, start=1)]
+    names = [_key(style.colour(k), style.printable(name, 20)) for k, name in enumerate(joints, start=1)]
     told = {part.source for part in moving.parts}
-    forces = [Key(style.MEASURED, "solid", "measured")] if "measured" in told else []
+    forces = [_key(style.MEASURED, "measured")] if "measured" in told else []
     if "model" in told:
-        forces.append(Key(style.MODEL, "solid", "identified model, 95 %"))
+        forces.append(_key(style.MODEL, "identified model, 95 %"))
         table = material.frame("dynamics.parquet")
         if table is not None and "Fy_reference" in table and table["Fy_reference"].notna().any():
-            forces.append(Key(style.REFERENCE, "dashed", "allometric reference"))
+            forces.append(_key(style.REFERENCE, "allometric reference", "dashed"))
     return {title: tuple(keys) for title, keys in (("joints", names), ("forces", forces)) if keys}
+
+
+def _key(colour: str, text: str, look: str = "solid") -> Key:
+    return Key(style.on_page(colour), look, text)

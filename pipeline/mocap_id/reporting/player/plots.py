@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from bokeh.document import Document
-from bokeh.models import (
-    BoxZoomTool,
-    Column,
-    ColumnDataSource,
-    Grid,
-    Line,
-    LinearAxis,
-    Plot,
-    Range1d,
-    ResetTool,
-    Scatter,
-    Segment,
-    Span,
-    VArea,
-    VStrip,
-)
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.decimation import band, envelope, spans
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import NORMAL_95
-from mocap_id.reporting.player.frames import Frames
+from mocap_id.reporting.player.frames import Frames, Part
+from mocap_id.reporting.player.models import Model, column, document, glyph, model, source, value
 from mocap_id.reporting.views import Motion
 
 FRAME = (270, 500)
@@ -42,10 +26,11 @@ _ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy (N)"), ("tauz", "τz (N·m)"), ("cop_x", "
 _BINS = 250  # across a plot that is drawn anew at every step
 _COP_TAIL = 0.005  # a centre of pressure under a light foot may shoot off to anywhere
 _SOURCES = (
-    ("_reference", style.REFERENCE, "dashed"),
-    ("", style.MEASURED, "solid"),
-    ("_model", style.MODEL, "solid"),
+    ("_reference", style.REFERENCE, "--"),
+    ("", style.MEASURED, "-"),
+    ("_model", style.MODEL, "-"),
 )
+_DASHES: dict[str, list[int]] = {"-": [], "--": [6], "-.": [6, 4, 2, 4], ":": [2, 4]}  # pixels drawn and left out
 
 
 @dataclass(frozen=True)
@@ -57,50 +42,76 @@ class Plots:
     curves: str | None
 
 
+@dataclass(frozen=True)
+class Curves:
+    """One plot over time: its axis, the lowest and highest that it shows, and what is drawn."""
+
+    label: str
+    bounds: tuple[float, float] | None
+    drawn: tuple[Model, ...]
+
+
 def plots(material: Material, frames: Frames) -> Plots:
     """The figure and the curves of a trial, with nothing to move yet but the first moment."""
-    document = Document(title=style.printable(material.trial))
-    figure, column = _figure(frames), _curves(material, frames)
-    for root in (figure, column):
-        if root is not None:
-            document.add_root(root)
-    return Plots(dict(document.to_json(deferred=False)), figure.id, None if column is None else column.id)
+    figure, curves = _figure(frames), _curves(material, frames)
+    roots = [figure] if curves is None else [figure, curves]
+    told, ids = document(style.printable(material.trial), roots)
+    return Plots(told, ids[0], None if curves is None else ids[1])
 
 
-def _figure(frames: Frames) -> Plot:
+def _figure(frames: Frames) -> Model:
     """Sticks, joints, markers and arrows in the plane of motion, metres to one scale."""
     x, y = _to_scale(frames.bounds)
-    plot = Plot(x_range=Range1d(*x), y_range=Range1d(*y), frame_width=FRAME[0], frame_height=FRAME[1], name="figure")
-    _dress(plot, "x, along the motion (m)", "y, up (m)")
-    plot.add_layout(Span(location=0, dimension="width", line_color=style.FAINT, line_width=1))
-    for part in frames.parts:
-        columns = {name: part.values[0, k].tolist() for k, name in enumerate(part.columns)}
-        rows = part.values.shape[2]
-        source = ColumnDataSource(columns, name=part.source)
-        match part.source:
-            case "sticks":
-                source.data["colour"] = [style.colour(k + 1) for k in range(rows)]
-                _segments(plot, source, "colour", 7, 0.6)
-            case "joints":
-                plot.add_glyph(
-                    source, Scatter(x="x", y="y", size=13, fill_color=None, line_color=style.INK, line_width=1.5)
-                )
-            case "markers":
-                source.data["colour"] = [style.colour(max(int(k), 0)) for k in frames.segments]
-                source.data["shape"] = ["x" if k < 0 else "circle" for k in frames.segments]
-                plot.add_glyph(
-                    source, Scatter(x="x", y="y", size=5, marker="shape", fill_color="colour", line_color="colour")
-                )
-            case _:
-                source.data["colour"] = [style.MEASURED if part.source == "measured" else style.MODEL] * rows
-                _segments(plot, source, "colour", 3 if part.source == "measured" else 2, 1.0)
-                plot.add_glyph(source, Scatter(x="x0", y="y0", size=7, fill_color="colour", line_color="colour"))
-    return plot
+    ground = model("Span", location=0, dimension="width", line_color=style.FAINT, line_width=1)
+    return model(
+        "Plot",
+        name="figure",
+        x_range=_range(*x),
+        y_range=_range(*y),
+        frame_width=FRAME[0],
+        frame_height=FRAME[1],
+        renderers=[drawn for part in frames.parts for drawn in _part(part, frames)],
+        **_dress("x, along the motion (m)", "y, up (m)", [ground]),
+    )
 
 
-def _segments(plot: Plot, source: ColumnDataSource, colour: str, width: float, alpha: float) -> None:
-    look = {"line_color": colour, "line_width": width, "line_alpha": alpha, "line_cap": "round"}
-    plot.add_glyph(source, Segment(x0="x0", y0="y0", x1="x1", y1="y1", **look))
+def _part(part: Part, frames: Frames) -> list[Model]:
+    """What is drawn of things that move; their columns are filled anew at every moment."""
+    columns: dict[str, Any] = {name: part.values[0, k] for k, name in enumerate(part.columns)}
+    rows = part.values.shape[2]
+    own = column("colour")
+    match part.source:
+        case "sticks":
+            columns["colour"] = [style.colour(k + 1) for k in range(rows)]
+            return [glyph(source(columns, part.source), _segments(7, 0.6))]
+        case "joints":
+            return [
+                glyph(source(columns, part.source), _dots(13, value(style.INK), value(None), line_width=value(1.5)))
+            ]
+        case "markers":
+            columns["colour"] = [style.colour(max(int(k), 0)) for k in frames.segments]
+            columns["shape"] = ["x" if k < 0 else "circle" for k in frames.segments]
+            return [glyph(source(columns, part.source), _dots(5, own, own, marker=column("shape")))]
+        case _:
+            measured = part.source == "measured"
+            columns["colour"] = [style.MEASURED if measured else style.MODEL] * rows
+            held, foot = source(columns, part.source), {"x": column("x0"), "y": column("y0")}
+            return [glyph(held, _segments(3 if measured else 2, 1.0)), glyph(held, _dots(7, own, own, **foot))]
+
+
+def _segments(width: float, alpha: float) -> Model:
+    ends = {name: column(name) for name in ("x0", "y0", "x1", "y1")}
+    look = {"line_width": value(width), "line_alpha": value(alpha), "line_cap": value("round")}
+    return model("Segment", **ends, line_color=column("colour"), **look)
+
+
+def _dots(size: float, line: Any, fill: Any, **more: Any) -> Model:
+    own = {"x": column("x"), "y": column("y"), "size": value(size), "line_color": line, "fill_color": fill}
+    return model("Scatter", **(own | more))
+
+
+def _range(start: float, end: float) -> Model:
+    return model("Range1d", start=float(start), end=float(end))
 
 
 def _to_scale(bounds: FloatArray) -> FloatArray:
@@ -112,33 +123,25 @@ def _to_scale(bounds: FloatArray) -> FloatArray:
     return np.stack([middle - half, middle + half], axis=1)
 
 
-def _curves(material: Material, frames: Frames) -> Column | None:
+def _curves(material: Material, frames: Frames) -> Model | None:
     """A column of plots over time, with one line for now through all of them; None where nothing is known over time."""
-    clock = Range1d(float(frames.time[0]), float(frames.time[-1]))
-    now = Span(location=None, dimension="height", line_color=style.NOW, line_width=2, name="now")
-    found = [*_angles(material, clock), *_wrench(material, clock)]
+    found = [*_angles(material), *_wrench(material)]
     if not found:
         return None
-    for k, plot in enumerate(found):
-        plot.add_layout(now)
-        if k == len(found) - 1:
-            plot.below[0].axis_label = "time (s)"
-            plot.height = _HEIGHT + 42
-        else:
-            plot.below[0].visible = False
-    return Column(*found, sizing_mode="stretch_width", name="curves")
+    clock = _range(frames.time[0], frames.time[-1])
+    now = model("Span", name="now", location=None, dimension="height", line_color=style.NOW, line_width=2)
+    plots = [_timed(one, clock, now, last=one is found[-1]) for one in found]
+    return model("Column", name="curves", children=plots, sizing_mode="stretch_width")
 
 
-def _angles(material: Material, clock: Range1d) -> Iterable[Plot]:
+def _angles(material: Material) -> Iterable[Curves]:
     motion = material.motion
     if motion is None or not motion.mean.size:
         return
     degrees = np.degrees(motion.angles)
-    plot = _timed(clock, "angle (deg)", list(degrees.T))
-    _shade(plot, motion.time, _bridged(motion))
-    for j, curve in enumerate(degrees.T):
-        _line(plot, motion.time, curve, style.colour(j + 1), ("solid", "dashed", "dashdot")[j // 6 % 3])
-    yield plot
+    lines = [_line(motion.time, curve, style.colour(j), style.dashes(j)) for j, curve in enumerate(degrees.T, start=1)]
+    bounds = style.extent(list(degrees.T))
+    yield Curves("angle (deg)", bounds, (*_shade(motion.time, _bridged(motion)), *lines))
 
 
 def _bridged(motion: Motion) -> BoolArray:
@@ -146,33 +149,22 @@ def _bridged(motion: Motion) -> BoolArray:
     return found
 
 
-def _wrench(material: Material, clock: Range1d) -> Iterable[Plot]:
+def _wrench(material: Material) -> Iterable[Curves]:
     table = material.frame("dynamics.parquet")
     table = material.frame("wrench.parquet") if table is None else table
     if table is None:
         return
     time = table["time"].to_numpy(dtype=np.float64)
+    shade = _shade(time, table["in_fit"].to_numpy(dtype=np.bool_)) if "in_fit" in table else []
     for name, label in _ROWS:
         curves = {suffix: _column(table, name + suffix) for suffix, *_ in _SOURCES}
-        known = [curve for curve in curves.values() if np.isfinite(curve).any()]
+        known = {suffix: curve for suffix, curve in curves.items() if np.isfinite(curve).any()}
         if not known:
             continue
-        plot = _timed(clock, label, known, _COP_TAIL if name == "cop_x" else 0.0)
-        if "in_fit" in table:
-            _shade(plot, time, table["in_fit"].to_numpy(dtype=np.bool_))
-        half = NORMAL_95 * _column(table, f"sd_{name}_model")
-        if np.isfinite(half).any():
-            model = curves["_model"]
-            x, low, high = band(time, model - half, model + half, _BINS)
-            inside = np.isfinite(low + high)
-            area = ColumnDataSource(
-                {"x": x, "low": np.where(inside, low, np.nan), "high": np.where(inside, high, np.nan)}
-            )
-            plot.add_glyph(area, VArea(x="x", y1="low", y2="high", fill_color=style.MODEL, fill_alpha=0.2))
-        for suffix, colour, dash in _SOURCES:
-            if np.isfinite(curves[suffix]).any():
-                _line(plot, time, curves[suffix], colour, dash)
-        yield plot
+        area = _band(time, curves["_model"], NORMAL_95 * _column(table, f"sd_{name}_model"))
+        lines = [_line(time, known[suffix], colour, dash) for suffix, colour, dash in _SOURCES if suffix in known]
+        bounds = style.extent(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
+        yield Curves(label, bounds, (*shade, *area, *lines))
 
 
 def _column(table: pd.DataFrame, name: str) -> FloatArray:
@@ -180,55 +172,75 @@ def _column(table: pd.DataFrame, name: str) -> FloatArray:
     return table[name].to_numpy(dtype=np.float64) if name in table else np.full(len(table), np.nan)
 
 
-def _timed(clock: Range1d, label: str, curves: list[FloatArray], tail: float = 0.0) -> Plot:
-    """An empty plot over time, framed for these curves."""
-    low, high = style.extent(curves, tail) or (0.0, 1.0)
+def _timed(curves: Curves, clock: Model, now: Model, *, last: bool) -> Model:
+    """A plot over time, framed for its curves; the last one has the axis of time."""
+    low, high = curves.bounds or (0.0, 1.0)
     margin = max(0.1 * (high - low), 1e-9)
-    plot = Plot(
+    tools = [model("BoxZoomTool", dimensions="width"), model("ResetTool")]
+    return model(
+        "Plot",
         x_range=clock,
-        y_range=Range1d(low - margin, high + margin),
-        height=_HEIGHT,
+        y_range=_range(low - margin, high + margin),
+        height=_HEIGHT + 42 if last else _HEIGHT,
         sizing_mode="stretch_width",
         min_border_left=62,
         min_border_right=12,
+        toolbar=model("Toolbar", tools=tools),
+        renderers=list(curves.drawn),
+        **_dress("time (s)" if last else None, curves.label, [now]),
     )
-    _dress(plot, None, label)
-    plot.add_tools(BoxZoomTool(dimensions="width"), ResetTool())
-    return plot
 
 
-def _dress(plot: Plot, below: str | None, left: str) -> None:
-    """Axes and grid in the house's style, no logo and no toolbar."""
-    ink = {"axis_line_color": style.INK, "major_tick_line_color": style.INK, "minor_tick_line_color": None}
-    text = {
-        "major_label_text_font": _FONT,
-        "major_label_text_color": style.INK,
-        "major_label_text_font_size": "11px",
-        "axis_label_text_font": _FONT,
-        "axis_label_text_font_style": "normal",
-        "axis_label_text_color": style.INK,
-        "axis_label_text_font_size": "12px",
-    }
-    for side, label in (("below", below), ("left", left)):
-        axis = LinearAxis(axis_label=label, **ink, **text)
-        axis.ticker.desired_num_ticks = 4
-        plot.add_layout(axis, side)
-        plot.add_layout(Grid(dimension=0 if side == "below" else 1, ticker=axis.ticker, grid_line_color=style.GRID))
-    plot.toolbar_location = None
-    plot.outline_line_color = None
-    plot.background_fill_color = plot.border_fill_color = "#ffffff"
+def _dress(below: str | None, left: str, over: Sequence[Model]) -> dict[str, Any]:
+    """Axes and grid in the house's style, no logo and no toolbar; without a name the axis below is not shown."""
+    axes = [_axis(below, visible=below is not None), _axis(left, visible=True)]
+    grids = [
+        model("Grid", dimension=k, ticker=axis.attributes["ticker"], grid_line_color=style.GRID)
+        for k, axis in enumerate(axes)
+    ]
+    bare = dict.fromkeys(("toolbar_location", "outline_line_color", "background_fill_color", "border_fill_color"))
+    return {"below": axes[:1], "left": axes[1:], "center": [*grids, *over], **bare}
 
 
-def _shade(plot: Plot, time: FloatArray, mask: BoolArray) -> None:
-    found = spans(time, mask)
-    if found:
-        source = ColumnDataSource(
-            {"x0": [start for start, _ in found], "x1": [start + width for start, width in found]}
-        )
-        plot.add_glyph(source, VStrip(x0="x0", x1="x1", fill_color=style.GRID, fill_alpha=0.5, line_color=None))
+def _axis(label: str | None, *, visible: bool) -> Model:
+    return model(
+        "LinearAxis",
+        axis_label=label,
+        visible=visible,
+        ticker=model("BasicTicker", desired_num_ticks=4, mantissas=[1, 2, 5]),
+        axis_line_color=style.INK,
+        major_tick_line_color=style.INK,
+        minor_tick_line_color=None,
+        major_label_text_font=_FONT,
+        major_label_text_color=style.INK,
+        major_label_text_font_size="11px",
+        axis_label_text_font=_FONT,
+        axis_label_text_font_style="normal",
+        axis_label_text_color=style.INK,
+        axis_label_text_font_size="12px",
+    )
 
 
-def _line(plot: Plot, time: FloatArray, values: FloatArray, colour: str, dash: str) -> None:
+def _shade(time: FloatArray, mask: BoolArray) -> list[Model]:
+    found = np.array(spans(time, mask)).reshape(-1, 2)
+    if not len(found):
+        return []
+    ends = source({"x0": found[:, 0], "x1": found.sum(axis=1)})
+    look = {"fill_color": value(style.GRID), "fill_alpha": value(0.5), "line_color": value(None)}
+    return [glyph(ends, model("VStrip", x0=column("x0"), x1=column("x1"), **look))]
+
+
+def _band(time: FloatArray, middle: FloatArray, half: FloatArray) -> list[Model]:
+    if not np.isfinite(half).any():
+        return []
+    x, low, high = band(time, middle - half, middle + half, _BINS)
+    area = source({name: values.astype(np.float32) for name, values in (("x", x), ("low", low), ("high", high))})
+    edges = {"x": column("x"), "y1": column("low"), "y2": column("high")}
+    return [glyph(area, model("VArea", **edges, fill_color=style.MODEL, fill_alpha=0.2))]
+
+
+def _line(time: FloatArray, values: FloatArray, colour: str, dash: str) -> Model:
     x, y = envelope(time, values, _BINS)
-    source = ColumnDataSource({"x": x.astype(np.float32), "y": y.astype(np.float32)})
-    plot.add_glyph(source, Line(x="x", y="y", line_color=colour, line_width=1.5, line_dash=dash))
+    held = source({"x": x.astype(np.float32), "y": y.astype(np.float32)})
+    look = {"line_color": colour, "line_width": 1.5, "line_dash": _DASHES[dash]}
+    return glyph(held, model("Line", x=column("x"), y=column("y"), **look))

@@ -2,18 +2,29 @@
 // What the player adds to Bokeh's drawing and to the browser's own slider: which moment is shown.
 (async () => {
   const part = (name) => document.getElementById(`player-${name}`);
-  const { document: plots, roots, frames } = JSON.parse(part("data").textContent);
+  const { document: plots, roots, frames, themed } = JSON.parse(part("data").textContent);
   const packed = new Int16Array(Uint8Array.from(atob(frames.values), (char) => char.charCodeAt(0)).buffer);
   const width = packed.length / frames.time.length;
   const slider = part("time"), button = part("play"), speed = part("speed");
 
   part("without").hidden = true;
   part("body").hidden = false;
-  const [views] = await Bokeh.embed.embed_items({ player: plots }, [{ docid: "player", roots, root_ids: Object.keys(roots) }]);
-  const model = Bokeh.documents[0];
-  if (!model.is_idle) await new Promise((done) => model.idle.connect(done)); // its first strokes are for no size yet
-  const now = model.get_model_by_name("now");
-  const sources = frames.parts.map((one) => model.get_model_by_name(one.source));
+
+  let views, now, sources = [];
+  const drawn = async () => { // a canvas knows no style: the page's colours of the moment are put in, light or dark
+    const own = getComputedStyle(part("body"));
+    const ours = Object.entries(themed).map(([colour, name]) => [colour, own.getPropertyValue(name).trim()]);
+    const told = ours.reduce((text, [colour, shown]) => text.replaceAll(colour, shown), JSON.stringify(plots));
+    views?.clear();
+    [views] = await Bokeh.embed.embed_items({ player: JSON.parse(told) }, [{ docid: "player", roots, root_ids: Object.keys(roots) }]);
+    const model = Bokeh.documents.at(-1);
+    if (!model.is_idle) await new Promise((done) => model.idle.connect(done)); // its first strokes are for no size yet
+    now = model.get_model_by_name("now");
+    sources = frames.parts.map((one) => model.get_model_by_name(one.source));
+    for (const plot of model.get_model_by_name("curves")?.children ?? []) {
+      plot.on_event("tap", ({ x }) => { set(false); show(nearest(x)); });
+    }
+  };
 
   const number = (whole) => (whole === frames.unknown ? NaN : whole * frames.step);
   const show = (moment) => {
@@ -64,9 +75,11 @@
   slider.addEventListener("keydown", (event) => {
     if (event.key === " ") { event.preventDefault(); set(!playing); }
   });
-  for (const plot of model.get_model_by_name("curves")?.children ?? []) {
-    plot.on_event("tap", ({ x }) => { set(false); show(nearest(x)); });
-  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", async () => {
+    await drawn();
+    show(Number(slider.value));
+  });
+  await drawn();
   show(0);
   part("body").dataset.ready = "yes";
 })();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mocap_id import __version__
+from mocap_id.reporting.collection import put_off
 from mocap_id.reporting.material import Material
 from mocap_id.stages.base import Context, Outputs, TrialKeys
 from mocap_id.verdict import Reason
@@ -16,9 +17,10 @@ def report(context: Context) -> Outputs:
     context : Context
         All artefacts of a trial that went through; in a refused one (``context.refused``) those that there are.
     """
-    from mocap_id.reporting.report import documents  # noqa: PLC0415  drawing is imported by whoever draws
+    with put_off():
+        from mocap_id.reporting.report import documents  # noqa: PLC0415  drawing is imported by whoever draws
 
-    return documents(material(context), context.settings.pdf_fonts)
+        return documents(material(context), context.settings.pdf_fonts)
 
 
 def material(context: Context) -> Material:
