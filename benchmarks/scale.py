@@ -61,7 +61,7 @@ SMALL = Sizes(
     repeats=1,
     trials=2,
     tasks=(20,),
-    dask=(),
+    dask=(20,),
     filterpy=200,
 )
 """To see that it works."""
