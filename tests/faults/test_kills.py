@@ -15,8 +15,8 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_trials" / "robot-joint" /
 @pytest.mark.filterwarnings("ignore:This process.*is multi-threaded:DeprecationWarning")
 def test_killed_runs_resume_to_the_same(tmp_path: Path) -> None:
     killing = Killing(SAMPLE, tmp_path)
-    done = list(killing.at_random(4, seed=7))
-    assert sum(one.killed for one in done) == 4
+    done = list(killing.at_random(2, seed=7))
+    assert sum(one.killed for one in done) == 2
     assert any(one.computed for one in done), "some were killed before they were done"
-    between = list(killing.at_renamings(step=5))
-    assert sum(one.killed for one in between) >= 4
+    between = list(killing.at_renamings(step=11))
+    assert sum(one.killed for one in between) >= 3
