@@ -210,7 +210,9 @@ def colours(browser: webdriver.Chrome, name: str) -> dict[tuple[int, int, int], 
       const visit = (node) => { for (const one of node.querySelectorAll("*")) {
         if (one.shadowRoot) visit(one.shadowRoot);
         if (one.tagName !== "CANVAS" || !(one.width > 50)) continue;
-        const { data } = one.getContext("2d").getImageData(0, 0, one.width, one.height);
+        const copy = new OffscreenCanvas(one.width, one.height).getContext("2d", { willReadFrequently: true });
+        copy.drawImage(one, 0, 0); // reading the canvas itself again and again makes the browser complain
+        const { data } = copy.getImageData(0, 0, one.width, one.height);
         for (let k = 0; k < data.length; k += 4) {
           if (data[k + 3] === 255) { const own = data.slice(k, k + 3).join(); found[own] = (found[own] ?? 0) + 1; }
         }
