@@ -226,17 +226,16 @@ class Folder:
         if file not in self._read:
             path, schema = self.path / file, SCHEMAS[file]
             try:
-                content = plain_files.read(path, links=False)
+                with plain_files.opened(path, links=False) as stream:
+                    self._read[file] = _decoded(stream, schema)
+            except ValueError as error:
+                raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
                 raise StoreError(
                     f"{path} is missing: `mocap-id run TRIAL.yaml` makes it, unless it refuses the trial"
                 ) from error
             except OSError as error:
                 raise StoreError(f"{path} cannot be read ({error.strerror}): delete it and run again") from error
-            try:
-                self._read[file] = _decoded(content, schema)
-            except ValueError as error:
-                raise StoreError(f"{path} {error}. Delete it and run again") from error
         return self._read[file]
 
     def _record(self, stage: str) -> Record | None:
@@ -297,8 +296,8 @@ def _sealed(artefact: Artefact | LongTable, origin: Origin, seals: dict[str, Sea
     return write
 
 
-def _decoded(content: bytes, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
-    """An artefact out of a file's bytes; ValueError where it is damaged."""
+def _decoded(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
+    """An artefact out of an open file; ValueError where it is damaged."""
     from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
 
-    return hdf5.decode(content, schema) if isinstance(schema, TreeSchema) else parquet.decode(content, schema)
+    return hdf5.decode(stream.read(), schema) if isinstance(schema, TreeSchema) else parquet.decode(stream, schema)

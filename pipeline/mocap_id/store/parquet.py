@@ -74,8 +74,8 @@ def encode(table: Table | LongTable, origin: Origin) -> bytes:
     return stream.getvalue()
 
 
-def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
-    """The table of a Parquet file's bytes, checked against its schema and its own content hash.
+def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table, Provenance]:
+    """The table of a Parquet file, given as its bytes or open, checked against its schema and its own content hash.
 
     Columns are taken up one by one, so that the whole table stands in memory once and not twice.
 
@@ -84,13 +84,16 @@ def decode(content: bytes, schema: TableSchema) -> tuple[Table, Provenance]:
     ValueError
         The file is damaged, not ours, or not of this schema; the message completes "FILE …".
     """
+    stream = io.BytesIO(content) if isinstance(content, bytes) else content
+    size = stream.seek(0, io.SEEK_END)
+    stream.seek(0)
     try:
-        file = pq.ParquetFile(pa.BufferReader(content))
+        file = pq.ParquetFile(stream)
         found = file.schema_arrow
         metadata = {key.decode(): value.decode() for key, value in (found.metadata or {}).items()}
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise ValueError(f"is damaged ({_first_line(error)})") from error
-    _check_size(file.metadata, found, _ROOM * len(content) + _LEAST_ROOM)
+    _check_size(file.metadata, found, _ROOM * size + _LEAST_ROOM)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_mismatches(found, schema))
     if problem:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from mocap_id.reporting import style
+from mocap_id.reporting import collection, style
 from mocap_id.reporting.contents import FigureEntry, PdfFonts
 from mocap_id.reporting.figures import (
     parameters,
@@ -62,7 +62,10 @@ def drawing(entry: FigureEntry, of: str, draw: Callable[[], Figure | str], pdf_f
         drawn = draw()
         whole = drawn if isinstance(drawn, Figure) else style.notice(drawn)
         svg, pdf = svg_and_pdf(whole, entry.name, f"{entry.title}: {style.printable(of)}")
-    return Drawing(entry, svg, pdf, None if isinstance(drawn, Figure) else style.printable(drawn))
+    missing = None if isinstance(drawn, Figure) else style.printable(drawn)
+    del drawn, whole
+    collection.clear()
+    return Drawing(entry, svg, pdf, missing)
 
 
 def captions(of: str, drawings: Sequence[Drawing]) -> bytes:

@@ -25,6 +25,12 @@ from mocap_id.errors import ConfigError, NumericalError
 
 _LOGGERS = ("mocap_id", "py.warnings")
 _THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP", "NUMBA")}
+_MEMORY = {
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+    "MALLOC_MMAP_THRESHOLD_": "4194304",
+    "MALLOC_TRIM_THRESHOLD_": "4194304",
+}
+"""Room of arrays that are gone goes back to the system, as in the process of the command line."""
 _LEAST_WAITING = 16  # trials asked of a scheduler whose workers may still be on their way
 _COUNTED_EVERY = 5.0  # s, a scheduler's workers
 _PATIENCE = 20.0  # s, for a process that was told to end
@@ -74,7 +80,7 @@ class Here(Engine):
         jobs = min(self.jobs, most)
         # New interpreters, not copies of this one, whose libraries have threads by now.
         context, levels = multiprocessing.get_context("spawn"), {one: logging.getLogger(one).level for one in _LOGGERS}
-        with _environment(_THREADS), _no_ctrl_c():
+        with _environment(_THREADS | _MEMORY), _no_ctrl_c():
             pool = ProcessPoolExecutor(jobs, context, _begin, (levels,))
             for _ in range(jobs):
                 pool.submit(os.getpid)  # which starts a process
