@@ -156,8 +156,11 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
     module, name = _KINDS[kind]
     if kind == "local":
         asked = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"} | asked
+    # By itself Dask has workers give memory back at every turn, and their stacks looked at a hundred times a second.
+    environment = {f"distributed.nanny.pre-spawn-environ.{key}": value for key, value in (_THREADS | _MEMORY).items()}
     try:
-        made = getattr(_imported(module), name)(**asked)
+        with _imported("dask.config").set({**environment, "distributed.worker.profile.enabled": False}):
+            made = getattr(_imported(module), name)(**asked)
     except (TypeError, ValueError, RuntimeError, OSError) as error:
         raise ConfigError(f"Dask's {name} cannot be made with {', '.join(asked)}: {error}") from error
     with made as running:
