@@ -16,7 +16,7 @@ BARE = {
     "python, nothing imported": "pass",
     "the libraries alone: numpy, pandas, pyarrow, h5py": "import numpy, pandas, pyarrow.parquet, h5py",
 }
-RUN, AGAIN = "mocap-id run", "mocap-id run, nothing to do"
+RUN, AGAIN = "mocap-id run", "mocap-id run once more"
 _TRIAL = "trial: sts-normal\nrecording: sts-normal.c3d\nprotocol: sit-to-stand\n"
 
 
