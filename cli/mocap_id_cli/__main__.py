@@ -71,7 +71,7 @@ def _command_line() -> None:
 def _return_memory() -> None:
     """Keep the C library, where it is glibc, from holding back the room of arrays that are gone.
 
-    It learns from every large array to keep the next one's room for itself: a fifth of a long recording's peak.
+    It learns from every large array to keep the next one's room for itself: a tenth of a long recording's peak.
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):
         for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
