@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
@@ -10,6 +11,7 @@ import typer
 
 from mocap_id.workflows import simulate as simulation
 from mocap_id.workflows.simulate import Cohort, Kind, Options, RobotSet, Strategy
+from mocap_id.workflows.simulate.people import read_people
 from mocap_id.workflows.simulate.plate import Sense
 from mocap_id.workflows.simulate.ur5 import JointName, Speed
 
@@ -33,6 +35,15 @@ ChairMass = Annotated[float, typer.Option(help="Of the chair on its plate, kg.")
 Attempts = Annotated[int, typer.Option(help="Rises that are broken off before the last ones.")]
 Hold = Annotated[float, typer.Option(help="Stop of the last rise half-way, s.")]
 Rail = Annotated[float, typer.Option(help="Share of the weight on a rail while rising.")]
+
+PeopleText = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME=VALUE,...",
+        show_default=False,
+        help="What real people have beside: hip_gap_mm, lumbar_deg, arm_swing_deg, heel_lift_mm, held_mass_kg.",
+    ),
+]
 
 
 def simulating() -> typer.Typer:
@@ -76,6 +87,7 @@ def trial_command(kind: Kind) -> Callable[..., None]:
         attempts: Attempts = Options.attempts,
         hold: Hold = Options.hold,
         rail: Rail = Options.rail,
+        people: PeopleText = "",
         joint: Annotated[JointName | None, typer.Option(help="Of the thesis's robot; any robot without.")] = None,
         speed: Annotated[Speed, typer.Option(help="Of that joint: 0.25 or 0.5 Hz.")] = Options.speed,
         orientation: Annotated[float, typer.Option(help="Yaw of that robot, degrees.")] = Options.orientation,
@@ -106,7 +118,7 @@ def trial_command(kind: Kind) -> Callable[..., None]:
             speed=speed,
             orientation=orientation,
         )
-        typer.echo(simulation.simulate(kind, folder, options))
+        typer.echo(simulation.simulate(kind, folder, replace(options, people=read_people(people))))
 
     return command
 
@@ -158,6 +170,7 @@ def cohort(
     plate_bias: PlateBias = Options.plate_bias,
     clock_offset: ClockOffset = Options.clock_offset,
     seat_plate: SeatPlate = Options.seat_plate,
+    people: PeopleText = "",
 ) -> None:
     """Make the recordings of several persons with their exact truth and a study.yaml that is ready to run."""
     options = Options(
@@ -173,6 +186,7 @@ def cohort(
         plate_bias=plate_bias,
         clock_offset=clock_offset,
         seat_plate=seat_plate,
+        people=read_people(people),
     )
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
     typer.echo(simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options)))

@@ -18,7 +18,7 @@ from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.judge import judge
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.optimality import Optimality
-from mocap_id.dynamics.predict import agreement, predict
+from mocap_id.dynamics.predict import agreement, chain_noise, predict
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, arcs, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
@@ -103,7 +103,7 @@ def test_gaps_in_states_and_wrench_stay_out_of_the_fit() -> None:
         assert not used[low - reach : high + reach].any()
     assert used.sum() > 1000
     assert (np.abs(found.base - truth()) < 4 * found.base_sd).all()
-    model = predict(prepared, found, independent(holed), 20.0)
+    model = predict(prepared, found, chain_noise(prepared, found, independent(holed)), 20.0)
     assert np.isnan(model.wrench[320]).all()
     assert np.isfinite(model.wrench[905]).all()
     assert np.isfinite(model.wrench_sd[905]).all()
@@ -229,7 +229,7 @@ def test_what_the_components_do_not_tell_is_not_given(components: tuple[int, ...
     """Wrench, centre of pressure and torques: right where there are values, and no values where there is no right."""
     recorded = moving_body(noise=NOISE)
     prepared, found = identified(recorded, FitSettings(components=components))
-    model = predict(prepared, found, independent(recorded), 20.0)
+    model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
     assert model.untold == untold
     torque = planar_torque_regressor(CENTRES, recorded.q, prepared.regressor) @ BODY.ravel()
     wrench = prepared.regressor @ BODY.ravel()

@@ -15,7 +15,7 @@ from mocap_id.dynamics.grid import segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.model_error import model_error
-from mocap_id.dynamics.predict import Prediction, predict
+from mocap_id.dynamics.predict import Prediction, chain_noise, predict
 from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -128,7 +128,7 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[Simulated, Exact, Pr
     found = identify(prepared, free, segment_grid(centres, segment, local), reference, error)
     correlation = acceleration_correlation(recorded.q, centres, segment, local, states.noise.sigma_v)
     inner = (state.time > 0.5) & (state.time < state.time[-1] - 0.5)
-    return made, state, predict(prepared, found, correlation, 20.0), free & inner
+    return made, state, predict(prepared, found, chain_noise(prepared, found, correlation), 20.0), free & inner
 
 
 TRIALS = [(0, "normal", 1.0), (1, "dynamic", 1.0), (2, "stable", 1.0), (3, "normal", 0.0), (4, "normal", 2.0)]
@@ -172,7 +172,7 @@ def test_the_torques_deviations_follow_those_of_tauz(component: int, factor: flo
     missed = recorded.wrench.copy()
     missed[:, component] += 10.0 * coloured(noise, len(missed))
     usual, wider = (
-        predict(with_wrench, found, independent(recorded), 20.0)
+        predict(with_wrench, found, chain_noise(with_wrench, found, independent(recorded)), 20.0)
         for with_wrench in (prepared, prepare(replace(recorded, wrench=missed), FitSettings()))
     )
     assert np.mean(wider.wrench_sd[:, component]) > 3.0 * np.mean(usual.wrench_sd[:, component])

@@ -19,7 +19,7 @@ from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.store import Table, Tree, hdf5, parquet
-from mocap_id.store.schemas import CHAIN, STATES, WRENCH
+from mocap_id.store.schemas import CHAIN, POSES, STATES, WRENCH
 
 MASS = float(BODY[:, 0].sum())
 SEGMENT = np.repeat([0, 1, 2, 3], 3)
@@ -61,6 +61,7 @@ def context(
         "states.parquet": Table(STATES, states, {"sigma_v": [300.0] * joints}),
         "wrench.parquet": Table(WRENCH, wrench, told),
         "chain.h5": Tree(CHAIN, chain),
+        "poses.parquet": Table(POSES, states[["time"]], {"bodies": []}),
         "skin.h5": skin_artefact.as_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
     }
     return Context(keys, IdentifyDimSettings(**settings), inputs)

@@ -14,7 +14,7 @@ from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.grid import segment_grid
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
-from mocap_id.dynamics.predict import predict
+from mocap_id.dynamics.predict import chain_noise, predict
 from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.regressor import planar_regressor
@@ -183,7 +183,7 @@ def test_predictions_are_as_far_off_as_they_say(told: float) -> None:
     prepared = prepare(Recorded(**{**recorded.__dict__, **states}), FitSettings(cutoff=3.0))
     grid = segment_grid(CENTRES, np.repeat([1, 2, 3], 2), np.tile([[-0.1, 0.0], [0.1, 0.8]], (3, 1)))
     found = identify(prepared, np.ones(len(noisy), dtype=bool), grid, np.full(16, np.nan), NO_ERROR)
-    model = predict(prepared, found, independent(recorded), 20.0)
+    model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
     truth = planar_regressor(CENTRES, recorded.q, recorded.dq, recorded.ddq) @ BODY.ravel()
     for error, sd in (
         (model.wrench - truth, model.wrench_sd),

@@ -82,9 +82,9 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("a.c3d")), protocol="robot-joint", encoder=encoder)
     inputs = {
         "planar.parquet": Table(PLANAR, frame, {"rate_hz": RATE}),
-        "chain.h5": Tree(CHAIN, {"joints": joints, "markers": markers}),
+        "chain.h5": Tree(CHAIN, {"joints": joints, "segments": {"name": np.array(["base", "link"])}, "markers": markers}),
     }
-    states, _, _, beside = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
+    states, _, _, beside, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table) and isinstance(beside, Table)
     conform(states)
     conform(beside)

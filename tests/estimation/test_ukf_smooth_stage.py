@@ -64,6 +64,7 @@ def chain(moving: Moving) -> Tree:
             "centre": moving.centres,
             "covariance": np.tile(1e-6 * np.eye(2), (2, 1, 1)),
         },
+        "segments": {"name": np.array(["foot", "shank", "thigh"], dtype=object)},
         "markers": {
             "name": np.array(names, dtype=object)[order],
             "segment": segment[order],

@@ -35,6 +35,11 @@ class BaseSet:
     regrouping: FloatArray
 
 
+def every_parameter(count: int) -> BaseSet:
+    """The set that keeps all ``count`` full parameters, for a fit in which a prior tells them apart."""
+    return BaseSet(np.arange(count), np.eye(count))
+
+
 def triangular_factor(rows: FloatArray) -> FloatArray:
     """R of the QR decomposition of rows (r, p): all that least squares needs to know of them, in (p, p)."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)

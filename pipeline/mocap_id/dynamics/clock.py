@@ -69,6 +69,7 @@ def profile_offset(
     time: FloatArray,
     weights: FloatArray,
     limit: float,
+    prior: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[float, bool]:
     """Offset at which the best-fitting parameters leave the least residual.
 
@@ -87,6 +88,8 @@ def profile_offset(
         Weight of each component's residual.
     limit : float
         Offsets up to ± this are tried, s.
+    prior : ((p, b) array, (p,) array), optional
+        Rows and right-hand side of a prior of the parameters.
 
     Returns
     -------
@@ -95,10 +98,13 @@ def profile_offset(
     at_edge : bool
         The least residual lies at an end of the search: there is no minimum inside.
     """
-    basis, _ = np.linalg.qr((regressor * weights[:, None]).reshape(-1, regressor.shape[-1]))
+    weighted = (regressor * weights[:, None]).reshape(-1, regressor.shape[-1])
+    more, aim = (np.zeros((0, weighted.shape[1])), np.zeros(0)) if prior is None else prior
+    basis, _ = np.linalg.qr(np.concatenate([weighted, more]))
 
     def costs(offsets: FloatArray) -> FloatArray:
         targets = (wrench(time - offsets[:, None]) * weights).reshape(len(offsets), -1)
+        targets = np.concatenate([targets, np.broadcast_to(aim, (len(offsets), len(aim)))], axis=1)
         rest = targets - (targets @ basis) @ basis.T
         return np.asarray(np.einsum("or,or->o", rest, rest))
 

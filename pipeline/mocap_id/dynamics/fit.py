@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import triangular_factor
@@ -14,9 +16,13 @@ from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.solve import Compressed
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
+Rows: TypeAlias = tuple[FloatArray, FloatArray]
+"""Rows (r, b) and right-hand side (r,) of a least-squares problem."""
+
 _ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
 LEAST_SECONDS = 1.0
 DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
+_MEMORY = 0.12  # s: residuals on measured poses stay correlated for so long
 _SHARP = 0.01  # s: an offset less certain than this is not applied
 _LEAST_SPREAD = 1e-4  # of a component's rms: residuals below that are rounding and must not make a weight explode
 
@@ -44,7 +50,8 @@ class Fit:
     applied : bool
         The offset in force is the one that was found.
     weights : (c,) array
-        Inverse residual spread of each component.
+        Inverse residual spread of each component; with a prior times the root of the share of the samples that are
+        independent, so that both count as what they are worth.
     problem : Compressed
         Weighted rows, b + k columns.
     design : (R, c, b + k + 1) array
@@ -55,6 +62,8 @@ class Fit:
         Of base parameters, nuisance and offset, from the residuals.
     condition, condition_scaled : float
         Of the stacked, filtered, gated minimal regressor, in SI and with unit columns.
+    prior : ((p, b + k) array, (p,) array) or None
+        Rows and right-hand side of the prior; ``problem`` and ``covariance`` hold it too.
     """
 
     in_fit: BoolArray
@@ -72,6 +81,25 @@ class Fit:
     covariance: FloatArray
     condition: float
     condition_scaled: float
+    prior: Rows | None = None
+
+    def response(self, wrench: FloatArray) -> FloatArray:
+        """By how much (b + k + 1, s) constant errors (c, s) of the weighted wrench move what is fitted."""
+        rows = self.design.reshape(-1, self.design.shape[-1])
+        seen = np.repeat(np.asarray(wrench)[None], len(self.design), axis=0).reshape(len(rows), -1)
+        if self.prior is not None:
+            rows = np.concatenate([rows, np.pad(self.prior[0], ((0, 0), (0, 1)))])
+            seen = np.pad(seen, ((0, len(self.prior[0])), (0, 0)))
+        factor = triangular_factor(rows)
+        half = solve_triangular(factor, rows.T @ seen, trans="T")
+        return np.asarray(solve_triangular(factor, half))
+
+    @property
+    def prior_precision(self) -> FloatArray:
+        """Precision matrix of the prior over the fitted parameters (b + k + 1, b + k + 1); zeros without one."""
+        size = self.design.shape[-1]
+        own = np.zeros((0, size)) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
+        return np.asarray(own.T @ own)
 
 
 def select(prepared: Prepared, gate: BoolArray) -> BoolArray:
@@ -87,6 +115,8 @@ def determined(prepared: Prepared, gate: BoolArray) -> bool:
     chosen = select(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
         return False
+    if prepared.prior is not None:
+        return True
     rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.step]]
     return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
@@ -109,20 +139,22 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     samples = np.flatnonzero(in_fit)[:: prepared.step]
     time = prepared.recorded.time[samples]
     design = _design(prepared, samples)
-    weights, found, at_edge = np.ones(len(settings.components)), 0.0, True
+    prior = None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
+    independent = 1.0 if prior is None else float(np.sqrt(min(1.0, prepared.step / (prepared.recorded.rate * _MEMORY))))
+    weights, found, at_edge = np.full(len(settings.components), independent), 0.0, True
     for _ in range(_ROUNDS):
         found, at_edge = profile_offset(
-            design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit
+            design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit, prior
         )
-        weights = _weights(design, _measured(prepared, samples, time - found), weights)
-    extended, covariance = _covariance(prepared, samples, found, design, weights)
+        weights = independent * _weights(design, _measured(prepared, samples, time - found), weights, prior)
+    extended, covariance = _covariance(prepared, samples, found, design, weights, prior)
     offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
     known = not at_edge and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
         offset = 0.0
-        weights = _weights(design, _measured(prepared, samples, time), weights)
-        extended, covariance = _covariance(prepared, samples, offset, design, weights)
+        weights = independent * _weights(design, _measured(prepared, samples, time), weights, prior)
+        extended, covariance = _covariance(prepared, samples, offset, design, weights, prior)
     base = prepared.filtered.shape[-1]
     target = _measured(prepared, samples, time - offset) * weights
     condition, condition_scaled = conditions(design[..., :base])
@@ -136,13 +168,22 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
         offset_known=known,
         applied=applied,
         weights=weights,
-        problem=Compressed.of(extended[..., :-1].reshape(target.size, -1), target.reshape(-1)),
+        problem=_problem(extended[..., :-1], target, prior),
         design=extended,
         target=target,
         covariance=covariance,
         condition=condition,
         condition_scaled=condition_scaled,
+        prior=prior,
     )
+
+
+def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> Compressed:
+    """Least squares over weighted rows (R, c, b + k), and over the prior's."""
+    rows, aim = design.reshape(-1, design.shape[-1]), target.reshape(-1)
+    if prior is not None:
+        rows, aim = np.concatenate([rows, prior[0]]), np.concatenate([aim, prior[1]])
+    return Compressed.of(rows, aim)
 
 
 def _design(prepared: Prepared, samples: IntArray) -> FloatArray:
@@ -164,29 +205,35 @@ def _measured(prepared: Prepared, samples: IntArray, stamped: FloatArray) -> Flo
     return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
-def _residual(design: FloatArray, target: FloatArray) -> FloatArray:
-    """Least-squares residual (R, c)."""
-    solution = Compressed.of(design.reshape(-1, design.shape[-1]), target.reshape(-1)).free_solution()
-    return target - design @ solution
+def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> FloatArray:
+    """Least-squares residual (R, c) of the data."""
+    return target - design @ _problem(design, target, prior).free_solution()
 
 
-def _weights(design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+def _weights(design: FloatArray, target: FloatArray, weights: FloatArray, prior: Rows | None) -> FloatArray:
     """Inverse residual spread of each component, after a fit with these weights."""
-    residual = _residual(design * weights[:, None], target * weights) / weights
+    residual = _residual(design * weights[:, None], target * weights, prior) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
     return np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
 
 
 def _covariance(
-    prepared: Prepared, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
+    prepared: Prepared,
+    samples: IntArray,
+    offset: float,
+    design: FloatArray,
+    weights: FloatArray,
+    prior: Rows | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted rows with the offset's column, and the parameters' covariance from the residuals."""
     time = prepared.recorded.time[samples]
     rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
     weighted = design * weights[:, None]
     extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
-    residual = _residual(weighted, _measured(prepared, samples, time - offset) * weights)
-    return extended, block_covariance(extended, residual, time_blocks(time, prepared.settings.block))
+    residual = _residual(weighted, _measured(prepared, samples, time - offset) * weights, prior)
+    blocks = time_blocks(time, prepared.settings.block)
+    more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
+    return extended, block_covariance(extended, residual, blocks, more)
 
 
 def conditions(rows: FloatArray) -> tuple[float, float]:

@@ -35,10 +35,13 @@ class HeldOut:
     ----------
     samples : (T,) bool array
         Samples of the fit that were predicted: those of every fold that determined a model.
-    wrench : (T, 3) array
-        The predictions of the ground's wrench, N and N·m; NaN elsewhere.
-    measured : (T, 3) array
-        The wrench at the clock and less the plate bias that the fold found without the repetition; NaN elsewhere.
+    part : (T,) int array
+        Part of each sample.
+    wrench, measured : (T, 3) arrays
+        The predictions of the ground's wrench, and the measured one at the clock and less the plate bias that the fold
+        found without the repetition, N and N·m; NaN elsewhere.
+    filtered, filtered_measured : (T, 3) arrays
+        The same after the low-pass of the fit.
     base : (K, b) array
         Base parameters of each fold.
     offset : (K,) array
@@ -46,8 +49,11 @@ class HeldOut:
     """
 
     samples: BoolArray
+    part: IntArray
     wrench: FloatArray
     measured: FloatArray
+    filtered: FloatArray
+    filtered_measured: FloatArray
     base: FloatArray
     offset: FloatArray
 
@@ -97,8 +103,7 @@ def hold_out(
     """
     seen = np.stack([_without(prepared, gate, part, k) for k in range(int(part.max()) + 1)])  # (K, T)
     stacks = _stacks(found, seen[:, found.samples])
-    shape = (len(part), 3)
-    samples, wrench, measured = np.zeros(shape[0], dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
+    samples, series = np.zeros(len(part), dtype=bool), np.full((4, len(part), 3), np.nan)
     base, offset = [], []
     for k, stack in enumerate(stacks):
         if not _determined(stack, found, int(seen[k].sum()), prepared.recorded.rate):
@@ -108,11 +113,20 @@ def hold_out(
         base.append(parameters[: found.base])
         offset.append(found.offset + shift)
         samples |= out
-        wrench[out] = prepared.rows[out] @ base[-1] - prepared.elsewhere(offset[-1])[out]
-        measured[out] = _measured(prepared, out, offset[-1], parameters[found.base :])
+        bias = parameters[found.base :].sum() * np.array([1.0, 0.0, 0.0])
+        for row, (rows, wrench) in enumerate(_sides(prepared, out, offset[-1])):
+            series[2 * row, out], series[2 * row + 1, out] = rows @ base[-1], wrench - bias
+        elsewhere = prepared.elsewhere(offset[-1])[out]
+        series[:2, out] -= elsewhere
     if not samples.any():
         return None
-    return HeldOut(samples, wrench, measured, np.array(base), np.array(offset))
+    return HeldOut(samples, part, *series, np.array(base), np.array(offset))
+
+
+def _sides(prepared: Prepared, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Regressor (R, 3, b) and wrench (R, 3) of all surroundings at some samples (T,): as they are, and filtered."""
+    filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
+    return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
 
 
 def _without(prepared: Prepared, gate: BoolArray, part: IntArray, k: int) -> BoolArray:
@@ -126,11 +140,13 @@ def _stacks(found: Fit, seen: BoolArray) -> list[FloatArray]:
     Columns are those of the design, then the target. Samples that the same folds see are compressed together.
     """
     rows = np.concatenate([found.design, found.target[..., None]], axis=-1)  # (R, c, b + k + 2)
+    prior = np.zeros((0, rows.shape[-1]))
+    if found.prior is not None:  # it counts in every fold as in the whole fit
+        prior = np.column_stack([np.pad(found.prior[0], ((0, 0), (0, 1))), found.prior[1]])
     patterns, pattern = np.unique(seen, axis=1, return_inverse=True)
     factors = [triangular_factor(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
-    empty = np.zeros((0, rows.shape[-1]))
     return [
-        triangular_factor(np.concatenate([empty, *(f for f, has in zip(factors, fold, strict=True) if has)]))
+        triangular_factor(np.concatenate([prior, *(f for f, has in zip(factors, fold, strict=True) if has)]))
         for fold in patterns
     ]
 
@@ -154,10 +170,3 @@ def _at_own_clock(stack: FloatArray, found: Fit) -> tuple[Compressed, float]:
     free = np.linalg.lstsq(stack[:, :-1], target, rcond=None)[0]
     shift = float(free[-1]) if found.applied else 0.0
     return Compressed.of(stack[:, :-2], target - shift * rate), shift
-
-
-def _measured(prepared: Prepared, out: BoolArray, offset: float, bias: FloatArray) -> FloatArray:
-    """The ground's unfiltered wrench (R, 3) at some samples (T,) and a clock offset, less a constant error of Fx."""
-    values = prepared.ground(offset)[out]
-    values[:, 0] -= bias.sum()
-    return values

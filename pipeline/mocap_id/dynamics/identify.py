@@ -131,7 +131,7 @@ def _alone(
     base, own = solution.parameters[: found.base], slice(found.base)
     response = kinematic_response(prepared, found, base, error)
     kinematic = response @ response.T
-    covariance = found.covariance + kinematic + _plate_covariance(prepared, len(kinematic))
+    covariance = found.covariance + kinematic + _plate_covariance(prepared, found)
     sd = np.sqrt(np.diag(covariance))
     biased = len(solution.parameters) > found.base
     return Identification(
@@ -185,14 +185,19 @@ def _pulled(
     )
 
 
-def _plate_covariance(prepared: Prepared, size: int) -> FloatArray:
-    """Covariance (size, size) that constant errors of Fy and tauz cause.
+def _plate_covariance(prepared: Prepared, found: Fit) -> FloatArray:
+    """Covariance of base parameters, nuisance and offset that constant errors of Fy and tauz cause.
 
     Gravity turns the mass into a constant Fy and the base's first moment into a constant tauz: a constant error of
-    the plate is a wrong m1 or mx1, and nothing else.
+    the plate is a wrong m1 or mx1, and nothing else. With a prior it is shared between the bodies as the fit does.
     """
+    size, gravity = found.design.shape[-1], prepared.settings.gravity
+    if found.prior is not None:
+        components = prepared.settings.components
+        sd = [prepared.settings.plate_zero[c - 1] if c else 0.0 for c in components]
+        moved = found.response(np.diag(sd) * found.weights)
+        return np.asarray(moved @ moved.T)
     variance = np.zeros(size)
-    gravity = prepared.settings.gravity
-    for column, sd in enumerate(prepared.settings.plate_zero):
-        variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd / gravity) ** 2
+    for column, sd_of in enumerate(prepared.settings.plate_zero):
+        variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd_of / gravity) ** 2
     return np.diag(variance)

@@ -81,6 +81,8 @@ def kinematic_response(prepared: Prepared, found: Fit, base: FloatArray, error: 
     (b + k + 1, S) array
         In the order of ``found.covariance``, which its outer product is to be added to.
     """
+    if error.centre.shape[-1] == 0:
+        return np.zeros((found.design.shape[-1], 0))
     chosen = slice(None, None, max(1, len(found.samples) // _SAMPLES))
     samples, design = found.samples[chosen], found.design[chosen]
     components = list(prepared.settings.components)
@@ -111,6 +113,9 @@ def torque_variance(prepared: Prepared, base: FloatArray, error: KinematicError,
     recorded, kept = prepared.recorded, prepared.base.kept
     known = np.flatnonzero(np.isfinite(prepared.regressor).all(axis=(1, 2)))
     variance = np.full(recorded.q.shape, np.nan)
+    if error.centre.shape[-1] == 0:
+        variance[known] = 0.0
+        return variance
     if not len(known):
         return variance
 

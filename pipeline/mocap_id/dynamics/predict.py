@@ -15,9 +15,8 @@ from mocap_id.dynamics.kinematic_error import torque_variance
 from mocap_id.dynamics.model_error import ModelError, model_error
 from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, planar_torque_regressor
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, torque_regressor
 from mocap_id.dynamics.uncertainty import variance
-from mocap_id.geometry import planar
 
 _MOMENT = WRENCH_COMPONENTS.index("tauz")  # fitted wherever the torques are told: moments of inertia enter it alone
 
@@ -65,18 +64,66 @@ class Agreement:
     r2: float
 
 
-def predict(prepared: Prepared, found: Identification, correlation: FloatArray, threshold: float) -> Prediction:
+@dataclass(frozen=True)
+class Noise:
+    """Errors of a model's wrench and torques beside those of its parameters.
+
+    Parameters
+    ----------
+    wrench : (T, 3, 3) array
+        Covariance, N² and (N·m)².
+    torque : (T, n) array
+        Variance, (N·m)².
+    """
+
+    wrench: FloatArray
+    torque: FloatArray
+
+
+def predict(prepared: Prepared, found: Identification, noise: Noise, threshold: float) -> Prediction:
     """Wrench, centre of pressure and joint torques of a model at every sample.
 
     With Fy and tauz fitted, all of them are combinations of the base parameters: what the wrench does not feel, the
     joints do not. What is outside the span of the fitted components is NaN and named.
 
-    Standard deviations hold the parameters' covariance and the noise of the accelerations; those of angles and
-    velocities are small beside it. The noise has its shape, over time and between the joints, from the states, and
-    its size from the plate (:mod:`mocap_id.dynamics.model_error`), which also shows the part of the wrench's error that
-    does not follow it. The torques are moments like tauz, and their noise takes its size from that of tauz. The wrench
-    was fitted with this geometry, whose errors the parameters make up for: there the covariance from the residuals
-    counts. The torques were not.
+    Parameters
+    ----------
+    prepared : Prepared
+    found : Identification
+    noise : Noise
+        :func:`chain_noise` or :func:`shown_noise`.
+    threshold : float
+        Vertical force up to which there is no centre of pressure, N.
+    """
+    base, own = found.base, found.residual_covariance
+    full_torque = torque_regressor(prepared.motion, prepared.regressor)
+    placed = np.isfinite(prepared.motion.joint).any(axis=(0, 2))
+    told, torque_told = _told(prepared.regressor, prepared), _told(full_torque, prepared) & placed
+    rows = np.where(told[:, None], prepared.rows, np.nan)
+    torque_rows = np.where(torque_told[:, None], full_torque[:, :, prepared.base.kept], np.nan)
+    elsewhere, relieved = _relief(prepared, found.fit.offset)
+    wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
+    cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
+    cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
+    return Prediction(
+        wrench=wrench,
+        wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
+        cop=centre_of_pressure(wrench, threshold),
+        cop_sd=np.sqrt(variance(cop_rows, own) + _variance_of(cop_own[:, None], noise.wrench)[:, 0]),
+        torque=torque,
+        torque_sd=np.sqrt(variance(torque_rows, own) + noise.torque),
+        untold=_untold(told, torque_told),
+    )
+
+
+def chain_noise(prepared: Prepared, found: Identification, correlation: FloatArray) -> Noise:
+    """Noise of the accelerations of a pinned chain; those of angles and velocities are small beside it.
+
+    The noise has its shape, over time and between the joints, from the states, and its size from the plate
+    (:mod:`mocap_id.dynamics.model_error`), which also shows the part of the wrench's error that does not follow it. The
+    torques are moments like tauz, and their noise takes its size from that of tauz. The wrench was fitted with this
+    geometry, whose errors the parameters make up for: there the covariance from the residuals counts. The torques were
+    not.
 
     Parameters
     ----------
@@ -84,37 +131,46 @@ def predict(prepared: Prepared, found: Identification, correlation: FloatArray, 
     found : Identification
     correlation : (T, n, n) array
         Of the joint accelerations' errors.
-    threshold : float
-        Vertical force up to which there is no centre of pressure, N.
     """
     recorded, base = prepared.recorded, found.base
-    torque_regressor = planar_torque_regressor(recorded.centres, recorded.q, prepared.regressor)
-    told, torque_told = _told(prepared.regressor, prepared), _told(torque_regressor, prepared)
-    rows = np.where(told[:, None], prepared.rows, np.nan)
-    torque_rows = np.where(torque_told[:, None], torque_regressor[:, :, prepared.base.kept], np.nan)
-    needed, (elsewhere, relieved) = rows @ base, _relief(prepared, found.fit.offset)
-    wrench, torque = needed - elsewhere, torque_rows @ base - relieved
+    needed = np.where(_told(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
     noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
     wrench_gain, torque_gain = _acceleration_gains(recorded, base, prepared)
     errors = _model_errors(prepared, found, needed, _variance_of(wrench_gain, noise))
-    steady = np.diag([error.steady for error in errors])
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
     torque_gain *= np.sqrt(errors[_MOMENT].overall)
-    cop_gain = centre_of_pressure_rows(wrench_gain, wrench, threshold)
-    cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
-    cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
-    own = found.residual_covariance
+    steady = np.diag([error.steady for error in errors])
     geometry = torque_variance(prepared, base, found.error, found.response)
-    return Prediction(
-        wrench=wrench,
-        wrench_sd=np.sqrt(variance(rows, own) + _variance_of(wrench_gain, noise) + np.diag(steady)),
-        cop=centre_of_pressure(wrench, threshold),
-        cop_sd=np.sqrt(
-            variance(cop_rows, own) + _variance_of(cop_gain[:, None], noise)[:, 0] + variance(cop_own, steady)
-        ),
-        torque=torque,
-        torque_sd=np.sqrt(variance(torque_rows, own) + geometry + _variance_of(torque_gain, noise)),
-        untold=_untold(told, torque_told),
+    return Noise(
+        wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
+        torque=geometry + _variance_of(torque_gain, noise),
+    )
+
+
+def shown_noise(
+    prepared: Prepared, found: Identification, residual: FloatArray, centre_sd: FloatArray, parameters: float = 0.0
+) -> Noise:
+    """Noise of measured motion, of the size that residuals show.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    found : Identification
+    residual : (R, 3) array
+        Model less measurement, within the band of the fit: of repetitions that were left out, where there are any.
+    centre_sd : (n,) array
+        Standard deviation of each joint's centre, m; it moves the torque by the force through the joint.
+    parameters : float
+        Of the residual's squares, the share that fitting has taken away; 0 for repetitions that were left out.
+    """
+    covariance = residual.T @ residual / max(len(residual), 1) / max(1.0 - parameters, 0.1)
+    jacobian, size = prepared.motion.jacobian, len(prepared.regressor)
+    carried = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
+    force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], carried * found.base)
+    moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
+    return Noise(
+        wrench=np.broadcast_to(covariance, (size, 3, 3)),
+        torque=moment + centre_sd**2 * np.sum(force**2, axis=2),
     )
 
 
@@ -133,8 +189,7 @@ def _relief(prepared: Prepared, offset: float) -> tuple[FloatArray, FloatArray]:
     """What external wrenches take off the ground (T, 3) and off the joints (T, n)."""
     recorded = prepared.recorded
     wrenches, segment = stacked(recorded.external, prepared.external(offset), len(recorded.time))
-    jacobian = planar.spatial_jacobian(recorded.q, recorded.centres)
-    return relief(jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
+    return relief(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
 
 
 def _told(regressor: FloatArray, prepared: Prepared) -> BoolArray:

@@ -9,11 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base import BaseSet, base_set
+from mocap_id.dynamics.base import BaseSet, base_set, every_parameter
 from mocap_id.dynamics.clock import SampledWrench
 from mocap_id.dynamics.external import SEAT, External
+from mocap_id.dynamics.loose_prior import BodyPrior
 from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known, restored
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.motion import Motion, chain_motion
+from mocap_id.dynamics.regressor import wrench_regressor
+
+_MEASURED_CUTOFF = 5.0  # Hz: people move below, and the poses were filtered before
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ class Recorded:
         Measured wrenches of other surroundings than the ground on the body.
     averaged : float
         Every sample of the plates is a mean over so long, s; 0 where it is a moment's.
+    measured : Motion or None
+        Motion of the bodies from their own measured poses; None for that of the pinned chain.
     """
 
     time: FloatArray
@@ -51,6 +57,12 @@ class Recorded:
     centres: FloatArray
     external: tuple[External, ...] = ()
     averaged: float = 0.0
+    measured: Motion | None = None
+
+    @property
+    def motion(self) -> Motion:
+        """The motion that the wrench belongs to: the measured one where there is one, else the chain's."""
+        return self.measured or chain_motion(self.centres, self.q, self.dq, self.ddq)
 
     @property
     def rate(self) -> float:
@@ -95,7 +107,7 @@ class FitSettings:
     components : tuple of int
         Rows of (Fx, Fy, tauz) to fit.
     cutoff : float or None
-        Low-pass of regressor and wrench, Hz; None takes :func:`cutoff_from_velocity`.
+        Low-pass of regressor and wrench, Hz; None takes :func:`cutoff_from_velocity`, for measured poses 5 Hz.
     offset_limit : float
         Clock offsets up to ± this are tried, s.
     apply_offset : bool
@@ -142,6 +154,8 @@ class Prepared:
         What other sensors read, on the cameras' clock.
     usable : (T,) bool array
         Samples whose filtered regressor and wrench are known, the wrench at every offset within the limit.
+    prior : BodyPrior or None
+        Of the full parameters, all of which are then fitted: ``base`` keeps every column.
     """
 
     recorded: Recorded
@@ -155,11 +169,17 @@ class Prepared:
     sensors: FloatArray
     filtered_sensors: FloatArray
     usable: BoolArray
+    prior: BodyPrior | None = None
 
     @property
     def step(self) -> int:
         """Every how many-th sample holds all that the filtered signals say."""
         return self.lowpass.step
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion that the regressor was built from."""
+        return self.recorded.motion
 
     @cached_property
     def rows(self) -> FloatArray:
@@ -198,14 +218,24 @@ class Prepared:
         return self.filtered_wrench(stamped) + self.filtered_sensors[samples]
 
 
-def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
-    """Build the regressor, find the base parameters, filter both sides alike and mark what may be used."""
-    regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, settings.gravity)
+def prepare(recorded: Recorded, settings: FitSettings, prior: BodyPrior | None = None) -> Prepared:
+    """Build the regressor, find the base parameters, filter both sides alike and mark what may be used.
+
+    Parameters
+    ----------
+    recorded : Recorded
+    settings : FitSettings
+    prior : BodyPrior, optional
+        Of the full parameters; with it all of them are fitted, not the base parameters alone.
+    """
+    regressor = wrench_regressor(recorded.motion, settings.gravity)
     moving = known(regressor)
-    cutoff = settings.cutoff if settings.cutoff is not None else cutoff_from_velocity(recorded.dq, recorded.rate)
-    lowpass = LowPass(cutoff, recorded.rate)
-    selected = regressor[moving][:: lowpass.step, list(settings.components), :]
-    base = base_set(selected.reshape(-1, regressor.shape[-1]))
+    lowpass = LowPass(_cutoff(recorded, settings), recorded.rate)
+    if prior is None:
+        selected = regressor[moving][:: lowpass.step, list(settings.components), :]
+        base = base_set(selected.reshape(-1, regressor.shape[-1]))
+    else:
+        base = every_parameter(regressor.shape[-1])
     wrench, sensors = _whole(recorded.plates), _whole(recorded.sensors)
     filtered_wrench = _filtered(recorded, lowpass, wrench)
     limit = int(np.ceil(settings.offset_limit * recorded.rate)) + 1
@@ -223,7 +253,17 @@ def prepare(recorded: Recorded, settings: FitSettings) -> Prepared:
         sensors=sensors,
         filtered_sensors=lowpass(sensors),
         usable=usable,
+        prior=prior,
     )
+
+
+def _cutoff(recorded: Recorded, settings: FitSettings) -> float:
+    """Of the low-pass, Hz."""
+    if settings.cutoff is not None:
+        return settings.cutoff
+    if recorded.measured is not None:
+        return min(_MEASURED_CUTOFF, recorded.rate / 5)
+    return cutoff_from_velocity(recorded.dq, recorded.rate)
 
 
 def _filtered(recorded: Recorded, lowpass: LowPass, wrench: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.motion import Motion, chain_motion, point_acceleration
 from mocap_id.geometry import Chain, motion, planar, se3, so3, spatial_jacobian
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -131,6 +132,53 @@ def joint_of_coordinate(chain: Chain) -> IntArray:
     return np.repeat(np.arange(1, len(chain.joints) + 1), [joint.dimension for joint in chain.joints])
 
 
+def wrench_regressor(motion: Motion, gravity: float = 9.81) -> FloatArray:
+    """Regressor of the ground's wrench on K bodies in the plane (eq. 4.15 to 4.22 for planar links).
+
+    Parameters
+    ----------
+    motion : Motion
+    gravity : float
+        m/s², along -y.
+
+    Returns
+    -------
+    (T, 3, 4K) array
+        Rows Fx, Fy, tauz: wrench of the ground on the bodies about the plane-frame origin, plane frame. Columns
+        m, mx, my, Izz of every body about its frame's origin, in the order of the bodies.
+    """
+    acceleration = motion.acceleration.copy()
+    acceleration[..., 1] += gravity
+    blocks = np.zeros((*motion.angle.shape, 3, 4))  # (T, K, 3, 4)
+    blocks[..., :2, 0] = acceleration
+    for column, axis in ((1, np.array([1.0, 0.0])), (2, np.array([0.0, 1.0]))):
+        unit = planar.rotate(motion.angle, axis)  # the body's x, then y, in the plane frame
+        blocks[..., :2, column] = point_acceleration(unit, motion.omega, motion.alpha)
+        blocks[..., 2, column] = _cross(unit, acceleration)
+    blocks[..., 2, 3] = motion.alpha
+    blocks[..., 2, :3] += _cross(motion.origin[..., None, :], np.swapaxes(blocks[..., :2, :3], -1, -2))
+    return np.moveaxis(blocks, 1, 2).reshape(len(motion.angle), 3, -1)
+
+
+def torque_regressor(motion: Motion, regressor: FloatArray) -> FloatArray:
+    """Regressor of the joint torques in the plane, from that of the wrench.
+
+    Parameters
+    ----------
+    motion : Motion
+    regressor : (T, 3, 4K) array
+        As :func:`wrench_regressor` returns it.
+
+    Returns
+    -------
+    (T, n, 4K) array
+        tau_j is the moment about joint j of what the bodies beyond it need, N·m; NaN where a joint has no centre.
+    """
+    torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
+    carried = np.repeat(motion.beyond, len(PLANAR_PARAMETERS), axis=1)
+    return np.where(carried, torque, np.where(np.isnan(torque), np.nan, 0.0))
+
+
 def planar_regressor(
     centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, gravity: float = 9.81
 ) -> FloatArray:
@@ -150,22 +198,9 @@ def planar_regressor(
     Returns
     -------
     (T, 3, 4(n + 1)) array
-        Rows Fx, Fy, tauz: wrench of the ground on the body about the plane-frame origin, plane frame. Columns
-        m, mx, my, Izz of every segment about its frame's origin, base first.
+        As :func:`wrench_regressor`, the segments base first.
     """
-    angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
-    omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)
-    alpha = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(ddq, axis=1)], axis=1)
-    acceleration = _origin_accelerations(origin, omega, alpha, gravity)
-    blocks = np.zeros((*angle.shape, 3, 4))  # (T, n + 1, 3, 4)
-    blocks[..., :2, 0] = acceleration
-    for column, axis in ((1, np.array([1.0, 0.0])), (2, np.array([0.0, 1.0]))):
-        unit = planar.rotate(angle, axis)  # the segment's x, then y, in the plane frame
-        blocks[..., :2, column] = _point_acceleration(unit, omega, alpha)
-        blocks[..., 2, column] = _cross(unit, acceleration)
-    blocks[..., 2, 3] = alpha
-    blocks[..., 2, :3] += _cross(origin[..., None, :], np.swapaxes(blocks[..., :2, :3], -1, -2))
-    return np.moveaxis(blocks, 1, 2).reshape(len(q), 3, -1)
+    return wrench_regressor(chain_motion(centres, q, dq, ddq), gravity)
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
@@ -187,22 +222,6 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
     segment = np.repeat(np.arange(len(centres) + 1), len(PLANAR_PARAMETERS))
     jacobian = planar.spatial_jacobian(q, centres)
     return through_joints(jacobian, np.arange(1, len(centres) + 1), regressor, segment)
-
-
-def _origin_accelerations(origin: FloatArray, omega: FloatArray, alpha: FloatArray, gravity: float) -> FloatArray:
-    """Acceleration (T, n + 1, 2) of the segments' origins in the plane frame, gravity as a base moving upwards."""
-    accelerations = np.zeros_like(origin)
-    steps = _point_acceleration(np.diff(origin, axis=1), omega[:, :-1], alpha[:, :-1])
-    accelerations[:, 1:] = np.cumsum(steps, axis=1)
-    accelerations[..., 1] += gravity
-    return accelerations
-
-
-def _point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Acceleration of a point at ``arm`` (..., 2) from the origin of a body that turns."""
-    turned = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
-    acceleration: FloatArray = alpha[..., None] * turned - (omega**2)[..., None] * arm
-    return acceleration
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -15,7 +15,9 @@ def time_blocks(time: FloatArray, length: float) -> IntArray:
     return block.astype(np.int64)
 
 
-def block_covariance(design: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
+def block_covariance(
+    design: FloatArray, residual: FloatArray, block: IntArray, prior: FloatArray | None = None
+) -> FloatArray:
     """Covariance of least-squares parameters, free of any model of the residuals within a block.
 
     The sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g: what a block bootstrap converges to, without
@@ -31,22 +33,28 @@ def block_covariance(design: FloatArray, residual: FloatArray, block: IntArray) 
         Weighted.
     block : (R,) int array
         Block of each sample, 0 … G - 1.
+    prior : (p, b) array, optional
+        Rows of a prior that the parameters were fitted to as well, one standard deviation each. With X and P the rows
+        of data and prior the covariance is (XᵀX + PᵀP)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g + PᵀP) (XᵀX + PᵀP)⁻¹.
 
     Returns
     -------
     (b, b) array
     """
     columns = design.shape[-1]
-    factor = triangular_factor(design.reshape(-1, columns))
+    rows = design.reshape(-1, columns)
+    factor = triangular_factor(rows if prior is None else np.concatenate([rows, prior]))
     scores = np.einsum("rcb,rc->rb", design, residual)
     count = int(block.max()) + 1
     sums = np.zeros((count, columns))
     np.add.at(sums, block, scores)
     half = solve_triangular(factor, solve_triangular(factor, sums.T, trans="T"))  # (XᵀX)⁻¹ per block, (b, G)
-    rows = residual.size
-    correction = count / max(count - 1, 1) * (rows - 1) / max(rows - columns, 1)
+    correction = count / max(count - 1, 1) * (residual.size - 1) / max(residual.size - columns, 1)
     covariance: FloatArray = correction * (half @ half.T)
-    return covariance
+    if prior is None:
+        return covariance
+    rest = solve_triangular(factor, solve_triangular(factor, prior.T, trans="T"))
+    return np.asarray(covariance + rest @ rest.T)
 
 
 def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -73,7 +73,7 @@ def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Body:
     z = np.where(seen, points[:, columns], 0)
     template = z[int(np.argmax(seen.sum(axis=1)))]
     for _ in range(_ITERATIONS):
-        rotation, position = _poses(z, seen, template)
+        rotation, position = rigid_poses(z, seen, template)
         local = np.conj(rotation)[:, None] * (z - position[:, None])
         updated = (local * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
         updated -= updated.mean()
@@ -81,7 +81,7 @@ def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Body:
         template = updated
         if moved < _TOLERANCE:
             break
-    rotation, position = _poses(z, seen, template)
+    rotation, position = rigid_poses(z, seen, template)
     enough = seen.sum(axis=1) >= 2
     off = np.abs(z - position[:, None] - rotation[:, None] * template)[seen & enough[:, None]]
     residual = float(np.sqrt(np.mean(off**2))) if off.size else np.inf
@@ -115,8 +115,17 @@ def marker_residuals(body: Body, points: ComplexArray) -> FloatArray:
     return np.where(counts > 1, np.sqrt(square), np.inf)
 
 
-def _poses(z: ComplexArray, seen: BoolArray, template: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Rotation and position (F,) that bring the template onto each frame (closed form in the plane)."""
+def rigid_poses(z: ComplexArray, seen: BoolArray, template: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Rotation and position (F,) that bring a template onto each frame (closed form in the plane).
+
+    Parameters
+    ----------
+    z : (F, k) complex array
+        Markers, m; 0 where unseen.
+    seen : (F, k) bool array
+    template : (k,) complex array
+        Marker coordinates in the body's own frame, m.
+    """
     counts = np.maximum(seen.sum(axis=1), 1)
     centroid = z.sum(axis=1) / counts
     template_centroid = (seen * template).sum(axis=1) / counts

@@ -112,6 +112,18 @@ STATES = TableSchema(
     ),
 )
 
+POSES = TableSchema(
+    "poses.parquet",
+    1,
+    (_TIME,),
+    (
+        Column("x_{k}", "float64", "m", "centroid of the markers of body k (fact `bodies`), along the motion"),
+        Column("y_{k}", "float64", "m", "the same upwards"),
+        Column("angle_{k}", "float64", "rad", "angle of the body's frame from the plane frame"),
+        Column("markers_{k}", "int64", "", "markers that this frame's pose rests on"),
+    ),
+)
+
 MARKERS = TableSchema(
     "markers.parquet",
     1,
@@ -245,10 +257,14 @@ DYNAMICS_TREE = TreeSchema(
         Column("base/excitation", "float64", "", "(b,) norm of the column's own part, residual sds per SI unit"),
         Column("base/own_share", "float64", "", "(b,) of the whole column's norm, 0 ... 1"),
         Column("base/relative_sd", "float64", "", "(b,) standard deviation by the parameter's size"),
+        Column("base/prior_share", "float64", "1", "(b,) how much of the precision is the prior's, 0 ... 1"),
         Column("base/regrouping", "float64", "", "(b, 4(n+1)) matrix M of eq. 4.24"),
         Column("full/name", "str", "", "(4(n+1),) m, mx, my, Izz of every segment, base first"),
         Column("full/value", "float64", "", "(4(n+1),) one physically consistent solution, not identifiable alone"),
         Column("full/reference", "float64", "", "(4(n+1),) allometric values, NaN where none apply"),
+        Column("bodies/value", "float64", "", "(4K,) m, mx, my, Izz of the K bodies that were fitted (poses.parquet)"),
+        Column("bodies/reference", "float64", "", "(4K,) allometric values, NaN where none apply"),
+        Column("bodies/covariance", "float64", "", "(4K, 4K) of bodies/value; NaN for the pinned chain"),
         Column("grid/segment", "int64", "", "(p,) segment of each point mass"),
         Column("grid/position", "float64", "m", "(p, 2) in the segment frame"),
         Column(
@@ -270,6 +286,7 @@ SCHEMAS: dict[str, TableSchema | TreeSchema] = {
         MARKERS,
         SKIN,
         ENCODER,
+        POSES,
         EVENTS,
         DYNAMICS_TABLE,
         DYNAMICS_TREE,

@@ -13,11 +13,16 @@ from mocap_id.stages.lineup import LINEUP
 class IdentifyDimSettings(Settings):
     """How the dynamics are identified; the defaults suit people and robots alike."""
 
+    motion: Literal["chain", "segments"] | None = Field(
+        None,
+        description="what moves the masses: the pinned chain, or every segment's own measured pose where a joint gives "
+        "way; default: segments, for a robot's joint the chain",
+    )
     components: tuple[Literal["Fx", "Fy", "tauz"], ...] = Field(
         ("Fx", "Fy", "tauz"), min_length=1, description="components of the wrench that are fitted"
     )
     cutoff_hz: float | None = Field(
-        None, gt=0, description="low-pass of regressor and wrench, Hz; default: from the joints' velocities"
+        None, gt=0, description="low-pass of regressor and wrench, Hz; default: from the joints' velocities, on measured poses 5"
     )
     apply_clock_offset: bool = Field(True, description="take the offset between the clocks out; it is always reported")
     clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="offsets up to ± this are tried, s")
@@ -38,8 +43,9 @@ class IdentifyDimSettings(Settings):
     reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table to compare with")
     reference_sd: float = Field(0.15, gt=0, le=1, description="standard deviation of its parameters, of their size")
     reference_pulls: bool = Field(False, description="it pulls what the wrench tells too (4.13), as a prior")
-    consistency: Literal["grid", "cone", "bounded-cone"] = Field(
-        "grid", description="bodies that can exist: point masses, or their exact cone"
+    consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
+        None,
+        description="bodies that can exist: point masses, or their exact cone; default: grid, on measured poses cone",
     )
     grid: tuple[int, int] = Field((5, 9), description="point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks behind the standard deviations, s")
@@ -61,8 +67,8 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=12,
-    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet"),
+    version=13,
+    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
     uses=("trial", "protocol", "subject", "compare", "encoder"),
     settings=IdentifyDimSettings,

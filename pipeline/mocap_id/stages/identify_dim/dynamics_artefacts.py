@@ -14,6 +14,7 @@ from mocap_id.dynamics.base import BaseSet, base_names, base_units, full_names, 
 from mocap_id.dynamics.comparison import compare
 from mocap_id.dynamics.consistent import Solution
 from mocap_id.dynamics.excitation import Excitation
+from mocap_id.dynamics.fold import Fold
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.optimality import Answer
@@ -25,6 +26,7 @@ from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.sit_to_stand import Contact
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.rivals import Rivals, rival_facts
+from mocap_id.stages.identify_dim.segment_fit import filtered_measured
 from mocap_id.stages.identify_dim.validation import SERIES, Validation
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
@@ -32,17 +34,31 @@ from mocap_id.store.schemas import EVENTS
 
 @dataclass(frozen=True)
 class Identified:
-    """Everything that a successful identification puts into its artefacts."""
+    """Everything that a successful identification puts into its artefacts.
+
+    ``prepared``, ``found`` and ``rivals`` belong to the motion that was used; ``chain``, ``in_chain`` and
+    ``chain_reference`` to the chain and its parameters. With the pinned chain they are the same.
+    """
 
     prepared: Prepared
     found: Identification
+    chain: Prepared
+    in_chain: Identification
     told: Excitation
     model: Prediction
     grid: PointGrid
     rivals: Rivals
+    chain_reference: FloatArray
     contact: Contact | None
     validation: Validation
     cop_threshold: float
+    prior_share: FloatArray
+    folded: Fold | None = None
+
+    @property
+    def measured_poses(self) -> bool:
+        """The bodies' own poses were used."""
+        return self.prepared.prior is not None
 
 
 def events_table(repetitions: tuple[Repetition, ...]) -> Table:
@@ -96,23 +112,44 @@ def empty_frame(recorded: Recorded, reference: FloatArray, cop_threshold: float)
 
 def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
     """dynamics.h5."""
-    found, centres = result.found, result.prepared.recorded.centres
+    found, chain, centres = result.found, result.in_chain, result.prepared.recorded.centres
     return {
-        "base": _base(result.prepared.base, centres, found.base, found.covariance)
+        "base": _base(result.chain.base, centres, chain.base, chain.covariance)
         | {
             "verdict": np.array(result.told.verdict, dtype=object),
             "excitation": result.told.own,
             "own_share": result.told.share,
             "relative_sd": result.told.relative_sd,
+            "prior_share": result.prior_share,
         },
         "full": {
             "name": np.array(full_names(len(centres) + 1), dtype=object),
+            "value": chain.full,
+            "reference": result.chain_reference,
+        },
+        "bodies": {
             "value": found.full,
             "reference": result.rivals.chosen.parameters,
+            "covariance": _full_covariance(result),
         },
         "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.masses},
-        "held_out": validation.data(result.validation, len(found.base)),
+        "held_out": _held_out(result),
     }
+
+
+def _held_out(result: Identified) -> dict[str, FloatArray]:
+    """What the folds found, as base parameters of the chain."""
+    data = validation.data(result.validation, result.found.fit.base)
+    if result.folded is None:
+        return data
+    full = data["base"] @ result.folded.matrix.T + result.folded.constant
+    return data | {"base": full @ result.chain.base.regrouping.T}
+
+
+def _full_covariance(result: Identified) -> FloatArray:
+    """Of the bodies' full parameters; with the pinned chain what its base parameters leave open is the reference's."""
+    found = result.found
+    return found.covariance if result.measured_poses else np.full((len(found.full), len(found.full)), np.nan)
 
 
 def empty_data(
@@ -126,6 +163,7 @@ def empty_data(
     return {
         "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _untold_base(value),
         "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
+        "bodies": {"value": full, "reference": reference, "covariance": np.full((len(full), len(full)), np.nan)},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
         "held_out": {"base": np.zeros((0, len(value))), "clock_offset": np.zeros(0)},
     }
@@ -156,6 +194,7 @@ def _untold_base(value: FloatArray) -> dict[str, Any]:
         "excitation": absent,
         "own_share": absent,
         "relative_sd": absent,
+        "prior_share": absent,
     }
 
 
@@ -163,8 +202,13 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame, joints: Sequence[str
     """What summary.json says of the fit, over its samples; ``joints`` are their names."""
     found, fit, prepared = result.found, result.found.fit, result.prepared
     samples: BoolArray = frame["in_fit"].to_numpy()
-    measured, threshold = _measured(result), result.cop_threshold
-    compared = compare(result.model.wrench, measured, samples, threshold)
+    threshold, elsewhere = result.cop_threshold, prepared.elsewhere(fit.offset)
+    if result.measured_poses:
+        rows, of_model, elsewhere = prepared.filtered, prepared.filtered @ found.base, 0.0 * elsewhere
+        measured = filtered_measured(prepared, found)
+    else:
+        rows, of_model, measured = prepared.regressor, result.model.wrench, _measured(result)
+    compared = compare(of_model, measured, samples, threshold)
     return empty_facts(None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
@@ -174,15 +218,14 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame, joints: Sequence[str
         "cop_rms_m": compared.cop_rms,
         "samples": int(samples.sum()),
         "reference_table": result.rivals.chosen.table,
-        "rivals": rival_facts(
-            result.rivals, prepared.regressor, measured, samples, threshold, external=prepared.elsewhere(fit.offset)
-        ),
+        "rivals": rival_facts(result.rivals, rows, measured, samples, threshold, external=elsewhere),
         "held_out": validation.facts(
             result.validation,
-            result.model.wrench,
-            prepared.regressor @ result.rivals.chosen.parameters - prepared.elsewhere(fit.offset),
+            of_model,
+            rows @ result.rivals.chosen.parameters - elsewhere,
             measured,
             threshold,
+            filtered=result.measured_poses,
         ),
         "consistency": found.solution.consistency,
         "solver": _solver(found.solution),
@@ -218,6 +261,7 @@ def empty_facts(why: str | None) -> dict[str, Any]:
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
         "plate_bias_N", "untold", "arc_deg", "contact", "external", "advice",
+        "motion", "pins",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 

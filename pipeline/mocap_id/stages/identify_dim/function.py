@@ -16,7 +16,8 @@ from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.judge import judge
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.predict import predict
+from mocap_id.dynamics.loose_prior import even_prior
+from mocap_id.dynamics.predict import chain_noise, predict
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.errors import StoreError
@@ -26,7 +27,10 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.encoder_torque import torque_facts
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, measured_bodies, with_prior
+from mocap_id.stages.identify_dim.motion_reasons import motion_reasons
 from mocap_id.stages.identify_dim.repetition_averages import averages
+from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments, pinned_facts
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
 from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.unknown import Unknown, not_excited, without_wrench
@@ -60,7 +64,10 @@ class _Chain:
 
 @dataclass(frozen=True)
 class _Read:
-    """A trial read through its protocol; ``unknown`` says why nothing can be identified from it."""
+    """A trial read through its protocol; ``unknown`` says why nothing can be identified from it.
+
+    ``bodies`` are those that move on their own measured poses; None where the pinned chain moves the masses.
+    """
 
     chain: _Chain
     recorded: Recorded
@@ -68,28 +75,37 @@ class _Read:
     movement: Movement
     grid: PointGrid
     unknown: Unknown | None
+    bodies: MeasuredBodies | None
+    joints: dict[str, Any]
 
 
 def identify_dim(context: Context) -> Outputs:
     """Identify the inertial parameters from the states and the plates' wrench."""
     read = _read(context)
+    shown: Prepared | None = None
     if read.prepared is None or read.unknown is not None:
         assert read.unknown is not None
         table, tree = _nothing(context, read.recorded, read.grid, read.unknown, read.movement)
     else:
-        table, tree = _identified(context, read.chain, read.prepared, read.movement, read.grid)
-    events = _events(context, read.recorded, read.prepared, read.movement, table.frame)
+        table, tree, shown = _identified(context, read, read.prepared)
+    events = _events(context, read.recorded, shown or read.prepared, read.movement, table.frame)
     return events, table, tree, averages(context, events.frame, table.frame)
 
 
 def identification(context: Context) -> tuple[Prepared, Movement, Identification] | Unknown:
-    """What stands behind the artefacts: the trial made ready, read through its protocol, and what was identified."""
+    """What stands behind the artefacts: the trial made ready, read through its protocol, and what was identified.
+
+    On the pinned chain, and for a trial on measured poses with the base parameters that these gave.
+    """
     read = _read(context)
     if read.prepared is None or read.unknown is not None:
         assert read.unknown is not None
         return read.unknown
     bodies = rivals(context, read.prepared.recorded, read.movement)
-    return read.prepared, read.movement, _fit(context, read.prepared, read.movement, read.grid, bodies)
+    found = _fit(context, read.prepared, read.movement, read.grid, bodies)
+    if read.bodies is not None:
+        found = fit_segments(context, read.bodies, read.prepared, read.movement, found, bodies).in_chain
+    return read.prepared, read.movement, found
 
 
 def _read(context: Context) -> _Read:
@@ -99,10 +115,15 @@ def _read(context: Context) -> _Read:
     unknown = without_wrench(context, recorded)
     prepared = None if unknown else prepare(recorded, _fit_settings(settings))
     recorded, prepared, of_seat = surroundings.settle(recorded, prepared)
+    bodies, joints = _measured(context, recorded)
+    felt = prepared
+    if bodies is not None and prepared is not None:
+        even = even_prior(_mass(context, recorded), bodies.poses.centroid)
+        felt = with_prior(bodies, recorded, prepared.settings, even)
     movement = read_movement(
         context.trial.protocol,
         recorded,
-        prepared,
+        felt,
         settings.contact,
         weight_share=settings.seat_off_share,
         knee_bend=settings.knee_bend_rad,
@@ -112,7 +133,31 @@ def _read(context: Context) -> _Read:
     grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
     if prepared is not None:
         unknown = not_excited(context, prepared, movement)
-    return _Read(chain, recorded, prepared, movement, grid, unknown)
+    return _Read(chain, recorded, prepared, movement, grid, unknown, bodies, joints)
+
+
+def _measured(context: Context, recorded: Recorded) -> tuple[MeasuredBodies | None, dict[str, Any]]:
+    """The bodies that move on their own poses, or None, and the facts of that choice."""
+    wanted = context.settings.motion or ("chain" if context.trial.protocol == "robot-joint" else "segments")
+    if wanted == "chain":
+        return None, {"source": "chain", "why": "asked for" if context.settings.motion else "a robot's joint holds"}
+    bodies = measured_bodies(context, recorded)
+    if bodies is None:
+        return None, {"source": "chain", "why": "a segment has too few markers to show its own pose"}
+    gap = {
+        name: {"gap_m": gap.size, "acceleration_m_s2": gap.acceleration, "pinned": gap.pinned}
+        for joint, name in enumerate(_joint_names(context))
+        if (gap := bodies.gap.get(joint)) is not None
+    }
+    if not bodies.moves_freely:
+        return None, {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
+    return bodies, {"source": "segments", "why": "a joint gives way", "joints": gap, "bodies": list(bodies.names)}
+
+
+def _mass(context: Context, recorded: Recorded) -> float:
+    """What the plates carry, kg: of the person standing where that is known."""
+    standing: float | None = context.table("wrench.parquet").facts.get("mass_kg")
+    return standing or float(np.nanmedian(recorded.surroundings[:, 1])) / float(context.settings.gravity)
 
 
 def _events(
@@ -131,32 +176,79 @@ def _events(
     )
 
 
-def _identified(
-    context: Context, chain: _Chain, prepared: Prepared, movement: Movement, grid: PointGrid
-) -> tuple[Table, Tree]:
-    bodies = rivals(context, prepared.recorded, movement)
-    q, threshold = prepared.recorded.q, _cop_threshold(context)
-    found = _fit(context, prepared, movement, grid, bodies)
-    model = predict(prepared, found, chain.correlation(q, _snap(context, q.shape[1])), threshold)
-    result = artefacts.Identified(
-        prepared=prepared,
-        found=found,
-        told=excitation(prepared, found, weak_share(context)),
-        model=model,
-        grid=grid,
-        rivals=bodies,
-        contact=movement.contact,
-        validation=validation.validate(prepared, movement, found, model.wrench),
-        cop_threshold=threshold,
-    )
+def _identified(context: Context, read: _Read, prepared: Prepared) -> tuple[Table, Tree, Prepared]:
+    bodies, movement, threshold = rivals(context, prepared.recorded, read.movement), read.movement, _cop_threshold(context)
+    found = _fit(context, prepared, movement, read.grid, bodies)
+    if read.bodies is None:
+        result = _of_chain(context, read, prepared, found, bodies, threshold)
+        more: dict[str, Any] = {}
+    else:
+        segments = fit_segments(context, read.bodies, prepared, movement, found, bodies)
+        result = _of_bodies(context, read, prepared, segments, threshold)
+        more = segments.facts
     frame = artefacts.dynamics_frame(result)
     facts = artefacts.dynamics_facts(result, frame, _joint_names(context)) | {
         "external": surroundings.facts(prepared, found.fit),
         "torque": torque_facts(context, frame),
+        "motion": read.joints | more,
     }
-    judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]))
+    if read.bodies is not None:
+        facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
+    judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
-    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons), result.prepared
+
+
+def _of_chain(
+    context: Context, read: _Read, prepared: Prepared, found: Identification, bodies: Rivals, threshold: float
+) -> artefacts.Identified:
+    q = prepared.recorded.q
+    noise = chain_noise(prepared, found, read.chain.correlation(q, _snap(context, q.shape[1])))
+    model = predict(prepared, found, noise, threshold)
+    return artefacts.Identified(
+        prepared=prepared,
+        found=found,
+        chain=prepared,
+        in_chain=found,
+        told=excitation(prepared, found, weak_share(context)),
+        model=model,
+        grid=read.grid,
+        rivals=bodies,
+        chain_reference=bodies.chosen.parameters,
+        contact=read.movement.contact,
+        validation=validation.validate(prepared, read.movement, found, model.wrench),
+        cop_threshold=threshold,
+        prior_share=np.zeros(len(found.base)),
+    )
+
+
+def _of_bodies(
+    context: Context, read: _Read, prepared: Prepared, segments: SegmentFit, threshold: float
+) -> artefacts.Identified:
+    model = predict(segments.prepared, segments.found, segments.noise(_centre_sd(context)), threshold)
+    return artefacts.Identified(
+        prepared=segments.prepared,
+        found=segments.found,
+        chain=prepared,
+        in_chain=segments.in_chain,
+        told=excitation(prepared, segments.in_chain, weak_share(context)),
+        model=model,
+        grid=segments.grid,
+        rivals=segments.rivals,
+        chain_reference=segments.chain_reference,
+        contact=read.movement.contact,
+        validation=segments.validation,
+        cop_threshold=threshold,
+        prior_share=segments.prior_share,
+        folded=segments.folded,
+    )
+
+
+def _centre_sd(context: Context) -> FloatArray:
+    """Standard deviation (n,) of each joint's centre in one direction, m."""
+    joints: Any = context.tree("chain.h5").data["joints"]
+    covariance = np.asarray(joints["covariance"], dtype=np.float64)
+    return np.asarray(np.sqrt(np.einsum("jkk->j", covariance) / 2))
 
 
 def weak_share(context: Context) -> float:
@@ -173,7 +265,7 @@ def _fit(context: Context, prepared: Prepared, movement: Movement, grid: PointGr
         grid,
         bodies.chosen.parameters,
         _geometry_error(context),
-        consistency=settings.consistency,
+        consistency=settings.consistency or "grid",
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls,
     )
@@ -199,7 +291,7 @@ def _judgement(context: Context, result: artefacts.Identified) -> tuple[Reason, 
     reasons = judge(
         result.prepared, result.found, result.told, given=given, standing=standing, joints=_joint_names(context)
     )
-    reasons += surroundings.doubts(result.prepared, result.found.fit)
+    reasons += surroundings.doubts(result.chain, result.in_chain.fit)
     if result.model.untold:
         open_ = Reason(
             "components-short",

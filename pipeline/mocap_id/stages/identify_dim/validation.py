@@ -23,6 +23,7 @@ SERIES = (*WRENCH_COMPONENTS, "cop_x")
 """What is compared, in the order of the columns of `dynamics.parquet`."""
 _JUDGED = ("Fy", "tauz", "cop_x")
 _FAR = 1.5  # times the error within the fit: what fewer than three independent observations a parameter would give
+_NORMAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _NOTICEABLE = 1e-4  # of the measured variance: with less the model is as good as exact, far or not
 
 
@@ -55,17 +56,17 @@ def validate(prepared: Prepared, movement: Movement, found: Identification, mode
     model : (T, 3) array
         Wrench of the whole fit's model; what it does not tell, NaN throughout, the others do not either.
     """
-    spans = [span for span in map(_span, movement.repetitions) if span is not None]
-    if len(spans) < 2:
-        many = "no repetition was found" if not spans else "only one repetition was found"
-        return Validation(len(spans), None, f"{many}, and at least two are needed to predict one from the others")
-    part = parts(prepared.recorded.time, np.array(spans))
+    found_spans = spans(movement)
+    if len(found_spans) < 2:
+        many = "no repetition was found" if not found_spans else "only one repetition was found"
+        return Validation(len(found_spans), None, f"{many}, and at least two are needed to predict one from the others")
+    part = parts(prepared.recorded.time, np.array(found_spans))
     held = hold_out(prepared, movement.free, found.fit, part, found.refit)
     if held is None:
         why = "whichever repetitions are left out, the others do not determine the parameters"
-        return Validation(len(spans), None, why)
+        return Validation(len(found_spans), None, why)
     told = np.isfinite(model).any(axis=0)
-    return Validation(len(spans), replace(held, wrench=np.where(told, held.wrench, np.nan)), None)
+    return Validation(len(found_spans), replace(held, wrench=np.where(told, held.wrench, np.nan)), None)
 
 
 def facts(
@@ -74,6 +75,8 @@ def facts(
     reference: FloatArray,
     measured: FloatArray,
     threshold: float,
+    *,
+    filtered: bool = False,
 ) -> dict[str, Any]:
     """Errors on held-out repetitions, beside those of the whole fit and of the reference on the same samples.
 
@@ -84,26 +87,47 @@ def facts(
         N and N·m; the measured wrench at the whole fit's clock and less its plate bias.
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
+    filtered : bool
+        These arrays went through the fit's low-pass, and so do the predictions; ``unfiltered`` is then beside them.
     """
     held = validation.held_out
     if held is None:
-        nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s"))
+        nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s", "inside"))
         return {"repetitions": validation.repetitions, **nothing, "why": validation.why}
 
     def compared(wrench: FloatArray, with_: FloatArray) -> dict[str, Any]:
         errors = _errors(wrench, with_, held.samples, threshold)
         return {name: None if error is None else asdict(error) for name, error in errors.items()}
 
+    predicted = (held.filtered, held.filtered_measured) if filtered else (held.wrench, held.measured)
     return {
         "repetitions": validation.repetitions,
         "folds": len(held.base),
         "samples": int(held.samples.sum()),
-        "model": compared(held.wrench, held.measured),
+        "model": compared(*predicted),
+        "unfiltered": compared(held.wrench, held.measured) if filtered else None,
         "in_sample": compared(model, measured),
         "reference": compared(reference, measured) if np.isfinite(reference[held.samples]).any() else None,
         "clock_offset_s": held.offset.tolist(),
+        "inside": _inside(held, threshold) if filtered else None,
         "why": None,
     }
+
+
+def _inside(held: HeldOut, threshold: float) -> dict[str, float] | None:
+    """Share of the left-out samples inside 95 % intervals whose size comes from the other repetitions."""
+    off = held.filtered - held.filtered_measured
+    cop = centre_of_pressure(held.filtered, threshold) - centre_of_pressure(held.filtered_measured, threshold)
+    series = np.column_stack([off, cop])
+    within = np.full(series.shape, np.nan)
+    for k in np.unique(held.part[held.samples]):
+        own, others = held.samples & (held.part == k), held.samples & (held.part != k)
+        if others.any():
+            sd = np.sqrt(np.nanmean(series[others] ** 2, axis=0))
+            within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= _NORMAL * sd, np.nan)
+    if np.isnan(within).all():
+        return None
+    return dict(zip(SERIES, np.nanmean(within, axis=0).tolist(), strict=True))
 
 
 def wrench(validation: Validation, samples: int) -> FloatArray:
@@ -152,6 +176,11 @@ def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
             )
         )
     return tuple(out)
+
+
+def spans(movement: Movement) -> list[tuple[float, float]]:
+    """First and last event of every repetition that has any, s."""
+    return [span for span in map(_span, movement.repetitions) if span is not None]
 
 
 def _span(repetition: Repetition) -> tuple[float, float] | None:

@@ -59,9 +59,9 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=6,
+    version=7,
     inputs=("planar.parquet", "chain.h5"),
-    outputs=("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet"),
+    outputs=("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     uses=("encoder",),
     settings=UkfSmoothSettings,
     function=_function,

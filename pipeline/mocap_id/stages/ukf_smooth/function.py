@@ -21,6 +21,7 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.trajectories import PlanarView
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
+from mocap_id.stages.ukf_smooth.measured_poses import measured_poses
 from mocap_id.stages.ukf_smooth.predicted_markers import beside_measured
 from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, known_skin, lasting_errors, supposed_skin
 from mocap_id.store import LongTable, Table, Tree
@@ -43,6 +44,8 @@ def ukf_smooth(context: Context) -> Outputs:
     camera = camera_sd(observed, states, settings.marker_sd_floor)
     skin = known_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
     states, sd_holds = _with_sd(states, observed, skin, camera, rate=view.rate, settings=settings)
+    segments = [str(name) for name in _node(tree, "segments/name")]
+    poses = measured_poses(view, chain, labels, segments, observed, states.mean[:, :, 0])
     del observed
     slips = _skin_tree(tree, states, skin, camera)
     encoder = beside_cameras(context.trial.encoder, states, view.time, settings)
@@ -56,6 +59,7 @@ def ukf_smooth(context: Context) -> Outputs:
         LongTable(MARKERS, view.frames, view.time, labels, markers),
         slips,
         encoder,
+        poses,
     )
 
 

@@ -4,6 +4,7 @@ from mocap_id.workflows.simulate.cohort import Cohort, simulate_cohort
 from mocap_id.workflows.simulate.generate import Simulated, generate
 from mocap_id.workflows.simulate.motion import Motion, through
 from mocap_id.workflows.simulate.options import Kind, Options
+from mocap_id.workflows.simulate.people import People
 from mocap_id.workflows.simulate.robot_set import RobotSet, simulate_set
 from mocap_id.workflows.simulate.schedule import Strategy
 from mocap_id.workflows.simulate.trial import simulate
@@ -13,6 +14,7 @@ __all__ = [
     "Kind",
     "Motion",
     "Options",
+    "People",
     "RobotSet",
     "Simulated",
     "Strategy",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import planar
 from mocap_id.workflows.simulate.forces import Exact
 from mocap_id.workflows.simulate.markers import MarkerSet
@@ -53,12 +53,22 @@ def true_positions(scene: Scene, state: Exact, skin: FloatArray) -> FloatArray:
     (T, M, 3) array
         m.
     """
-    link = scene.markers.link
-    angle, origin = planar.segment_poses(state.q, scene.body.centres)
-    local = scene.markers.local + skin
+    link, angle, origin, local = _carriers(scene, state)
+    local = local + skin
     flat = origin[:, link] + planar.rotate(angle[:, link], local[..., :2])
     depth = local[..., 2:] + scene.offset
     return scene.plane.from_plane(np.concatenate([flat, depth], axis=-1))
+
+
+def _carriers(scene: Scene, state: Exact) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """What carries each marker (M,): an index into angles (T, C) and origins (T, C, 2), and its place there (M, 3)."""
+    markers = scene.markers
+    if scene.loose is None or state.bodies is None:
+        angle, origin = planar.segment_poses(state.q, scene.body.centres)
+        return markers.link, angle, origin, markers.local
+    pose, body = state.bodies.pose, scene.loose.body
+    pose = np.concatenate([np.zeros_like(pose[:, :1]), pose], axis=1)  # the plate first
+    return body.part_of(markers) + 1, pose[..., 2], pose[..., :2], body.local(markers)
 
 
 def draw_bursts(

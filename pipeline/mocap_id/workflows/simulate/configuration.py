@@ -44,7 +44,10 @@ def configuration(kind: Kind, name: str, options: Options, scene: Scene) -> str:
     if scene.chair is None:
         free = _FREE.format(mass=scene.body.mass)
         return _TOP.format(what="A person, a given movement.", seed=options.seed, name=quoted) + free
-    size = {"height": scene.body.description["subject"]["height_m"], "mass": scene.body.mass}
+    size = {
+        "height": scene.body.description["subject"]["height_m"],
+        "mass": scene.body.mass - options.people.held_mass_kg,
+    }
     chair = "samples with chair contact stay out of the identification"
     if scene.seat_plate is not None:
         chair = "the chair stands on plate 2, and what that reads counts as measured"

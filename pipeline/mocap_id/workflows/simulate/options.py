@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from mocap_id.errors import ConfigError
+from mocap_id.workflows.simulate.people import People
 from mocap_id.workflows.simulate.plate import Sense
 from mocap_id.workflows.simulate.schedule import MANNERS, Strategy
 from mocap_id.workflows.simulate.subject import Subject
@@ -62,6 +63,8 @@ class Options:
         Of that joint: 0.25 or 0.5 Hz.
     orientation : float
         Yaw of the UR5's plane, degrees.
+    people : People
+        What the person has that four rigid segments on pins have not; the robot ignores it.
     subject : Subject or None
         Whose sit-to-stands these are; the seed is then of the motion, of where the feet stand and of the errors alone.
 
@@ -95,6 +98,7 @@ class Options:
     joint: JointName | None = None
     speed: Speed = "fast"
     orientation: float = 0.0
+    people: People = field(default_factory=People)
 
     def __post_init__(self) -> None:
         multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0

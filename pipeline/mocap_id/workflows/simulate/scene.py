@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame
 from mocap_id.workflows.simulate import ur5
 from mocap_id.workflows.simulate.body import GRAVITY, Body, person, robot
 from mocap_id.workflows.simulate.forces import Exact, exact
+from mocap_id.workflows.simulate.loose_body import LooseBody, loosen
+from mocap_id.workflows.simulate.loose_forces import Loose, exact_loose, perform_loose
+from mocap_id.workflows.simulate.loose_motion import Looseness, draw_habit, draw_occasion
 from mocap_id.workflows.simulate.markers import MarkerSet, place
 from mocap_id.workflows.simulate.motion import Motion, Swing
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import SimulatedPlate, draw_plate
 from mocap_id.workflows.simulate.rail import Rail
-from mocap_id.workflows.simulate.sit_to_stand import Chair, perform
+from mocap_id.workflows.simulate.schedule import Schedule
+from mocap_id.workflows.simulate.sit_to_stand import Chair, balanced, prepare
 from mocap_id.workflows.simulate.subject import Subject
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
-_LATER = ("jumps", "seat", "seat channels", "feet", "wander")
+_LATER = ("jumps", "seat", "seat channels", "feet", "wander", "people", "people here")
 _STREAMS = (*_OLDEST, *_LATER)  # what is new goes last: a seed keeps the trial that it made
-_OF_SUBJECT = ("body", "markers", "skin")
+_OF_SUBJECT = ("body", "markers", "skin", "people")
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,9 @@ class Scene:
         What that plate carries beside the person, N.
     rail : Rail or None
         Carries a part of the person while rising, unmeasured.
+    loose : Loose or None
+        The person's true bodies and motion, where these are more than the chain; ``body`` and ``motion`` are then the
+        chain that stands for them.
     """
 
     body: Body
@@ -80,9 +88,12 @@ class Scene:
     seat_plate: SimulatedPlate | None = None
     chair_weight: float = 0.0
     rail: Rail | None = None
+    loose: Loose | None = None
 
     def at(self, time: FloatArray) -> Exact:
         """State and forces at times (T,), s."""
+        if self.loose is not None:
+            return exact_loose(self.loose, self.chair, time, self.rail)
         return exact(self.body, self.motion, self.chair, time, self.rail)
 
     def load_on_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
@@ -110,9 +121,22 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: Motion | None 
     """Draw the body, its motion and the laboratory.
 
     With a motion ``given`` the body makes that, without a chair.
+
+    Raises
+    ------
+    ConfigError
+        A motion is given to a person of several bodies.
+    NumericalError
+        No lean of the trunk balances the body.
     """
+    people = kind == "sit-to-stand" and options.people.differ
+    if people and given is not None:
+        raise ConfigError("simulate: people is set and a motion is given; expected one or the other")
     body, ur5_joint = _body(kind, options, rng), options.joint if kind == "robot" else None
-    motion, chair, protocol = (given, None, {"reps": []}) if given else _performance(kind, options, body, rng["motion"])
+    apart = None
+    if people:
+        apart, body = loosen(rng["people"], body, options.people.held_mass_kg)
+    played = _Played(given) if given else _performance(kind, options, body, apart, rng)
     plate = draw_plate(
         rng["plate"],
         options.plate_sense,
@@ -125,16 +149,17 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: Motion | None 
     drawn = float(rng["place"].uniform(-np.pi, np.pi))
     scene = Scene(
         body=body,
-        motion=motion,
-        chair=chair,
+        motion=played.motion,
+        chair=played.chair,
         markers=replace(markers, softness=markers.softness * options.soft_tissue),
         plate=plate,
         plane=PlaneFrame(drawn if ur5_joint is None else np.radians(options.orientation), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
-        protocol=protocol,
-        rail=Rail(options.rail, chair.schedule) if options.rail > 0 and chair is not None else None,
+        protocol=played.protocol,
+        rail=Rail(options.rail, played.chair.schedule) if options.rail > 0 and played.chair is not None else None,
+        loose=played.loose,
     )
-    return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and chair is not None else scene
+    return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and played.chair is not None else scene
 
 
 def _body(kind: Kind, options: Options, rng: Streams) -> Body:
@@ -173,22 +198,40 @@ def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -
     return replace(scene, seat_plate=plate, chair_weight=options.chair_mass * GRAVITY)
 
 
-def _performance(
-    kind: Kind, options: Options, body: Body, rng: np.random.Generator
-) -> tuple[Motion, Chair | None, Mapping[str, Any]]:
+@dataclass(frozen=True)
+class _Played:
+    """A motion, the chair's part in it, what the truth says of both, and the bodies that a person is."""
+
+    motion: Motion
+    chair: Chair | None = None
+    protocol: Mapping[str, Any] = field(default_factory=lambda: {"reps": []})
+    loose: Loose | None = None
+
+
+def _performance(kind: Kind, options: Options, body: Body, apart: LooseBody | None, rng: Streams) -> _Played:
     if kind == "robot":
-        swing = _swing(options, rng)
+        swing = _swing(options, rng["motion"])
         told = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
-        return swing.motion(), None, told
-    played = perform(rng, body, options)
-    schedule = played.chair.schedule
+        return _Played(swing.motion(), None, told)
+    plan, loose = prepare(rng["motion"], body, options), None
+    schedule = plan.chair.schedule
+    if apart is None:
+        played = balanced(body, plan)
+    else:
+        habit, here = draw_habit(rng["people"]), draw_occasion(rng["people here"], len(schedule.repetitions))
+        foot = body.support[1] - body.support[0]
+        played, loose = perform_loose(body, apart, plan, Looseness(options.people, habit, here, schedule, foot))
+    return _Played(played.motion, played.chair, _told(options, schedule, played.seated_deg), loose)
+
+
+def _told(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
     repetitions = [vars(each) for each in schedule.repetitions]
-    told = {
+    told: dict[str, Any] = {
         "strategy": options.strategy,
         "reps": repetitions,
         "seat_off_s": [each["seat_off"] for each in repetitions],
         "seat_on_s": [each["seat_on"] for each in repetitions],
-        "motion_shapes": {"seated_deg": list(played.seated_deg)},
+        "motion_shapes": {"seated_deg": list(seated_deg)},
     }
     if schedule.attempts:
         told["attempts"] = [vars(each) for each in schedule.attempts]
@@ -196,4 +239,4 @@ def _performance(
         told["hold"] = vars(schedule.hold)
     if options.rail > 0:
         told["rail_share"] = options.rail
-    return played.motion, played.chair, told
+    return told

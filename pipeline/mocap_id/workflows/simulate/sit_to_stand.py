@@ -7,7 +7,7 @@ feet, and moves to the chair by the share the chair carries. The forward lean be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -62,6 +62,30 @@ class Performance:
 
 
 @dataclass(frozen=True)
+class Plan:
+    """A trial before the trunk's lean is known, on the solver's grid (K,).
+
+    Parameters
+    ----------
+    time : (K,) array
+        Even steps, s.
+    legs : (K, 2) array
+        Angles of shank and thigh from the vertical, rad.
+    push : (K,) array
+        Place on the ground of the point where ground and chair together push, m.
+    chair : Chair
+    trunk : float
+        Lean to begin with, rad.
+    """
+
+    time: FloatArray
+    legs: FloatArray
+    push: FloatArray
+    chair: Chair
+    trunk: float
+
+
+@dataclass(frozen=True)
 class _Task:
     """What the trunk has to balance, on the solver's grid (K,).
 
@@ -73,14 +97,8 @@ class _Task:
     hip: FloatArray
 
 
-def perform(rng: np.random.Generator, body: Body, options: Options) -> Performance:
-    """Draw and solve a trial of a :func:`mocap_id.workflows.simulate.body.person`.
-
-    Raises
-    ------
-    NumericalError
-        No lean of the trunk balances the body.
-    """
+def prepare(rng: np.random.Generator, body: Body, options: Options) -> Plan:
+    """Draw a trial of a :func:`mocap_id.workflows.simulate.body.person`: all but the trunk's lean."""
     manner = MANNERS[options.strategy]
     schedule = draw_schedule(rng, manner, options.repetitions, attempts=options.attempts, hold=options.hold)
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
@@ -92,10 +110,24 @@ def perform(rng: np.random.Generator, body: Body, options: Options) -> Performan
     share = (at_rest - under_feet[0]) / (seat[0] - under_feet[0])
     chair = Chair(chair.point, float(share), chair.friction, schedule)
     push = under_feet + chair.load(time) * (seat - under_feet)
-    lean = _balance(body, _task(body, legs, push), trunk)
+    return Plan(time, legs, push, chair, trunk)
+
+
+def balanced(body: Body, plan: Plan, more: FloatArray | None = None) -> Performance:
+    """Solve for the trunk's lean; ``more`` (K,) is a moment about the plan's ``push`` beside the chain's own, N·m.
+
+    Raises
+    ------
+    NumericalError
+        No lean of the trunk balances the body.
+    """
+    task, legs, schedule = _task(body, plan.legs, plan.push), plan.legs, plan.chair.schedule
+    if more is not None:
+        task = replace(task, moment=task.moment + more)
+    lean = _balance(body, task, plan.trunk)
     angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
     seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
-    return Performance(through(time, angles, schedule.duration), chair, (seated[0], seated[1], seated[2]))
+    return Performance(through(plan.time, angles, schedule.duration), plan.chair, (seated[0], seated[1], seated[2]))
 
 
 def _legs(body: Body, manner: Manner, schedule: Schedule, time: FloatArray) -> FloatArray:

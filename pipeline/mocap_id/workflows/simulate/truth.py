@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.workflows.simulate.body import GRAVITY, Body
 from mocap_id.workflows.simulate.cameras import Jump
 from mocap_id.workflows.simulate.generate import Simulated
+from mocap_id.workflows.simulate.loose_truth import bodies_arrays, bodies_document
 from mocap_id.workflows.simulate.markers import MarkerSet
 from mocap_id.workflows.simulate.options import Kind, Options
 from mocap_id.workflows.simulate.plate import FORCE_NOISE, MOMENT_NOISE, SIZE, SimulatedPlate
@@ -40,10 +41,11 @@ _FORCES = ("tau", "wrench", "wrench_total", "chair_force", "chair_point", "cop_x
 
 
 def arrays(made: Simulated) -> dict[str, np.ndarray[Any, Any]]:
-    """Arrays for ``truth.npz``: float32 but for the time, which differences need exactly."""
+    """Arrays for ``truth.npz``: float32 but for what differences need exactly, the time and the true bodies."""
     positions = (1e3 * made.positions).astype(np.float32)
     single = {name: getattr(made.state, name).astype(np.float32) for name in _MOVING + _FORCES}
-    return {"t": made.state.time, "valid": made.seen, "markers_true_mm": positions, **single}
+    more = {} if made.state.bodies is None else bodies_arrays(made.state.bodies)
+    return {"t": made.state.time, "valid": made.seen, "markers_true_mm": positions, **single, **more}
 
 
 def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
@@ -79,7 +81,15 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         **scene.body.description,
         **scene.protocol,
         "cop_outside_foot_max_m": max(outside, 0.0),
+        **_people(options, made),
     }
+
+
+def _people(options: Options, made: Simulated) -> Mapping[str, Any]:
+    scene, bodies = made.scene, made.state.bodies
+    if scene.loose is None or bodies is None:
+        return {}
+    return bodies_document(options.people, scene.loose.body, scene.markers, bodies)
 
 
 def _segments(body: Body) -> list[dict[str, Any]]:

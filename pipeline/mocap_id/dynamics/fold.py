@@ -1,0 +1,142 @@
+"""From bodies on their own poses to the chain: its full parameters and those of eq. 6.1.
+
+The chain has no body of other markers, and may cut in two what is one body here. Arms and head count as carried by the
+chain's last segment, where they are on average. A body that is two segments of the chain is shared between them as the
+table of people would, as far as their sum allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.base import BaseSet, structural_base
+from mocap_id.dynamics.loose_prior import mean_move
+from mocap_id.dynamics.measured_motion import BodyPoses
+from mocap_id.geometry import planar
+
+_STEP = 1e-5  # m, of a numerical derivative
+
+
+@dataclass(frozen=True)
+class Fold:
+    """The chain's full parameters as a linear function of the bodies': ``matrix @ bodies + constant``.
+
+    Parameters
+    ----------
+    matrix : (4(n + 1), 4K) array
+    constant : (4(n + 1),) array
+    open : (4(n + 1), 4(n + 1)) array
+        Covariance of what the bodies leave open: how a body is shared between two segments.
+    """
+
+    matrix: FloatArray
+    constant: FloatArray
+    open: FloatArray
+
+
+def fold(
+    poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatArray, reference_sd: FloatArray
+) -> Fold:
+    """The map from bodies to the chain's segments.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+    q : (T, n) array
+        The chain's angles, rad.
+    samples : (T,) bool array
+        Those over which bodies are where they are on average.
+    reference, reference_sd : (4(n + 1),) arrays
+        Full parameters by a table and their deviations; NaN where no table applies.
+    """
+    count, bodies = len(poses.body), poses.angle.shape[1]
+    matrix, constant, spread = np.zeros((4 * count, 4 * bodies)), np.zeros(4 * count), np.zeros((4 * count, 4 * count))
+    for body in range(bodies):
+        own = np.flatnonzero(poses.body == body)
+        columns = slice(4 * body, 4 * body + 4)
+        if len(own) == 1:
+            matrix[4 * own[0] : 4 * own[0] + 4, columns] += np.eye(4)
+        elif len(own) > 1:
+            rows = np.concatenate([np.arange(4 * k, 4 * k + 4) for k in own])
+            gain, rest, left = _shared(gather(poses.centres, q, samples, own), reference[rows], reference_sd[rows])
+            matrix[rows, columns] += gain
+            constant[rows] += rest
+            spread[np.ix_(rows, rows)] += left
+    last = int(poses.body[-1])
+    first = 4 * int(np.flatnonzero(poses.body == last)[0])
+    for body in np.setdiff1d(np.arange(bodies), poses.body):
+        angle, shift = relative(poses, int(body), last, samples)
+        carried = mean_move(angle, shift)
+        columns = slice(4 * body, 4 * body + 4)
+        matrix[:, columns] += matrix[:, 4 * last : 4 * last + 4] @ carried
+    return Fold(matrix, constant, spread)
+
+
+def relative(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Angle (S,), rad, and origin (S, 2), m, of a body's frame in another's, over the samples where both are known."""
+    origin, angle = poses.origin, poses.angle
+    known = samples & np.isfinite(angle[:, [body, other]]).all(axis=1)
+    shift = planar.rotate(-angle[known, other], origin[known, body] - origin[known, other])
+    return np.asarray(angle[known, body] - angle[known, other]), shift
+
+
+def gather(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: np.ndarray) -> FloatArray:  # type: ignore[type-arg]
+    """Matrix (4, 4s) from the parameters of neighbouring segments to those of one body in the first one's frame."""
+    known = samples & np.isfinite(q).all(axis=1)
+    blocks, angle, shift = [np.eye(4)], np.zeros(int(known.sum())), np.zeros((int(known.sum()), 2))
+    for segment in segments[1:]:
+        shift = shift + planar.rotate(angle, centres[segment - 1])
+        angle = angle + q[known, segment - 1]
+        blocks.append(mean_move(angle, shift))
+    return np.concatenate(blocks, axis=1)
+
+
+def in_base(
+    folded: Fold, base: BaseSet, centres: FloatArray, centre_covariance: FloatArray, full: FloatArray, own: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Base parameters of the chain with their covariance.
+
+    Parameters
+    ----------
+    folded : Fold
+    base : BaseSet
+        Of the chain.
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    centre_covariance : (n, 2, 2) array
+        m²; masses beyond a joint are regrouped at its centre.
+    full : (4K,) array
+        Of the bodies.
+    own : (4K, 4K) array
+        Covariance of these.
+
+    Returns
+    -------
+    base : (b,) array
+    covariance : (b, b) array
+    """
+    chain = folded.matrix @ full + folded.constant
+    known = folded.matrix @ own @ folded.matrix.T + folded.open
+    covariance = base.regrouping @ known @ base.regrouping.T
+    undisturbed = structural_base(centres)
+    if np.array_equal(undisturbed.kept, base.kept):
+        for unit in np.eye(centres.size).reshape(-1, *centres.shape):
+            joint, axis = (int(k) for k in np.argwhere(unit)[0])
+            moved = structural_base(centres + _STEP * unit)
+            slope = (moved.regrouping - undisturbed.regrouping) @ chain / _STEP
+            covariance = covariance + centre_covariance[joint, axis, axis] * np.outer(slope, slope)
+    return base.regrouping @ chain, covariance
+
+
+def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gain (4s, 4), constant (4s,) and open covariance (4s, 4s) of segments with a given sum, nearest to a table's."""
+    if not np.isfinite(reference).all():
+        gain = np.zeros((total.shape[1], 4))
+        gain[:4] = np.eye(4)
+        return gain, np.zeros(total.shape[1]), np.zeros((total.shape[1], total.shape[1]))
+    spread = np.diag(sd**2)
+    gain = np.linalg.solve(total @ spread @ total.T, total @ spread).T
+    return gain, reference - gain @ total @ reference, spread - gain @ total @ spread

@@ -1,0 +1,235 @@
+"""Motion of bodies from their measured poses: pins where the joints hold, low-pass filters, derivatives.
+
+A person's joints give way: hip and pelvis part by a centimetre and more. The measured poses hold that, and with it how
+the mass really moved. Noise is taken out by a zero-phase low-pass of each coordinate of the pose; horizontal
+position, vertical position and angle have a cut-off each, since the wrench needs them to different frequencies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.lowpass import LowPass, known, runs
+from mocap_id.dynamics.motion import Motion, point_acceleration
+from mocap_id.geometry import planar
+
+BRIDGED = 0.25  # s; a longer gap in a body's pose stays a gap
+CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
+"""Cut-offs to choose from, Hz."""
+USUAL = (3.0, 5.0, 4.0)
+"""Cut-offs of x, y and angle where nothing shows better ones, Hz."""
+_GAP_BAND = 3.0  # Hz, in which gaps are judged: camera noise is small there, movement is not
+_GIVES_WAY = 0.1  # m/s² rms: a pin that hides more costs 1 % of the weight above it
+
+
+@dataclass(frozen=True)
+class BodyPoses:
+    """Poses of K bodies as they were measured, and how the chain's joints lie in them.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s, even steps.
+    position : (T, K, 2) array
+        Centroid of each body's markers, plane frame, m; NaN where unknown.
+    angle : (T, K) array
+        Of the body's frame from the plane's, rad; NaN where unknown.
+    centroid : (K, 2) array
+        The same point in the body's frame, m.
+    information : (K, 2) array
+        Inverse variance of one frame's position, 1/m², and angle, 1/rad², up to a common factor.
+    body : (n + 1,) int array
+        The body of each segment of the chain.
+    centres : (n, 2) array
+        Centre of joint j in the frame of segment j - 1, m.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    angle: FloatArray
+    centroid: FloatArray
+    information: FloatArray
+    body: IntArray
+    centres: FloatArray
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+    @property
+    def joints(self) -> list[int]:
+        """Joints, from 0, whose two sides are different bodies."""
+        return [j for j in range(len(self.centres)) if self.body[j] != self.body[j + 1]]
+
+    @property
+    def origin(self) -> FloatArray:
+        """(T, K, 2) origins of the bodies' frames, m."""
+        return np.asarray(self.position - planar.rotate(self.angle, self.centroid))
+
+    def gap(self, joint: int) -> FloatArray:
+        """(T, 2) from the joint's centre on the segment before it to that on the segment after it, m."""
+        before, after = int(self.body[joint]), int(self.body[joint + 1])
+        origin = self.origin
+        return np.asarray(
+            origin[:, after] - origin[:, before] - planar.rotate(self.angle[:, before], self.centres[joint])
+        )
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far a joint gives way.
+
+    Parameters
+    ----------
+    size : float
+        rms of the gap's change, m.
+    acceleration : float
+        rms of the gap's acceleration below 3 Hz, m/s²; NaN where no stretch is long enough.
+    pinned : bool
+        The gap is at the noise: the joint holds.
+    """
+
+    size: float
+    acceleration: float
+    pinned: bool
+
+
+def bridged(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
+    """Fill short gaps of the poses linearly.
+
+    Returns
+    -------
+    BodyPoses
+    observed : (T,) bool array
+        Samples on which every pose was measured.
+    """
+    series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
+    longest = round(BRIDGED * poses.rate)
+    observed = known(series)
+    filled = series.copy()
+    for k in range(series.shape[1]):
+        there = np.isfinite(series[:, k]).all(axis=1)
+        samples = np.flatnonzero(there)
+        for hole in runs(~there):
+            inside = len(samples) and hole.start > samples[0] and hole.stop <= samples[-1]
+            if inside and hole.stop - hole.start <= longest:
+                at = np.arange(hole.start, hole.stop)
+                for c in range(3):
+                    filled[hole, k, c] = np.interp(at, samples, series[samples, k, c])
+    return replace(poses, position=filled[..., :2], angle=filled[..., 2]), observed
+
+
+def gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, Gap]:
+    """How far each joint between two bodies gives way.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+        Without short gaps.
+    samples : (T,) bool array
+        Those to judge on.
+
+    Returns
+    -------
+    dict of int to Gap
+        By the joint, from 0.
+    """
+    lowpass = LowPass(min(_GAP_BAND, poses.rate / 5), poses.rate)
+    found = {}
+    for joint in poses.joints:
+        gap = poses.gap(joint)
+        acceleration = _derivatives(lowpass(gap), poses.rate)[1]
+        use = samples & known(gap)
+        moving = samples & known(acceleration)
+        size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
+        felt = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
+        found[joint] = Gap(size, felt, not felt > _GIVES_WAY)
+    return found
+
+
+def pinned(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
+    """Close the gaps of some joints by the smallest change of the poses.
+
+    With W the information of the poses, J the gaps' Jacobian and g the gaps, the change is -W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ g; a
+    second step takes out what the turning of the bodies leaves.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+    joints : sequence of int
+        From 0, each between two bodies.
+    """
+    if not joints:
+        return poses
+    size, bodies = poses.angle.shape
+    weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
+    for _ in range(2):
+        jacobian = np.zeros((size, len(joints), 2, bodies, 3))
+        gap = np.empty((size, len(joints), 2))
+        for row, joint in enumerate(joints):
+            gap[:, row] = poses.gap(joint)
+            for sign, body, point in (
+                (-1.0, int(poses.body[joint]), poses.centres[joint]),
+                (1.0, int(poses.body[joint + 1]), np.zeros(2)),
+            ):
+                arm = planar.rotate(poses.angle[:, body], point - poses.centroid[body])
+                jacobian[:, row, 0, body, 0] = jacobian[:, row, 1, body, 1] = sign
+                jacobian[:, row, 0, body, 2], jacobian[:, row, 1, body, 2] = -sign * arm[:, 1], sign * arm[:, 0]
+        flat = jacobian.reshape(size, 2 * len(joints), 3 * bodies)
+        good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
+        spread = flat[good] * weak.reshape(-1)  # J W⁻¹
+        solved = np.linalg.solve(spread @ np.swapaxes(flat[good], 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
+        step = np.zeros((size, bodies, 3))
+        step[good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, bodies, 3)
+        poses = replace(poses, position=poses.position + step[..., :2], angle=poses.angle + step[..., 2])
+    return poses
+
+
+def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Motion:
+    """Filtered motion of the bodies.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+        Pinned and bridged as they are to be used.
+    bands : (x, y, angle)
+        Cut-offs, Hz.
+
+    Returns
+    -------
+    Motion
+        A joint's centre is the mean of those on its two sides.
+    """
+    series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
+    smooth, speed, rise = (np.full(series.shape, np.nan) for _ in range(3))
+    for c, cutoff in enumerate(bands):
+        lowpass = LowPass(min(cutoff, poses.rate / 5), poses.rate)
+        for k in range(series.shape[1]):
+            smooth[:, k, c] = lowpass(series[:, k, c])
+        speed[..., c], rise[..., c] = _derivatives(smooth[..., c], poses.rate)
+    angle, omega, alpha = smooth[..., 2], speed[..., 2], rise[..., 2]
+    arm = planar.rotate(angle, -poses.centroid)  # from the centroid to the frame's origin
+    origin = smooth[..., :2] + arm
+    acceleration = rise[..., :2] + point_acceleration(arm, omega, alpha)
+    joint = np.full((len(angle), len(poses.centres), 2), np.nan)
+    for j in poses.joints:
+        before, after = int(poses.body[j]), int(poses.body[j + 1])
+        joint[:, j] = (origin[:, before] + planar.rotate(angle[:, before], poses.centres[j]) + origin[:, after]) / 2
+    place = np.full(angle.shape[1], len(poses.body))  # bodies of no segment are beyond every joint
+    place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
+    beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
+    return Motion(angle, omega, alpha, origin, acceleration, joint, beyond)
+
+
+def _derivatives(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """First and second time derivative by central differences of fourth order; NaN at the ends of a stretch."""
+    first, second = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
+    back, before, now, after, ahead = (values[k : len(values) - 4 + k] for k in range(5))
+    first[2:-2] = (back - 8 * before + 8 * after - ahead) * (rate / 12)
+    second[2:-2] = (-back + 16 * before - 30 * now + 16 * after - ahead) * (rate**2 / 12)
+    return first, second

@@ -1,0 +1,190 @@
+"""The bodies of the dynamics on their own measured poses: which joints give way, cut-offs, prior, the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.bands import Bands, ChosenBands, choose_bands
+from mocap_id.dynamics.fit import fit
+from mocap_id.dynamics.fold import gather, relative
+from mocap_id.dynamics.grid import PointGrid, segment_grid
+from mocap_id.dynamics.held_out import HeldOut, hold_out
+from mocap_id.dynamics.loose_prior import BodyPrior, even_prior, table_prior, without_others
+from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, bridged, gaps, measured_motion, pinned
+from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.solve import Compressed
+from mocap_id.stages.base import Context
+
+_SEARCHED = 60.0  # Hz; cut-offs are chosen on samples that are no denser
+
+
+@dataclass(frozen=True)
+class MeasuredBodies:
+    """Bodies with their poses, ready to be used.
+
+    Parameters
+    ----------
+    names : tuple of str
+    poses : BodyPoses
+        Short gaps bridged; pinned at the joints that hold.
+    observed : (T,) bool array
+        Samples on which every pose was measured.
+    gap : dict of int to Gap
+        By the joint, from 0.
+    markers : tuple of mapping
+        Of each body: label to place in its frame, m.
+    """
+
+    names: tuple[str, ...]
+    poses: BodyPoses
+    observed: BoolArray
+    gap: dict[int, Gap]
+    markers: tuple[dict[str, list[float]], ...]
+
+    @property
+    def moves_freely(self) -> bool:
+        """A joint gives way, so that the bodies' own poses say more than the pinned chain's."""
+        return any(not gap.pinned for gap in self.gap.values())
+
+    def recorded(self, recorded: Recorded, bands: Bands) -> Recorded:
+        """The trial with the bodies' motion in the place of the chain's."""
+        return replace(recorded, measured=measured_motion(self.poses, bands), observed=self.observed)
+
+    def grid(self, points: tuple[int, int]) -> PointGrid:
+        """Point masses over each body's joints and markers."""
+        count = len(self.names)
+        body = np.repeat(np.arange(count), [len(each) for each in self.markers])
+        local = np.array([place for each in self.markers for place in each.values()])
+        ends = self.poses.centroid[: count - 1].copy()
+        for joint in self.poses.joints:
+            ends[self.poses.body[joint]] = self.poses.centres[joint]
+        return segment_grid(ends, body, local, points)
+
+
+def measured_bodies(context: Context, recorded: Recorded) -> MeasuredBodies | None:
+    """The bodies of poses.parquet; None where a segment of the chain has no measured pose."""
+    table = context.table("poses.parquet")
+    found = read_bodies(table.facts, table.frame, recorded.centres)
+    if found is None:
+        return None
+    names, poses, markers = found
+    poses, observed = bridged(poses)
+    gap = gaps(poses, np.ones(len(poses.time), dtype=bool))
+    held = [joint for joint, each in gap.items() if each.pinned]
+    return MeasuredBodies(names, pinned(poses, held), observed, gap, markers)
+
+
+def read_bodies(
+    facts: Any, frame: Any, centres: FloatArray
+) -> tuple[tuple[str, ...], BodyPoses, tuple[dict[str, list[float]], ...]] | None:
+    """Names, poses and markers of the bodies of poses.parquet; None where a segment has none."""
+    bodies = facts["bodies"]
+    owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
+    if set(owner) != set(range(len(centres) + 1)):
+        return None
+    local = [np.array(list(body["markers"].values())) for body in bodies]
+    spread = [np.sum((places - places.mean(axis=0)) ** 2) for places in local]
+    noise = [max(body["residual_m"], 1e-4) ** 2 for body in bodies]
+
+    def series(name: str) -> FloatArray:
+        return np.column_stack([frame[f"{name}_{k}"].to_numpy(dtype=np.float64) for k in range(1, len(bodies) + 1)])
+
+    poses = BodyPoses(
+        time=frame["time"].to_numpy(dtype=np.float64),
+        position=np.stack([series("x"), series("y")], axis=-1),
+        angle=series("angle"),
+        centroid=np.array([places.mean(axis=0) for places in local]),
+        information=np.array([[len(p) / n, s / n] for p, s, n in zip(local, spread, noise, strict=True)]),
+        body=np.array([owner[k] for k in range(len(centres) + 1)], dtype=np.int64),
+        centres=centres,
+    )
+    return tuple(str(body["name"]) for body in bodies), poses, tuple(body["markers"] for body in bodies)
+
+
+def loose_prior(bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, reference: FloatArray, mass: float, source: str) -> BodyPrior:
+    """The prior of the bodies: about the table's where one applies, else with an even share of the mass.
+
+    Parameters
+    ----------
+    bodies : MeasuredBodies
+    q : (T, n) array
+        The chain's angles, rad.
+    samples : (T,) bool array
+        Those over which the bodies are where they are on average.
+    reference : (4(n + 1),) array
+        Full parameters of the chain by the table; NaN where none applies.
+    mass : float
+        Of the whole body, kg.
+    source : str
+        The table's name.
+    """
+    poses = bodies.poses
+    if not np.isfinite(reference).all():
+        return even_prior(mass, poses.centroid)
+    of_segment = reference.reshape(-1, 4)
+    mean = np.zeros((len(bodies.names), 4))
+    for body in range(len(bodies.names)):
+        own = np.flatnonzero(poses.body == body)
+        if len(own):
+            mean[body] = gather(poses.centres, q, samples, own) @ of_segment[own].reshape(-1)
+    last = int(poses.body[-1])
+    for body in np.setdiff1d(np.arange(len(bodies.names)), poses.body):
+        mean[last], mean[body] = without_others(mean[last], *relative(poses, int(body), last, samples), mass)
+    return table_prior(mean.reshape(-1), source)
+
+
+def with_prior(
+    bodies: MeasuredBodies, recorded: Recorded, settings: FitSettings, prior: BodyPrior, bands: Bands = USUAL
+) -> Prepared:
+    """The trial made ready on the bodies' motion."""
+    return prepare(bodies.recorded(recorded, bands), settings, prior)
+
+
+def chosen_bands(
+    bodies: MeasuredBodies,
+    recorded: Recorded,
+    settings: FitSettings,
+    prior: BodyPrior,
+    gate: BoolArray,
+    part: np.ndarray[Any, Any],
+) -> ChosenBands:
+    """Cut-offs with which left-out repetitions are predicted best, on thinned samples.
+
+    Parameters
+    ----------
+    gate : (T,) bool array
+        Samples where the ground is all that the body touches.
+    part : (T,) int array
+        The repetition of each sample.
+    """
+    step = max(1, int(recorded.rate / _SEARCHED))
+    some = slice(None, None, step)
+    smooth = LowPass(_SEARCHED / 4, recorded.rate) if step > 1 else (lambda signal: signal)
+    thin = replace(
+        recorded,
+        time=recorded.time[some],
+        q=recorded.q[some],
+        dq=recorded.dq[some],
+        ddq=recorded.ddq[some],
+        ddq_sd=recorded.ddq_sd[some],
+        observed=recorded.observed[some],
+        wrench=smooth(recorded.wrench)[some],
+        external=tuple(replace(each, wrench=smooth(each.wrench)[some]) for each in recorded.external),
+    )
+    poses = bodies.poses
+    series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)
+    series = np.stack([smooth(series[:, k]) for k in range(series.shape[1])], axis=1)[some]
+    thinned = replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2])
+    few = replace(bodies, poses=thinned, observed=bodies.observed[some])
+
+    def predicted(bands: Bands) -> HeldOut | None:
+        prepared = with_prior(few, thin, settings, prior, bands)
+        found = fit(prepared, gate[some])
+        return hold_out(prepared, gate[some], found, part[some], Compressed.free_solution)
+
+    return choose_bands(predicted)

@@ -1,0 +1,103 @@
+"""poses.parquet: the measured pose of every body, each by its own markers and with no joint between them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.estimation.inverse import Chain
+from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
+from mocap_id.stages.trajectories import PlanarView
+from mocap_id.store import Table
+from mocap_id.store.schemas import POSES
+
+OTHERS = "others"
+"""Name of the body of all markers that are on no segment: arms, head."""
+_ONE_BODY = ("pelvis", "trunk")  # for the dynamics: two, each with few markers, predict forces worse than one
+
+
+def measured_poses(
+    view: PlanarView, chain: Chain, labels: list[str], segments: list[str], observed: FloatArray, angles: FloatArray
+) -> Table:
+    """Measure the pose of every body of the dynamics.
+
+    Parameters
+    ----------
+    view : PlanarView
+    chain : Chain
+        With the base's markers.
+    labels, segments : lists of str
+        Of the chain's markers and segments.
+    observed : (F, K, 2) array
+        Markers of the moving segments as the states use them, m; NaN elsewhere.
+    angles : (F, n) array
+        Joint angles, rad; they place the trunk's markers on the pelvis.
+
+    Returns
+    -------
+    Table
+        No columns for a body whose markers show no pose; the facts list the bodies in the columns' order.
+    """
+    columns = {label: column for column, label in enumerate(view.labels)}
+    of_chain = np.array([columns[label] for label in labels], dtype=np.int64)
+    free = np.setdiff1d(np.arange(len(view.labels)), of_chain)
+    moves = np.flatnonzero(chain.segment > 0)
+    local = _in_body_frames(chain, segments, angles)
+    found: list[tuple[str, list[int], list[str], ClusterPose]] = []
+    for name, numbers in _bodies(segments):
+        own = np.flatnonzero(np.isin(chain.segment, numbers))
+        points = (
+            _complex(view.without_bursts(of_chain[own]))
+            if numbers == [0]
+            else _complex(observed[:, np.searchsorted(moves, own)])
+        )
+        pose = measure_cluster(points, local[own])
+        if pose is not None:
+            found.append((name, numbers, [labels[k] for k in own], pose))
+    others = measure_cluster(_complex(view.without_bursts(free))) if len(free) > 1 else None
+    if others is not None:
+        found.append((OTHERS, [], [view.labels[k] for k in free], others))
+    return Table(POSES, _frame(view, [pose for *_, pose in found]), {"bodies": [_fact(*each) for each in found]})
+
+
+def _bodies(segments: list[str]) -> list[tuple[str, list[int]]]:
+    """Name and segments of each body: a segment each, but pelvis and trunk are one."""
+    if not set(_ONE_BODY) <= set(segments):
+        return [(name, [k]) for k, name in enumerate(segments)]
+    apart = [(name, [k]) for k, name in enumerate(segments) if name not in _ONE_BODY]
+    return [*apart, ("torso", [segments.index(name) for name in _ONE_BODY])]
+
+
+def _in_body_frames(chain: Chain, segments: list[str], angles: FloatArray) -> ComplexArray:
+    """Markers (M,) in the frame of their body's first segment, m."""
+    local = np.asarray(chain.local @ [1.0, 1.0j])
+    for _, (first, *rest) in _bodies(segments):
+        for segment in rest:  # next to the first one
+            mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
+            on = chain.segment == segment
+            local[on] = complex(*chain.centres[segment - 1]) + mean / abs(mean) * local[on]
+    return local
+
+
+def _complex(points: FloatArray) -> ComplexArray:
+    return np.asarray(points[..., 0] + 1j * points[..., 1])
+
+
+def _frame(view: PlanarView, poses: list[ClusterPose]) -> pd.DataFrame:
+    columns: dict[str, FloatArray | IntArray] = {"time": view.time}
+    for k, pose in enumerate(poses, start=1):
+        columns |= {
+            f"x_{k}": pose.position.real.copy(),
+            f"y_{k}": pose.position.imag.copy(),
+            f"angle_{k}": pose.angle,
+            f"markers_{k}": pose.count.astype(np.int64),
+        }
+    return pd.DataFrame(columns, copy=False)
+
+
+def _fact(name: str, numbers: list[int], labels: list[str], pose: ClusterPose) -> dict[str, Any]:
+    local = {label: [float(z.real), float(z.imag)] for label, z in zip(labels, pose.local, strict=True)}
+    return {"name": name, "segments": numbers, "markers": local, "residual_m": pose.residual}
