@@ -23,10 +23,14 @@ class ChosenBands:
     ----------
     bands : (x, y, angle)
     why : str
+    cost : float
+        Sum of the logarithms of the rms errors of Fx, Fy and tauz on left-out repetitions; infinite where none could
+        be left out.
     """
 
     bands: Bands
     why: str
+    cost: float
 
 
 def choose_bands(predicted: Callable[[Bands], HeldOut | None]) -> ChosenBands:
@@ -40,7 +44,7 @@ def choose_bands(predicted: Callable[[Bands], HeldOut | None]) -> ChosenBands:
     cost = {USUAL: _cost(predicted(USUAL))}
     best = USUAL
     if not np.isfinite(cost[best]):
-        return ChosenBands(best, "the usual ones: no repetition could be left out to compare others")
+        return ChosenBands(best, "the usual ones: no repetition could be left out to compare others", cost[best])
     for _ in range(_ROUNDS):
         before = best
         for axis in range(3):
@@ -48,7 +52,7 @@ def choose_bands(predicted: Callable[[Bands], HeldOut | None]) -> ChosenBands:
                 best = _walk(predicted, cost, best, axis, step)
         if best == before:
             break
-    return ChosenBands(best, "left-out repetitions are predicted best with these")
+    return ChosenBands(best, "left-out repetitions are predicted best with these", cost[best])
 
 
 def _walk(

@@ -66,7 +66,8 @@ class _Chain:
 class _Read:
     """A trial read through its protocol; ``unknown`` says why nothing can be identified from it.
 
-    ``bodies`` are those that move on their own measured poses; None where the pinned chain moves the masses.
+    ``bodies`` are those that move on their own measured poses, in every way to count them; empty where the pinned
+    chain moves the masses.
     """
 
     chain: _Chain
@@ -75,7 +76,7 @@ class _Read:
     movement: Movement
     grid: PointGrid
     unknown: Unknown | None
-    bodies: MeasuredBodies | None
+    bodies: tuple[MeasuredBodies, ...]
     joints: dict[str, Any]
 
 
@@ -103,7 +104,7 @@ def identification(context: Context) -> tuple[Prepared, Movement, Identification
         return read.unknown
     bodies = rivals(context, read.prepared.recorded, read.movement)
     found = _fit(context, read.prepared, read.movement, read.grid, bodies)
-    if read.bodies is not None:
+    if read.bodies:
         found = fit_segments(context, read.bodies, read.prepared, read.movement, found, bodies).in_chain
     return read.prepared, read.movement, found
 
@@ -117,9 +118,9 @@ def _read(context: Context) -> _Read:
     recorded, prepared, of_seat = surroundings.settle(recorded, prepared)
     bodies, joints = _measured(context, recorded)
     felt = prepared
-    if bodies is not None and prepared is not None:
-        even = even_prior(_mass(context, recorded), bodies.poses.centroid)
-        felt = with_prior(bodies, recorded, prepared.settings, even)
+    if bodies and prepared is not None:
+        even = even_prior(_mass(context, recorded), bodies[-1].poses.centroid)
+        felt = with_prior(bodies[-1], recorded, prepared.settings, even)
     movement = read_movement(
         context.trial.protocol,
         recorded,
@@ -136,22 +137,22 @@ def _read(context: Context) -> _Read:
     return _Read(chain, recorded, prepared, movement, grid, unknown, bodies, joints)
 
 
-def _measured(context: Context, recorded: Recorded) -> tuple[MeasuredBodies | None, dict[str, Any]]:
-    """The bodies that move on their own poses, or None, and the facts of that choice."""
+def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any]]:
+    """The bodies that move on their own poses, and the facts of that choice; none where the pinned chain is used."""
     wanted = context.settings.motion or ("chain" if context.trial.protocol == "robot-joint" else "segments")
     if wanted == "chain":
-        return None, {"source": "chain", "why": "asked for" if context.settings.motion else "a robot's joint holds"}
-    bodies = measured_bodies(context, recorded)
-    if bodies is None:
-        return None, {"source": "chain", "why": "a segment has too few markers to show its own pose"}
+        return (), {"source": "chain", "why": "asked for" if context.settings.motion else "a robot's joint holds"}
+    ways = measured_bodies(context, recorded)
+    if not ways:
+        return (), {"source": "chain", "why": "a segment has too few markers to show its own pose"}
     gap = {
         name: {"gap_m": gap.size, "acceleration_m_s2": gap.acceleration, "pinned": gap.pinned}
         for joint, name in enumerate(_joint_names(context))
-        if (gap := bodies.gap.get(joint)) is not None
+        if (gap := ways[0].gap.get(joint)) is not None
     }
-    if not bodies.moves_freely:
-        return None, {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
-    return bodies, {"source": "segments", "why": "a joint gives way", "joints": gap, "bodies": list(bodies.names)}
+    if not ways[0].moves_freely:
+        return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
+    return ways, {"source": "segments", "why": "a joint gives way", "joints": gap}
 
 
 def _mass(context: Context, recorded: Recorded) -> float:
@@ -179,7 +180,7 @@ def _events(
 def _identified(context: Context, read: _Read, prepared: Prepared) -> tuple[Table, Tree, Prepared]:
     bodies, movement, threshold = rivals(context, prepared.recorded, read.movement), read.movement, _cop_threshold(context)
     found = _fit(context, prepared, movement, read.grid, bodies)
-    if read.bodies is None:
+    if not read.bodies:
         result = _of_chain(context, read, prepared, found, bodies, threshold)
         more: dict[str, Any] = {}
     else:
@@ -192,7 +193,7 @@ def _identified(context: Context, read: _Read, prepared: Prepared) -> tuple[Tabl
         "torque": torque_facts(context, frame),
         "motion": read.joints | more,
     }
-    if read.bodies is not None:
+    if read.bodies:
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.bands import Bands, ChosenBands, choose_bands
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.fold import gather, relative
@@ -19,7 +20,9 @@ from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, bridged, ga
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.solve import Compressed
 from mocap_id.stages.base import Context
+from mocap_id.store import Table
 
+_LEAST_RESIDUAL = 1e-4  # m
 _SEARCHED = 60.0  # Hz; cut-offs are chosen on samples that are no denser
 
 
@@ -38,6 +41,8 @@ class MeasuredBodies:
         By the joint, from 0.
     markers : tuple of mapping
         Of each body: label to place in its frame, m.
+    used : tuple of int
+        Their places in poses.parquet, from 0.
     """
 
     names: tuple[str, ...]
@@ -45,6 +50,7 @@ class MeasuredBodies:
     observed: BoolArray
     gap: dict[int, Gap]
     markers: tuple[dict[str, list[float]], ...]
+    used: tuple[int, ...]
 
     @property
     def moves_freely(self) -> bool:
@@ -66,36 +72,61 @@ class MeasuredBodies:
         return segment_grid(ends, body, local, points)
 
 
-def measured_bodies(context: Context, recorded: Recorded) -> MeasuredBodies | None:
-    """The bodies of poses.parquet; None where a segment of the chain has no measured pose."""
+def measured_bodies(context: Context, recorded: Recorded) -> tuple[MeasuredBodies, ...]:
+    """The bodies of poses.parquet, in every way to count them; none where a segment of the chain has no pose.
+
+    A body of several segments can take their place: pelvis and trunk count as two or as one.
+    """
     table = context.table("poses.parquet")
-    found = read_bodies(table.facts, table.frame, recorded.centres)
-    if found is None:
-        return None
-    names, poses, markers = found
-    poses, observed = bridged(poses)
+    every = range(len(table.facts["bodies"]))
+    many = [k for k in every if len(table.facts["bodies"][k]["segments"]) > 1]
+    single = [k for k in every if k not in many]
+    ways = [single, *([k for k in every if not _part_of(table.facts["bodies"], k, whole)] for whole in many)]
+    return tuple(_ready(read_bodies(table, recorded.centres, way)) for way in ways if _whole(table, recorded, way))
+
+
+def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:
+    """Whether a body is a part of the whole one."""
+    own = bodies[body]["segments"]
+    return body != whole and bool(own) and set(own) <= set(bodies[whole]["segments"])
+
+
+def _whole(table: Table, recorded: Recorded, used: Sequence[int]) -> bool:
+    """Whether every segment of the chain is in one of the bodies."""
+    segments = {segment for k in used for segment in table.facts["bodies"][k]["segments"]}
+    return segments == set(range(len(recorded.centres) + 1))
+
+
+def _ready(bodies: MeasuredBodies) -> MeasuredBodies:
+    """Short gaps bridged, joints that hold pinned."""
+    poses, observed = bridged(bodies.poses)
     gap = gaps(poses, np.ones(len(poses.time), dtype=bool))
     held = [joint for joint, each in gap.items() if each.pinned]
-    return MeasuredBodies(names, pinned(poses, held), observed, gap, markers)
+    return replace(bodies, poses=pinned(poses, held), observed=observed, gap=gap)
 
 
-def read_bodies(
-    facts: Any, frame: Any, centres: FloatArray
-) -> tuple[tuple[str, ...], BodyPoses, tuple[dict[str, list[float]], ...]] | None:
-    """Names, poses and markers of the bodies of poses.parquet; None where a segment has none."""
-    bodies = facts["bodies"]
+def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> MeasuredBodies:
+    """Bodies of poses.parquet as they were measured: gaps neither bridged nor pinned.
+
+    Parameters
+    ----------
+    table : Table
+    centres : (n, 2) array
+        Joint centres in the segment before, m.
+    used : sequence of int
+        The bodies to take, which together hold every segment of the chain once.
+    """
+    bodies = [table.facts["bodies"][k] for k in used]
     owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
-    if set(owner) != set(range(len(centres) + 1)):
-        return None
     local = [np.array(list(body["markers"].values())) for body in bodies]
     spread = [np.sum((places - places.mean(axis=0)) ** 2) for places in local]
-    noise = [max(body["residual_m"], 1e-4) ** 2 for body in bodies]
+    noise = [max(body["residual_m"], _LEAST_RESIDUAL) ** 2 for body in bodies]
 
     def series(name: str) -> FloatArray:
-        return np.column_stack([frame[f"{name}_{k}"].to_numpy(dtype=np.float64) for k in range(1, len(bodies) + 1)])
+        return np.column_stack([table.frame[f"{name}_{k + 1}"].to_numpy(dtype=np.float64) for k in used])
 
     poses = BodyPoses(
-        time=frame["time"].to_numpy(dtype=np.float64),
+        time=table.frame["time"].to_numpy(dtype=np.float64),
         position=np.stack([series("x"), series("y")], axis=-1),
         angle=series("angle"),
         centroid=np.array([places.mean(axis=0) for places in local]),
@@ -103,7 +134,14 @@ def read_bodies(
         body=np.array([owner[k] for k in range(len(centres) + 1)], dtype=np.int64),
         centres=centres,
     )
-    return tuple(str(body["name"]) for body in bodies), poses, tuple(body["markers"] for body in bodies)
+    return MeasuredBodies(
+        names=tuple(str(body["name"]) for body in bodies),
+        poses=poses,
+        observed=np.isfinite(poses.angle).all(axis=1),
+        gap={},
+        markers=tuple(body["markers"] for body in bodies),
+        used=tuple(used),
+    )
 
 
 def loose_prior(bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, reference: FloatArray, mass: float, source: str) -> BodyPrior:
@@ -151,7 +189,7 @@ def chosen_bands(
     settings: FitSettings,
     prior: BodyPrior,
     gate: BoolArray,
-    part: np.ndarray[Any, Any],
+    part: IntArray,
 ) -> ChosenBands:
     """Cut-offs with which left-out repetitions are predicted best, on thinned samples.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -93,6 +94,8 @@ class SegmentFit:
         return {
             "bands_hz": dict(zip(("x", "y", "angle"), self.bands.bands, strict=True)),
             "bands_why": self.bands.why,
+            "bodies": list(self.bodies.names),
+            "used": list(self.bodies.used),
             "prior": self.prior.source,
             "prior_share": self.prior_share.tolist(),
         }
@@ -107,7 +110,7 @@ class SegmentFit:
 
 def fit_segments(
     context: Context,
-    bodies: MeasuredBodies,
+    ways: Sequence[MeasuredBodies],
     prepared: Prepared,
     movement: Movement,
     pinned: Identification,
@@ -118,7 +121,8 @@ def fit_segments(
     Parameters
     ----------
     context : Context
-    bodies : MeasuredBodies
+    ways : sequence of MeasuredBodies
+        The bodies in every way to count them; the one that predicts left-out repetitions best is used.
     prepared : Prepared
         On the pinned chain.
     movement : Movement
@@ -130,8 +134,12 @@ def fit_segments(
     settings, recorded, gate = context.settings, prepared.recorded, movement.free
     reference = tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
-    prior = loose_prior(bodies, recorded.q, gate, reference, mass, str(tables.chosen.table))
-    bands = chosen_bands(bodies, recorded, prepared.settings, prior, gate, _parts(prepared, movement))
+    part = _parts(prepared, movement)
+    tried = []
+    for way in ways:
+        prior = loose_prior(way, recorded.q, gate, reference, mass, str(tables.chosen.table))
+        tried.append((way, prior, chosen_bands(way, recorded, prepared.settings, prior, gate, part)))
+    bodies, prior, bands = min(reversed(tried), key=lambda each: each[2].cost)
     ready = with_prior(bodies, recorded, prepared.settings, prior, bands.bands)
     grid = bodies.grid(settings.grid)
     found = identify(

@@ -16,7 +16,7 @@ from mocap_id.store.schemas import POSES
 
 OTHERS = "others"
 """Name of the body of all markers that are on no segment: arms, head."""
-_ONE_BODY = ("pelvis", "trunk")  # for the dynamics: two, each with few markers, predict forces worse than one
+_ONE_BODY = ("pelvis", "trunk")  # each alone has few markers, so their common pose is there to choose as well
 
 
 def measured_poses(
@@ -39,13 +39,14 @@ def measured_poses(
     Returns
     -------
     Table
-        No columns for a body whose markers show no pose; the facts list the bodies in the columns' order.
+        No columns for a body whose markers show no pose; the facts list the bodies in the columns' order. Pelvis and
+        trunk are there each by itself and as one body, the torso.
     """
     columns = {label: column for column, label in enumerate(view.labels)}
     of_chain = np.array([columns[label] for label in labels], dtype=np.int64)
     free = np.setdiff1d(np.arange(len(view.labels)), of_chain)
     moves = np.flatnonzero(chain.segment > 0)
-    local = _in_body_frames(chain, segments, angles)
+    local = np.asarray(chain.local @ [1.0, 1.0j])
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
     for name, numbers in _bodies(segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
@@ -54,7 +55,7 @@ def measured_poses(
             if numbers == [0]
             else _complex(observed[:, np.searchsorted(moves, own)])
         )
-        pose = measure_cluster(points, local[own])
+        pose = measure_cluster(points, _in_body_frame(chain, local, numbers, angles)[own])
         if pose is not None:
             found.append((name, numbers, [labels[k] for k in own], pose))
     others = measure_cluster(_complex(view.without_bursts(free))) if len(free) > 1 else None
@@ -64,22 +65,21 @@ def measured_poses(
 
 
 def _bodies(segments: list[str]) -> list[tuple[str, list[int]]]:
-    """Name and segments of each body: a segment each, but pelvis and trunk are one."""
+    """Name and segments of each body: each segment, then pelvis and trunk as one."""
+    apart = [(name, [k]) for k, name in enumerate(segments)]
     if not set(_ONE_BODY) <= set(segments):
-        return [(name, [k]) for k, name in enumerate(segments)]
-    apart = [(name, [k]) for k, name in enumerate(segments) if name not in _ONE_BODY]
+        return apart
     return [*apart, ("torso", [segments.index(name) for name in _ONE_BODY])]
 
 
-def _in_body_frames(chain: Chain, segments: list[str], angles: FloatArray) -> ComplexArray:
-    """Markers (M,) in the frame of their body's first segment, m."""
-    local = np.asarray(chain.local @ [1.0, 1.0j])
-    for _, (first, *rest) in _bodies(segments):
-        for segment in rest:  # next to the first one
-            mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
-            on = chain.segment == segment
-            local[on] = complex(*chain.centres[segment - 1]) + mean / abs(mean) * local[on]
-    return local
+def _in_body_frame(chain: Chain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
+    """Markers (M,) of a body in the frame of its first segment, m; those of its next segment where they are on average."""
+    found = local.copy()
+    for segment in numbers[1:]:
+        mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
+        on = chain.segment == segment
+        found[on] = complex(*chain.centres[segment - 1]) + mean / abs(mean) * local[on]
+    return found
 
 
 def _complex(points: FloatArray) -> ComplexArray:
