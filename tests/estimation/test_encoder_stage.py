@@ -79,10 +79,11 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
         "local": moving.local,
         "residual": np.full(len(labels), 1e-3),
     }
+    segments = {"name": np.array(["base", "link"], dtype=object)}
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("a.c3d")), protocol="robot-joint", encoder=encoder)
     inputs = {
         "planar.parquet": Table(PLANAR, frame, {"rate_hz": RATE}),
-        "chain.h5": Tree(CHAIN, {"joints": joints, "segments": {"name": np.array(["base", "link"])}, "markers": markers}),
+        "chain.h5": Tree(CHAIN, {"joints": joints, "segments": segments, "markers": markers}),
     }
     states, _, _, beside, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table) and isinstance(beside, Table)

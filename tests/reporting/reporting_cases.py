@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from mocap_id.store.schemas import (
     EVENTS,
     MARKERS,
     PLANAR,
+    POSES,
     SEGMENTS,
     STATES,
     WRENCH,
@@ -269,6 +271,7 @@ class Trial:
                 "relative_sd": np.array([0.004, 0.4, 0.014, 0.017])[:base],
                 "excitation": np.array([310.0, 4.0, 90.0, 30.0])[:base],
                 "own_share": np.array([0.9, 0.05, 0.4, 0.3])[:base],
+                "prior_share": np.zeros(base),
             },
             "full": {
                 "name": np.array([f"{p}{k}" for k in range(self.n + 1) for p in ("m", "mx", "my", "Izz")]),
@@ -317,12 +320,78 @@ class Trial:
                 "in_sample": self._errors(0.5),
                 "reference": self._errors(4.5),
                 "clock_offset_s": [0.0070, 0.0071, 0.0073],
+                "unfiltered": None,
+                "inside": None,
                 "why": None,
             },
+            "cutoff_hz": 4.5,
+            "motion": {
+                "source": "chain",
+                "why": "every joint's gap is at the noise",
+                "joints": {name: {"gap_m": 0.0006, "acceleration_m_s2": 0.012, "pinned": True} for name in self.joints},
+            },
+            "pins": None,
             "solver": {"name": "osqp", "kkt": 1e-9},
             "why": None,
         }
         return Tree(DYNAMICS_TREE, data, facts if plates else nothing | {"why": "the recording has no force plate"})
+
+    def on_segments(self) -> dict[str, Artefact]:
+        """A trial on measured poses: its last two segments are one body, and there is one of all other markers."""
+        tree, last = self.dynamics_tree(), self.n - 1
+        share = np.array([0.016, 0.848, 0.182, 0.134])
+        gap = {"gap_m": 0.0125, "acceleration_m_s2": 0.731, "pinned": False}
+        bodies = [*self.names[:last], "trunk", "others"]
+        motion = {
+            "source": "segments",
+            "why": "a joint gives way",
+            "joints": dict.fromkeys(self.joints, gap) | {"ankle": gap | {"gap_m": 0.0021, "pinned": True}},
+            "bands_hz": {"angle": 4.0, "x": 3.5, "y": 6.0},
+            "bands_why": "left-out repetitions are predicted best with these",
+            "bodies": bodies,
+            "used": [*range(last), self.n + 1, self.n + 2],
+            "prior": "winter",
+            "prior_share": share.tolist(),
+        }
+        side = {
+            "wrench": {name: {"bias": 3.0, "sd": 4.0, "r2": 0.9} for name in ("Fx", "Fy", "tauz")},
+            "cop_rms_m": 0.0087,
+        }
+        pinned = {
+            "wrench": {name: {"bias": 6.0, "sd": 8.0, "r2": 0.8} for name in ("Fx", "Fy", "tauz")},
+            "cop_rms_m": 0.0261,
+        }
+        pins = {"why": None, "samples": 654, "chain": pinned, "segments": side, "clock_offset_s": -0.0052}
+        held_out = tree.facts["held_out"] | {
+            "unfiltered": self._errors(0.8),
+            "inside": {"Fx": 0.936, "Fy": 0.968, "tauz": 0.954, "cop_x": 0.931},
+        }
+        facts = tree.facts | {
+            "motion": motion, "pins": pins, "held_out": held_out, "cutoff_hz": 5.0, "consistency": "cone",
+            "untold": [f"tau_{self.n}"],
+        }  # fmt: skip
+        data = dict(tree.data)
+        data["base"] = dict(data["base"]) | {"prior_share": share}
+        data["grid"] = dict(data["grid"]) | {"mass": np.full_like(data["grid"]["mass"], np.nan)}
+        table = self.dynamics_table()
+        untold = {f"tau_{self.n}": np.nan, f"sd_tau_{self.n}": np.nan}
+        table = replace(table, frame=table.frame.assign(**untold))
+        found = self.artefacts() | {
+            "poses.parquet": self.poses(),
+            "dynamics.h5": replace(tree, data=data, facts=facts),
+            "dynamics.parquet": table,
+        }
+        return found | {"phases.parquet": averages(context(found), self.events().frame, table.frame)}
+
+    def poses(self) -> Table:
+        """A body a segment, one of the last two together, one of all other markers."""
+        own = [{"name": name, "segments": [k]} for k, name in enumerate(self.names)]
+        bodies = [*own, {"name": "trunk", "segments": [self.n - 1, self.n]}, {"name": "others", "segments": []}]
+        columns = {
+            f"{name}_{k}": np.zeros(self.frames) for k in range(1, len(bodies) + 1) for name in ("x", "y", "angle")
+        }
+        counts = {f"markers_{k}": np.full(self.frames, 4) for k in range(1, len(bodies) + 1)}
+        return Table(POSES, pd.DataFrame({"time": self.time} | columns | counts), {"bodies": bodies})
 
     def _errors(self, bias: float) -> dict[str, dict[str, float]]:
         return {name: {"bias": bias, "sd": 3.3, "r2": 0.99} for name in ("Fx", "Fy", "tauz")} | {

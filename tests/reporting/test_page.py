@@ -22,7 +22,7 @@ from mocap_id.reporting.readings import AGAINST
 from mocap_id.reporting.report import documents
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import material
-from mocap_id.store import Artefact, Table
+from mocap_id.store import Artefact, Table, Tree
 from mocap_id.verdict import Reason
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
@@ -122,7 +122,17 @@ def relabelled(trial: Trial) -> dict[str, Artefact]:
 
 def test_healthy_trial_shows_everything() -> None:
     page = checked(healthy())
-    assert page.sections == ["player", "skeleton", "states", "repetitions", "wrench", "parameters", "markers", "origin"]
+    assert page.sections == [
+        "player",
+        "skeleton",
+        "states",
+        "repetitions",
+        "wrench",
+        "motion",
+        "parameters",
+        "markers",
+        "origin",
+    ]
     assert page.tags.count("figure") == 9
     for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
         assert wanted in page.text
@@ -204,7 +214,7 @@ def test_the_exact_cone_has_no_point_masses_and_says_so() -> None:
     facts = dict(tree.facts) | {"consistency": "bounded-cone"}
     exact = replace(tree, data=dict(tree.data) | {"grid": grid}, facts=facts)
     page = checked(report(trial.artefacts() | {"dynamics.h5": exact}))
-    assert "No point masses: the bodies were not held to a grid" in page.text
+    assert "No point masses: the fit finds mass, first moments and inertia of every body" in page.text
     assert "bounded-cone" in page.text
 
 
@@ -286,3 +296,91 @@ def test_repetitions_left_out_stand_beside_the_fit_and_the_table() -> None:
     page = checked(report(trial.artefacts() | {"dynamics.h5": replace(tree, facts=facts)}))
     assert "Repetitions left out" not in page.text
     assert "only one repetition was found" in page.text
+
+
+def rows(page: Page, caption: str) -> list[list[str]]:
+    """The cells of the table whose caption begins so, row by row."""
+    body = re.search(r"<tbody>(.*?)</tbody>", page.source[page.source.index(f">{caption}") :], flags=re.DOTALL)
+    assert body
+    found = re.findall(r"<tr>(.*?)</tr>", body[1], flags=re.DOTALL)
+    return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in found]
+
+
+def test_what_the_pins_cost_is_shown_with_the_numbers_of_the_facts() -> None:
+    page = checked(report(Trial().on_segments()))
+    assert rows(page, "Pinned chain and measured poses: rms error on left-out repetitions, below 5 Hz") == [
+        ["pinned chain", "10.0", "10.0", "10.0", "26.1", "−5.20"],
+        ["measured poses", "5.00", "5.00", "5.00", "8.7", "7.10"],
+    ]
+    assert rows(page, "Gap between the two sides of each joint") == [
+        ["ankle", "2.1", "0.731", "pinned"],
+        ["knee", "12.5", "0.731", "free"],
+        ["hip", "12.5", "0.731", "inside one body (trunk)"],
+    ]
+    told = dict(rows(page, "Measured poses"))
+    assert told["bodies"] == "foot, shank, trunk, others"
+    assert [told[f"cut-off of {axis} (Hz)"] for axis in ("x", "y", "angle")] == ["3.5", "6", "4"]
+    assert told["these cut-offs, because"] == "left-out repetitions are predicted best with these"
+    for wanted in (
+        "because a joint gives way",
+        "on the same 654 samples, below 5 Hz",
+        "2.0 times as large for Fx",
+        "3.0 times as large for the centre of pressure",
+        "The two clock offsets differ by 12.3 ms.",
+    ):
+        assert wanted in page.text
+
+
+def test_on_measured_poses_band_and_intervals_and_the_prior_are_shown() -> None:
+    page = checked(report(Trial().on_segments()))
+    held_out = rows(page, "Repetitions left out of the fit and predicted, below 5 Hz")
+    assert [row[0] for row in held_out] == [
+        "models fitted without the repetition", "the same, unfiltered", "model of the whole trial", "allometric body",
+        "samples inside the 95 % interval (%)",
+    ]  # fmt: skip
+    assert held_out[1][1] == "0.800 ± 3.30"
+    assert held_out[-1][1:] == ["93.6", "96.8", "95.4", "93.1"]
+    assert [row[-1] for row in rows(page, "Base parameters;")] == ["1.6", "84.8", "18.2", "13.4"]
+    captions = page.text.count(
+        "The masses move as the measured poses, after low-passes (x 3.5 Hz, y 6 Hz, angle 4 Hz)."
+    )
+    assert captions == 3, "wrench, phases, parameters"
+    for wanted in (
+        "The fit does not give the torque of: hip.",
+        "No point masses",
+        "model's forces rest on the measured",
+    ):
+        assert wanted in page.text
+
+
+def test_point_masses_of_bodies_carry_the_names_of_bodies() -> None:
+    trial = Trial()
+    artefacts = trial.on_segments()
+    tree = artefacts["dynamics.h5"]
+    assert isinstance(tree, Tree)
+    grid = dict(tree.data) | {"grid": trial.dynamics_tree().data["grid"]}
+    files = report(artefacts | {"dynamics.h5": replace(tree, data=grid, facts=tree.facts | {"consistency": "grid"})})
+    text = " ".join("".join(each.itertext()) for each in ET.fromstring(files["figures/point_masses.svg"]).iter())
+    assert all(name in text for name in ("foot", "shank", "trunk", "others")) and "thigh" not in text
+    assert b"A panel is a body of the fit" in files["figures/captions.md"]
+
+
+def test_the_pinned_chain_is_one_sentence_with_the_gaps() -> None:
+    page = checked(healthy())
+    gaps = ", ".join(f"{name} 0.6 mm and 0.012 m/s²" for name in ("ankle", "knee", "hip"))
+    assert f"The masses move as the pinned chain, because every joint's gap is at the noise (rms: {gaps})." in page.text
+    assert "of which prior" not in page.text and "Pinned chain and measured poses" not in page.text
+    assert "Repetitions left out of the fit and predicted, unfiltered" in page.text
+    trial = Trial()
+    tree = trial.dynamics_tree()
+    asked = replace(tree, facts=tree.facts | {"motion": {"source": "chain", "why": "asked for"}})
+    page = checked(report(trial.artefacts() | {"dynamics.h5": asked}))
+    assert "The masses move as the pinned chain, because the settings ask for it." in page.text
+
+
+def test_pins_that_were_not_compared_leave_a_sentence() -> None:
+    artefacts = Trial().on_segments()
+    tree = artefacts["dynamics.h5"]
+    pins = {"why": "only one repetition was found", "chain": None, "segments": None, "clock_offset_s": 0.0}
+    page = checked(report(artefacts | {"dynamics.h5": replace(tree, facts=tree.facts | {"pins": pins})}))
+    assert "What pins would cost is not known: only one repetition was found." in page.text

@@ -56,8 +56,11 @@ def objects(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def assert_nulls_explained(summary: dict[str, Any]) -> None:
-    """An object with a null holds a why; one without nulls holds none, but for a hypothesis, which says why it lost."""
-    explained = [entry for entry in objects(summary) if "why" in entry and "chosen" not in entry]
+    """An object with a null holds a why; one without nulls holds none.
+
+    But for a hypothesis, which says why it lost, and the motion, which says why it was chosen.
+    """
+    explained = [entry for entry in objects(summary) if "why" in entry and not {"chosen", "source"} & set(entry)]
     assert explained
     for entry in explained:
         unknown = [key for key, value in entry.items() if value is None and key != "why"]
@@ -80,7 +83,8 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     assert summary["noise"] == {"marker_sd_m": 0.0021, "sigma_v": 3200.0, "sigma_v_per_joint": [3200.0], "why": None}
     assert summary["dynamics"]["base"][0] == {
         "name": "m1+m2+m3+m4", "value": 71.2, "sd": 0.3, "unit": "kg", "verdict": "known", "relative_sd": 0.004,
-        "excitation": 310.0, "own_share": 0.9, "helps": "none of those tried", "sd_ratio": 1.0, "why": None,
+        "excitation": 310.0, "own_share": 0.9, "helps": "none of those tried", "sd_ratio": 1.0,
+        "prior_share": 0.0, "why": None,
     }  # fmt: skip
     assert summary["dynamics"]["wrench"]["Fy"]["r2"] == 0.991
     assert summary["dynamics"]["samples"] == 900
@@ -96,6 +100,50 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     assert_nulls_explained(summary)
 
 
+def test_the_pinned_chain_says_why_it_is_used_and_costs_no_pins() -> None:
+    dynamics = summary_of(Trial().artefacts())["dynamics"]
+    gap = {"gap_m": 0.0006, "acceleration_m_s2": 0.012, "pinned": True, "why": None}
+    assert dynamics["motion"] == {
+        "source": "chain", "why": "every joint's gap is at the noise", "bands_hz": None, "bands_why": None,
+        "bodies": None, "prior": None, "joints": {"ankle": gap, "knee": gap, "hip": gap},
+    }  # fmt: skip
+    nothing = dict.fromkeys(("samples", "chain", "segments", "clock_offset_s"))
+    assert dynamics["pins"] == nothing | {"why": "the dynamics use the pinned chain"}
+    assert dynamics["held_out"]["unfiltered"] == dynamics["held_out"]["model"]
+
+
+def test_measured_poses_hold_what_the_facts_say() -> None:
+    summary = summary_of(Trial().on_segments())
+    dynamics = summary["dynamics"]
+    motion, pins, held_out = dynamics["motion"], dynamics["pins"], dynamics["held_out"]
+    assert motion["source"] == "segments" and motion["bands_hz"] == {"x": 3.5, "y": 6.0, "angle": 4.0}
+    assert motion["bodies"] == ["foot", "shank", "trunk", "others"] and motion["prior"] == "winter"
+    assert {name: gap["pinned"] for name, gap in motion["joints"].items()} == {
+        "ankle": True,
+        "knee": False,
+        "hip": False,
+    }
+    assert (pins["samples"], pins["clock_offset_s"], pins["why"]) == (654, -0.0052, None)
+    assert (pins["chain"]["cop_rms_m"], pins["segments"]["cop_rms_m"]) == (0.0261, 0.0087)
+    assert (pins["chain"]["wrench"]["Fy"]["sd"], pins["segments"]["wrench"]["Fy"]["sd"]) == (8.0, 4.0)
+    assert [entry["prior_share"] for entry in dynamics["base"]] == [0.016, 0.848, 0.182, 0.134]
+    assert held_out["unfiltered"]["Fx"]["bias"] == 0.8 and held_out["inside"]["Fy"] == 0.968
+    assert_nulls_explained(summary)
+
+
+def test_pins_that_could_not_be_compared_say_why() -> None:
+    artefacts = Trial().on_segments()
+    tree = artefacts["dynamics.h5"]
+    why = "only one repetition was found"
+    pins = {"why": why, "chain": None, "segments": None, "clock_offset_s": -0.0052}
+    gap = {"gap_m": 0.01, "acceleration_m_s2": float("nan"), "pinned": True}
+    facts = tree.facts | {"pins": pins, "motion": tree.facts["motion"] | {"joints": {"hip": gap}}}
+    summary = summary_of(artefacts | {"dynamics.h5": replace(tree, facts=facts)})
+    assert summary["dynamics"]["pins"]["why"] == why and summary["dynamics"]["pins"]["clock_offset_s"] == -0.0052
+    assert summary["dynamics"]["motion"]["joints"]["hip"]["acceleration_m_s2"] is None
+    assert_nulls_explained(summary)
+
+
 def test_what_could_not_be_held_out_is_null_with_its_reason() -> None:
     artefacts = Trial().artefacts()
     tree = artefacts["dynamics.h5"]
@@ -103,10 +151,11 @@ def test_what_could_not_be_held_out_is_null_with_its_reason() -> None:
     single = tree.facts | {"held_out": {"repetitions": 1, **nothing, "why": "only one repetition was found"}}
     summary = summary_of(artefacts | {"dynamics.h5": replace(tree, facts=single)})
     held_out = summary["dynamics"]["held_out"]
-    assert held_out == {"repetitions": 1, **nothing, "why": "only one repetition was found"}
+    unknown = nothing | {"unfiltered": None, "inside": None}
+    assert held_out == {"repetitions": 1, **unknown, "why": "only one repetition was found"}
     unmatched = tree.facts | {"held_out": tree.facts["held_out"] | {"reference": None}}
     held_out = summary_of(artefacts | {"dynamics.h5": replace(tree, facts=unmatched)})["dynamics"]["held_out"]
-    assert held_out["why"] == "reference: there is no reference body"
+    assert held_out["why"].startswith("reference: there is no reference body")
     assert held_out["model"] is not None
     assert_nulls_explained(summary)
 
@@ -146,7 +195,7 @@ def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
 def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
-    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "held_out", "why"}
+    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "held_out", "pins", "why"}
     assert dynamics["rivals"] == {}
     assert dynamics["why"] == "the recording has no force plate"
     assert summary["joints"] and summary["repetitions"]

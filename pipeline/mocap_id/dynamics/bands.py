@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.held_out import HeldOut
 from mocap_id.dynamics.measured_motion import CUTOFFS, USUAL
 
@@ -41,7 +42,7 @@ def choose_bands(predicted: Callable[[Bands], HeldOut | None]) -> ChosenBands:
     predicted : callable
         From cut-offs to predictions of left-out repetitions.
     """
-    cost = {USUAL: _cost(predicted(USUAL))}
+    cost = {USUAL: held_out_cost(predicted(USUAL))}
     best = USUAL
     if not np.isfinite(cost[best]):
         return ChosenBands(best, "the usual ones: no repetition could be left out to compare others", cost[best])
@@ -64,17 +65,22 @@ def _walk(
         values[axis] = CUTOFFS[k]
         tried: Bands = (values[0], values[1], values[2])
         if tried not in cost:
-            cost[tried] = _cost(predicted(tried))
+            cost[tried] = held_out_cost(predicted(tried))
         if not cost[tried] < cost[best] - _MATTERS:
             break
         best = tried
     return best
 
 
-def _cost(held: HeldOut | None) -> float:
+def held_out_cost(held: HeldOut | None) -> float:
     """Sum of the logarithms of the rms errors of Fx, Fy and tauz within the band; infinite without predictions."""
     if held is None:
         return float("inf")
-    off = (held.filtered - held.filtered_measured)[held.samples]
+    return series_cost(held.filtered[held.samples], held.filtered_measured[held.samples])
+
+
+def series_cost(model: FloatArray, measured: FloatArray) -> float:
+    """The same of predictions (R, 3) and measurements (R, 3)."""
+    off = model - measured
     off = off[np.isfinite(off).all(axis=1)]
     return float(np.sum(np.log(np.sqrt(np.mean(off**2, axis=0)) + 1e-9))) if len(off) else float("inf")

@@ -2,7 +2,7 @@
 
 Every trial has frames of its own. A segment's +Y points to the joint that this trial found, the last segment's to the
 centroid of the markers that were seen, and the plane frame stays with the plate while the feet stand elsewhere. The
-body is the same: mass stays where it is among the markers of its segment. So each segment's frame is laid onto that of
+body is the same: mass stays where it is among the markers of its segment. So each body's frame is laid onto that of
 the other trial by the markers that both know (Procrustes), and m, (mx, my), Izz are turned and shifted with it:
 
     m' = m,  c' = R c + m t,  Izz' = Izz + 2 t·R c + m |t|²,  c = (mx, my).
@@ -24,54 +24,62 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 LEAST_MARKERS = 2
 LEAST_SPREAD = 0.02
-"""m, rms distance of the common markers from their centroid: closer ones do not tell how a segment is turned."""
+"""m, rms distance of the common markers from their centroid: closer ones do not tell how a body is turned."""
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """What the frames of a trial's segments are known by.
+    """What the frames of a trial's bodies are known by.
 
     Parameters
     ----------
     segments : tuple of str
-        Names, base first.
+        Names of the K bodies, base first.
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Joint centres in the body before, m; NaN where unknown.
+    between : (n, 2) int array
+        The bodies before and after each joint. A body of arms and head has no joint.
     markers : tuple of str
         Labels.
     segment : (M,) int array
-        Segment of each marker.
+        Body of each marker.
     local : (M, 2) array
-        In the segment's frame, m.
+        In the body's frame, m.
     """
 
     segments: tuple[str, ...]
     centres: FloatArray
+    between: IntArray
     markers: tuple[str, ...]
     segment: IntArray
     local: FloatArray
 
+    @property
+    def jointed(self) -> IntArray:
+        """Bodies beyond a joint: neither the base nor arms and head, which change their shape."""
+        return np.unique(self.between[:, 1])
+
 
 @dataclass(frozen=True)
 class Registration:
-    """How one trial's segment frames lie in another's: a point c there is at R(angle) c + shift here.
+    """How the frames of one trial's K bodies lie in another's: a point c there is at R(angle) c + shift here.
 
     Parameters
     ----------
-    angle : (n + 1,) array
+    angle : (K,) array
         rad; 0 for the base, whose frame is the plane frame in both.
-    shift : (n + 1, 2) array
+    shift : (K, 2) array
         m; of the base: how far the feet stand from where they stood.
-    markers : (n + 1,) int array
+    markers : (K,) int array
         Common markers that tell it.
-    residual : (n + 1,) array
+    residual : (K,) array
         Their rms distance after registration, m; NaN without any.
-    mirrored : (n + 1,) array
-        The same after the best registration that turns the segment over, m: near ``residual`` where they lie in a line.
-    spread : (n + 1,) array
+    mirrored : (K,) array
+        The same after the best registration that turns the body over, m: near ``residual`` where they lie in a line.
+    spread : (K,) array
         Their rms distance from their centroid, m.
     joint : (n,) array
-        How far apart the two trials place each joint among the markers of the segment before it, m.
+        How far apart the two trials place each joint among the markers of the body before it, m; NaN where unknown.
     """
 
     angle: FloatArray
@@ -84,17 +92,17 @@ class Registration:
 
 
 def register(there: Skeleton, here: Skeleton) -> Registration:
-    """Lay the segments of one trial onto those of another.
+    """Lay the bodies of one trial onto those of another.
 
     Parameters
     ----------
     there, here : Skeleton
-        With the same number of segments. A marker counts where both have it on the same segment.
+        With the same bodies and joints. A marker counts where both have it on the same body.
 
     Returns
     -------
     Registration
-        From ``there`` to ``here``. A segment with fewer than two common markers is NaN; the caller decides.
+        From ``there`` to ``here``. A body with fewer than two common markers is NaN; the caller decides.
     """
     count = len(here.segments)
     angle, shift = np.zeros(count), np.zeros((count, 2))
@@ -113,13 +121,14 @@ def register(there: Skeleton, here: Skeleton) -> Registration:
         angle[k], shift[k], residual[k] = _procrustes(before, after)
         spread[k] = _rms(before - before.mean(axis=0))
         mirrored[k] = _procrustes(before * [-1.0, 1.0], after)[2]
-    moved = np.stack([_turned(a, centre) for a, centre in zip(angle, there.centres, strict=False)]) + shift[:-1]
-    joint = np.linalg.norm(moved - here.centres, axis=1)
+    below = there.between[:, 0]
+    moved = [_turned(angle[k], centre) + shift[k] for k, centre in zip(below, there.centres, strict=True)]
+    joint = np.linalg.norm(np.reshape(moved, (-1, 2)) - here.centres, axis=1)
     return Registration(angle, shift, markers, residual, mirrored, spread, joint)
 
 
 def carry(full: FloatArray, registration: Registration) -> FloatArray:
-    """Full parameters (4(n + 1),), base first, of the same body in the frames that it was registered to."""
+    """Full parameters (4K,), base first, of the same body in the frames that it was registered to."""
     out = [
         _moved(block, angle, shift)
         for block, angle, shift in zip(full.reshape(-1, 4), registration.angle, registration.shift, strict=True)
@@ -128,13 +137,13 @@ def carry(full: FloatArray, registration: Registration) -> FloatArray:
 
 
 def carry_covariance(covariance: FloatArray, registration: Registration) -> FloatArray:
-    """Covariance (4(n + 1), 4(n + 1)) of the parameters that :func:`carry` gives; the registration counts as known."""
+    """Covariance (4K, 4K) of the parameters that :func:`carry` gives; the registration counts as known."""
     move = np.column_stack([carry(unit, registration) for unit in np.eye(len(covariance))])
     return np.asarray(move @ covariance @ move.T)
 
 
 def _common(there: Skeleton, here: Skeleton, segment: int) -> tuple[FloatArray, FloatArray]:
-    """Local coordinates (k, 2) of the markers that both trials have on this segment."""
+    """Local coordinates (k, 2) of the markers that both trials have on this body."""
     before, after = (
         {label: i for i, label in enumerate(of.markers) if of.segment[i] == segment} for of in (there, here)
     )

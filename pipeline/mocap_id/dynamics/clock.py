@@ -69,6 +69,7 @@ def profile_offset(
     time: FloatArray,
     weights: FloatArray,
     limit: float,
+    *,
     prior: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[float, bool]:
     """Offset at which the best-fitting parameters leave the least residual.

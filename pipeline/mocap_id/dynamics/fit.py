@@ -83,14 +83,12 @@ class Fit:
     condition_scaled: float
     prior: Rows | None = None
 
-    def response(self, wrench: FloatArray) -> FloatArray:
-        """By how much (b + k + 1, s) constant errors (c, s) of the weighted wrench move what is fitted."""
+    def answer(self, wrench: FloatArray) -> FloatArray:
+        """What least squares makes (b + k + 1, s) of weighted errors (R, c, s) of the wrench."""
         rows = self.design.reshape(-1, self.design.shape[-1])
-        seen = np.repeat(np.asarray(wrench)[None], len(self.design), axis=0).reshape(len(rows), -1)
-        if self.prior is not None:
-            rows = np.concatenate([rows, np.pad(self.prior[0], ((0, 0), (0, 1)))])
-            seen = np.pad(seen, ((0, len(self.prior[0])), (0, 0)))
-        factor = triangular_factor(rows)
+        seen = wrench.reshape(len(rows), -1)
+        both = rows if self.prior is None else np.concatenate([rows, np.pad(self.prior[0], ((0, 0), (0, 1)))])
+        factor = triangular_factor(both)
         half = solve_triangular(factor, rows.T @ seen, trans="T")
         return np.asarray(solve_triangular(factor, half))
 
@@ -139,22 +137,22 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     samples = np.flatnonzero(in_fit)[:: prepared.step]
     time = prepared.recorded.time[samples]
     design = _design(prepared, samples)
-    prior = None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
+    prior = _prior_rows(prepared, design)
     independent = 1.0 if prior is None else float(np.sqrt(min(1.0, prepared.step / (prepared.recorded.rate * _MEMORY))))
     weights, found, at_edge = np.full(len(settings.components), independent), 0.0, True
     for _ in range(_ROUNDS):
         found, at_edge = profile_offset(
-            design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit, prior
+            design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit, prior=prior
         )
         weights = independent * _weights(design, _measured(prepared, samples, time - found), weights, prior)
-    extended, covariance = _covariance(prepared, samples, found, design, weights, prior)
+    extended, covariance = _covariance(prepared, samples, found, design, weights)
     offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
     known = not at_edge and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
         offset = 0.0
         weights = independent * _weights(design, _measured(prepared, samples, time), weights, prior)
-        extended, covariance = _covariance(prepared, samples, offset, design, weights, prior)
+        extended, covariance = _covariance(prepared, samples, offset, design, weights)
     base = prepared.filtered.shape[-1]
     target = _measured(prepared, samples, time - offset) * weights
     condition, condition_scaled = conditions(design[..., :base])
@@ -205,6 +203,10 @@ def _measured(prepared: Prepared, samples: IntArray, stamped: FloatArray) -> Flo
     return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
+def _prior_rows(prepared: Prepared, design: FloatArray) -> Rows | None:
+    return None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
+
+
 def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> FloatArray:
     """Least-squares residual (R, c) of the data."""
     return target - design @ _problem(design, target, prior).free_solution()
@@ -218,16 +220,12 @@ def _weights(design: FloatArray, target: FloatArray, weights: FloatArray, prior:
 
 
 def _covariance(
-    prepared: Prepared,
-    samples: IntArray,
-    offset: float,
-    design: FloatArray,
-    weights: FloatArray,
-    prior: Rows | None,
+    prepared: Prepared, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted rows with the offset's column, and the parameters' covariance from the residuals."""
     time = prepared.recorded.time[samples]
     rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
+    prior = _prior_rows(prepared, design)
     weighted = design * weights[:, None]
     extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
     residual = _residual(weighted, _measured(prepared, samples, time - offset) * weights, prior)

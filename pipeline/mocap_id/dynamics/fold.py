@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import BaseSet, structural_base
 from mocap_id.dynamics.loose_prior import mean_move
 from mocap_id.dynamics.measured_motion import BodyPoses
@@ -37,9 +37,7 @@ class Fold:
     open: FloatArray
 
 
-def fold(
-    poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatArray, reference_sd: FloatArray
-) -> Fold:
+def fold(poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatArray, reference_sd: FloatArray) -> Fold:
     """The map from bodies to the chain's segments.
 
     Parameters
@@ -66,7 +64,6 @@ def fold(
             constant[rows] += rest
             spread[np.ix_(rows, rows)] += left
     last = int(poses.body[-1])
-    first = 4 * int(np.flatnonzero(poses.body == last)[0])
     for body in np.setdiff1d(np.arange(bodies), poses.body):
         angle, shift = relative(poses, int(body), last, samples)
         carried = mean_move(angle, shift)
@@ -83,7 +80,7 @@ def relative(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tup
     return np.asarray(angle[known, body] - angle[known, other]), shift
 
 
-def gather(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: np.ndarray) -> FloatArray:  # type: ignore[type-arg]
+def gather(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: IntArray) -> FloatArray:
     """Matrix (4, 4s) from the parameters of neighbouring segments to those of one body in the first one's frame."""
     known = samples & np.isfinite(q).all(axis=1)
     blocks, angle, shift = [np.eye(4)], np.zeros(int(known.sum())), np.zeros((int(known.sum()), 2))
@@ -94,20 +91,14 @@ def gather(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: np.
     return np.concatenate(blocks, axis=1)
 
 
-def in_base(
-    folded: Fold, base: BaseSet, centres: FloatArray, centre_covariance: FloatArray, full: FloatArray, own: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Base parameters of the chain with their covariance.
+def in_base(folded: Fold, base: BaseSet, full: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Base parameters of the chain with their covariance, the joints' centres taken as exact.
 
     Parameters
     ----------
     folded : Fold
     base : BaseSet
         Of the chain.
-    centres : (n, 2) array
-        Joint centres in the segment before, m.
-    centre_covariance : (n, 2, 2) array
-        m²; masses beyond a joint are regrouped at its centre.
     full : (4K,) array
         Of the bodies.
     own : (4K, 4K) array
@@ -120,15 +111,40 @@ def in_base(
     """
     chain = folded.matrix @ full + folded.constant
     known = folded.matrix @ own @ folded.matrix.T + folded.open
-    covariance = base.regrouping @ known @ base.regrouping.T
+    return base.regrouping @ chain, base.regrouping @ known @ base.regrouping.T
+
+
+def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
+    """Change (b, n, 2) of the base parameters with each joint's centre, per metre in the frame of the segment before.
+
+    A joint that is placed elsewhere regroups the masses beyond it there, and is another origin for the segment after
+    it, whose first moments and moment of inertia count from it.
+
+    Parameters
+    ----------
+    base : BaseSet
+    centres : (n, 2) array
+        m.
+    q : (n,) array
+        Mean joint angles, rad.
+    chain : (4(n + 1),) array
+        Full parameters.
+    """
+    out: FloatArray = np.zeros((len(base.kept), *centres.shape))
     undisturbed = structural_base(centres)
-    if np.array_equal(undisturbed.kept, base.kept):
-        for unit in np.eye(centres.size).reshape(-1, *centres.shape):
-            joint, axis = (int(k) for k in np.argwhere(unit)[0])
-            moved = structural_base(centres + _STEP * unit)
-            slope = (moved.regrouping - undisturbed.regrouping) @ chain / _STEP
-            covariance = covariance + centre_covariance[joint, axis, axis] * np.outer(slope, slope)
-    return base.regrouping @ chain, covariance
+    regroups = np.array_equal(undisturbed.kept, base.kept)
+    for joint in range(len(centres)):
+        for axis in range(2):
+            shift = np.zeros_like(centres)
+            shift[joint, axis] = _STEP
+            after = chain.copy()
+            block = slice(4 * joint + 4, 4 * joint + 8)
+            after[block] = mean_move(np.zeros(1), -planar.rotate(-q[joint], shift[joint])[None]) @ chain[block]
+            moved = base.regrouping @ (after - chain)
+            if regroups:
+                moved += (structural_base(centres + shift).regrouping - undisturbed.regrouping) @ chain
+            out[:, joint, axis] = moved / _STEP
+    return out
 
 
 def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -137,6 +153,6 @@ def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[F
         gain = np.zeros((total.shape[1], 4))
         gain[:4] = np.eye(4)
         return gain, np.zeros(total.shape[1]), np.zeros((total.shape[1], total.shape[1]))
-    spread = np.diag(sd**2)
-    gain = np.linalg.solve(total @ spread @ total.T, total @ spread).T
+    spread: FloatArray = np.diag(sd**2)
+    gain = np.asarray(np.linalg.solve(total @ spread @ total.T, total @ spread).T)
     return gain, reference - gain @ total @ reference, spread - gain @ total @ spread

@@ -120,7 +120,8 @@ def hold_out(
         series[:2, out] -= elsewhere
     if not samples.any():
         return None
-    return HeldOut(samples, part, *series, np.array(base), np.array(offset))
+    wrench, measured, filtered, filtered_measured = series
+    return HeldOut(samples, part, wrench, measured, filtered, filtered_measured, np.array(base), np.array(offset))
 
 
 def _sides(prepared: Prepared, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:

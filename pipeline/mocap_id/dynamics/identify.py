@@ -194,8 +194,9 @@ def _plate_covariance(prepared: Prepared, found: Fit) -> FloatArray:
     size, gravity = found.design.shape[-1], prepared.settings.gravity
     if found.prior is not None:
         components = prepared.settings.components
-        sd = [prepared.settings.plate_zero[c - 1] if c else 0.0 for c in components]
-        moved = found.response(np.diag(sd) * found.weights)
+        sd = np.array([prepared.settings.plate_zero[c - 1] if c else 0.0 for c in components])
+        constant = np.broadcast_to(np.diag(sd * found.weights), (len(found.design), len(sd), len(sd)))
+        moved = found.answer(constant)
         return np.asarray(moved @ moved.T)
     variance = np.zeros(size)
     for column, sd_of in enumerate(prepared.settings.plate_zero):

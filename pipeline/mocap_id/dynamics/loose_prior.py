@@ -1,8 +1,10 @@
 """A loose prior of every body's parameters: what a table of people knows, with wide standard deviations.
 
 The contact wrench hardly shows how the mass is shared between bodies that move alike. Without a prior the fit predicts
-as well, but leaves feet without mass and torques that are off by 5 to 7 N·m. The prior is loose where the wrench speaks:
-a mass may be off by half, a centre of mass by 10 cm, a moment of inertia by its own size.
+as well, but it leaves feet without mass and torques that are off by 5 to 7 N·m. The prior is loose where the wrench
+speaks: a mass may be off by half, a centre of mass by 10 cm, a moment of inertia by its own size. Arms and head, which
+move with the trunk most of the time, may be off by half of that: tables agree on them within a few per cent of the
+body, and the wrench leaves several kilograms between them and the trunk open.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from mocap_id.arrays import FloatArray
 OTHERS_SHARE = 0.1
 """Of the body's mass: what arms and head that carry the markers of no segment weigh, roughly."""
 _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
+_SURE_MASS, _SURE_CENTRE, _SURE_INERTIA = 0.25, 0.05, 0.5  # of arms and head: nothing else tells them from the trunk
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
 _GYRATION = 0.15  # m, of a body that no table describes
 _UNKNOWN_MASS, _UNKNOWN_CENTRE = 1.0, 0.15
@@ -47,7 +50,7 @@ class BodyPrior:
         return np.pad(own, ((0, 0), (0, columns - len(self.mean)))), own @ self.mean
 
 
-def table_prior(mean: FloatArray, source: str) -> BodyPrior:
+def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
     """The prior about a table's bodies, of which the first one is the foot.
 
     Parameters
@@ -56,8 +59,12 @@ def table_prior(mean: FloatArray, source: str) -> BodyPrior:
         m, mx, my, Izz of every body.
     source : str
         The table's name.
+    others : bool
+        The last body is that of all other markers, arms and head.
     """
-    spread = [(_FOOT_MASS, _FOOT_CENTRE), *[(_MASS, _CENTRE)] * (len(mean) // 4 - 1)]
+    spread = [(_FOOT_MASS, _FOOT_CENTRE, _INERTIA), *[(_MASS, _CENTRE, _INERTIA)] * (len(mean) // 4 - 1)]
+    if others:
+        spread[-1] = (_SURE_MASS, _SURE_CENTRE, _SURE_INERTIA)
     blocks = [_block(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
     return BodyPrior(mean, block_diag(*blocks), source)
 
@@ -75,11 +82,13 @@ def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
-    blocks = [_block(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE) for body in mean]
+    blocks = [_block(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _INERTIA) for body in mean]
     return BodyPrior(mean.reshape(-1), block_diag(*blocks), "an even share of the mass")
 
 
-def without_others(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float) -> tuple[FloatArray, FloatArray]:
+def without_others(
+    torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float
+) -> tuple[FloatArray, FloatArray]:
     """Split a table's head, arms and trunk into the torso and the body of all other markers.
 
     Parameters
@@ -126,7 +135,7 @@ def mean_move(angle: FloatArray, shift: FloatArray) -> FloatArray:
     return np.asarray(move.mean(axis=0))
 
 
-def _block(body: FloatArray, mass_sd: float, centre_sd: float) -> FloatArray:
+def _block(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
     """Covariance (4, 4) of m, mx, my, Izz from independent errors of mass, centre and moment about the centre."""
     mass = max(float(body[0]), _LEAST)
     x, y = body[1:3] / mass
@@ -139,5 +148,5 @@ def _block(body: FloatArray, mass_sd: float, centre_sd: float) -> FloatArray:
             [x * x + y * y, 2 * mass * x, 2 * mass * y, 1.0],
         ]
     )
-    sd = np.array([mass_sd * mass, centre_sd, centre_sd, _INERTIA * own])
+    sd = np.array([mass_sd * mass, centre_sd, centre_sd, inertia_sd * own])
     return np.asarray((gain * sd) @ (gain * sd).T)

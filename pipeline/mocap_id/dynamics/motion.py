@@ -40,7 +40,7 @@ class Motion:
 
     @property
     def jacobian(self) -> FloatArray:
-        """Unit twists (T, 3, n) of the joints, (p_y, -p_x, 1): their power on a wrench is its moment about the joint."""
+        """(T, 3, n) unit twists (p_y, -p_x, 1) of the joints: their power on a wrench is its moment about them."""
         x, y = self.joint[..., 0], self.joint[..., 1]
         return np.stack([y, -x, np.ones_like(x)], axis=1)
 

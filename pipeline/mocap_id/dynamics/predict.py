@@ -12,6 +12,7 @@ from mocap_id.dynamics.composite import composite
 from mocap_id.dynamics.external import relief, stacked
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.kinematic_error import torque_variance
+from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.model_error import ModelError, model_error
 from mocap_id.dynamics.prepare import Prepared, Recorded
 from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
@@ -148,7 +149,13 @@ def chain_noise(prepared: Prepared, found: Identification, correlation: FloatArr
 
 
 def shown_noise(
-    prepared: Prepared, found: Identification, residual: FloatArray, centre_sd: FloatArray, parameters: float = 0.0
+    prepared: Prepared,
+    found: Identification,
+    residual: FloatArray,
+    *,
+    centre_sd: FloatArray,
+    of_poses: FloatArray,
+    parameters: float = 0.0,
 ) -> Noise:
     """Noise of measured motion, of the size that residuals show.
 
@@ -156,21 +163,31 @@ def shown_noise(
     ----------
     prepared : Prepared
     found : Identification
-    residual : (R, 3) array
-        Model less measurement, within the band of the fit: of repetitions that were left out, where there are any.
+    residual : (T, 3) array
+        Measured less modelled wrench, neither of them filtered by the fit's low-pass; of repetitions that were left
+        out, where there are any; NaN elsewhere. The plate's white noise is taken off.
     centre_sd : (n,) array
         Standard deviation of each joint's centre, m; it moves the torque by the force through the joint.
+    of_poses : (T, n) array
+        Variance of the torques from errors of the poses that repeat with the movement, (N·m)².
     parameters : float
         Of the residual's squares, the share that fitting has taken away; 0 for repetitions that were left out.
     """
-    covariance = residual.T @ residual / max(len(residual), 1) / max(1.0 - parameters, 0.1)
-    jacobian, size = prepared.motion.jacobian, len(prepared.regressor)
+    recorded, size = prepared.recorded, len(prepared.regressor)
+    seen = known(residual)
+    correlation = np.corrcoef(residual[seen].T)
+    nothing = np.zeros(size)
+    errors = [model_error(residual[:, k], nothing, seen, recorded.rate) for k in range(3)]
+    spread = np.array([np.var(residual[seen, k]) if e is None else e.steady for k, e in enumerate(errors)])
+    spread = spread + np.mean(residual[seen], axis=0) ** 2
+    covariance = correlation * np.sqrt(np.outer(spread, spread)) / max(1.0 - parameters, 0.1)
+    jacobian = prepared.motion.jacobian
     carried = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
     force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], carried * found.base)
     moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
     return Noise(
         wrench=np.broadcast_to(covariance, (size, 3, 3)),
-        torque=moment + centre_sd**2 * np.sum(force**2, axis=2),
+        torque=moment + centre_sd**2 * np.sum(force**2, axis=2) + of_poses,
     )
 
 
@@ -211,8 +228,8 @@ def _model_errors(
     recorded = prepared.recorded
     residual = prepared.measured(found.fit.offset) - needed
     shown = [model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]
-    known = [error for error in shown if error is not None]
-    usual = ModelError(0.0, 1.0, max((error.overall for error in known), default=1.0))
+    found_errors = [error for error in shown if error is not None]
+    usual = ModelError(0.0, 1.0, max((error.overall for error in found_errors), default=1.0))
     return tuple(usual if error is None else error for error in shown)
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import pandas as pd
 
+from mocap_id.reporting.numbers import known
 from mocap_id.reporting.residuals import by_marker
 from mocap_id.reporting.views import Dynamics, Motion, Skeleton
 from mocap_id.store import Artefact, Held
@@ -81,6 +82,29 @@ class Material(Held):
         """The identified parameters, None where nothing was identified."""
         tree = self.tree("dynamics.h5")
         return None if tree is None else Dynamics.from_tree(tree)
+
+    @property
+    def measured_poses(self) -> bool:
+        """The dynamics use the measured pose of every body, not the pinned chain."""
+        return (self.facts("dynamics.h5").get("motion") or {}).get("source") == "segments"
+
+    @property
+    def low_pass(self) -> float | None:
+        """Cut-off of the low-pass that model and measurement pass before they are compared, Hz; None without one."""
+        return known(self.facts("dynamics.h5").get("cutoff_hz")) if self.measured_poses else None
+
+    @property
+    def bands(self) -> dict[str, float] | None:
+        """Cut-offs of x, y and angle of the measured poses, Hz; None on the pinned chain."""
+        bands = (self.facts("dynamics.h5").get("motion") or {}).get("bands_hz")
+        return None if bands is None else {axis: float(bands[axis]) for axis in ("x", "y", "angle")}
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the bodies that the dynamics identify: on the pinned chain its segments."""
+        if not self.measured_poses:
+            return self.segment_names
+        return tuple(str(name) for name in self.facts("dynamics.h5")["motion"].get("bodies") or ())
 
     @cached_property
     def residuals(self) -> pd.DataFrame:

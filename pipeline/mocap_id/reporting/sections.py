@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mocap_id.reporting import readings, rising, tables
+from mocap_id.reporting import pins, readings, rising, tables
 from mocap_id.reporting.encoder import encoder_table
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.shape import BaseEntry, Summary
 from mocap_id.store import Facts
 
+_SHOWN = {
+    "wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque", "motion",
+    "pins",
+}  # fmt: skip
+"""Facts of ``dynamics.h5`` that tables of their own show."""
+
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: figures first, then tables.
+    """A part of the page: paragraphs first, then figures, then tables.
 
     ``needs`` is the artefact without which it has nothing to say.
     """
@@ -24,6 +30,7 @@ class Section:
     needs: str
     figures: tuple[str, ...] = ()
     grids: tuple[tables.Grid, ...] = ()
+    text: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,13 +70,14 @@ def sections(material: Material, summary: Summary) -> list[Section]:
             "wrench.parquet",
             ("wrench",),
             (
-                tables.agreement(summary),
-                tables.held_out(summary),
-                tables.rivals(summary),
+                tables.agreement(material, summary),
+                tables.held_out(material, summary),
+                tables.rivals(material, summary),
                 _clock(summary),
                 tables.plates(material),
             ),
         ),
+        *_motion(material, summary),
         Section(
             "parameters",
             "Inertial parameters",
@@ -95,11 +103,20 @@ def sections(material: Material, summary: Summary) -> list[Section]:
     return [part for part in parts if not part.needs or part.needs in material.artefacts or material.level != "refused"]
 
 
+def _motion(material: Material, summary: Summary) -> list[Section]:
+    """What moves the masses and what pins would cost; nothing where nothing was identified."""
+    if summary.dynamics.motion is None:
+        return []
+    grids = (pins.cost(material, summary), pins.joints(material, summary), pins.poses(summary))
+    return [Section("motion", "Motion of the masses", "dynamics.h5", (), grids, pins.text(material, summary))]
+
+
 def glance(material: Material, summary: Summary) -> list[Glance]:
     """The numbers that one looks at first; those that are not known are left out."""
     dynamics, segments = summary.dynamics, summary.segments
     mass = next((entry for entry in dynamics.base or () if entry.unit == "kg"), None)
     vertical = (dynamics.wrench or {}).get("Fy")
+    band = "" if material.low_pass is None else f", {tables.in_band(material)}"
     found = (
         Glance("segments", _count(segments.count), f"confidence {show_fixed(segments.confidence, 2)}"),
         Glance("re-projection", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over the markers"),
@@ -109,8 +126,12 @@ def glance(material: Material, summary: Summary) -> list[Glance]:
         Glance("mass, plates", show(dynamics.mass_kg, 3, "kg"), "at rest"),
         Glance("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
         Glance("mean CoP", _scaled(dynamics.cop_mean_m, 1e3, 1, "mm"), "along the motion, plates"),
-        Glance("vertical force", show_fixed(vertical.r2 if vertical else None, 4), "r² of the model"),
-        Glance("CoP of the model", _scaled(dynamics.cop_rms_m, 1e3, 1, "mm"), "rms error"),
+        Glance(
+            "vertical force",
+            show_fixed(vertical.r2 if vertical else None, 4),
+            f"r² of the model{band}",
+        ),
+        Glance("CoP of the model", _scaled(dynamics.cop_rms_m, 1e3, 1, "mm"), f"rms error{band}"),
         Glance("condition number", show(dynamics.condition_number), _condition_remark(summary)),
         Glance("plates' clock", _scaled(dynamics.clock_offset_s, 1e3, 2, "ms"), "after the cameras'"),
     )
@@ -156,6 +177,9 @@ def _clock(summary: Summary) -> tables.Grid:
     values = {
         "clock offset, plates after cameras (ms)": _scaled(dynamics.clock_offset_s, 1e3, 2, ""),
         "its standard deviation (ms)": _scaled(dynamics.clock_offset_sd_s, 1e3, 2, ""),
+        "clock offset with each repetition left out (ms)": ", ".join(
+            _scaled(offset, 1e3, 2, "") for offset in dynamics.held_out.clock_offset_s or ()
+        ),
         "centre of pressure, rms error (mm)": _scaled(dynamics.cop_rms_m, 1e3, 1, ""),
         "samples of the fit": dynamics.samples,
         "mass that the plates show (kg)": show(dynamics.mass_kg, 4),
@@ -168,8 +192,7 @@ def _clock(summary: Summary) -> tables.Grid:
 
 def _identification(material: Material) -> tables.Grid:
     """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    shown = {"wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque"}
-    return tables.facts("Identification", _but(material.facts("dynamics.h5"), shown))
+    return tables.facts("Identification", _but(material.facts("dynamics.h5"), _SHOWN))
 
 
 def _segmentation(material: Material) -> tables.Grid:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,12 @@ import pandas as pd
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.encoder import base_length, channels, encoder
 from mocap_id.reporting.material import Material
+from mocap_id.reporting.motion import held_out, motion, pins
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.repetitions import attempts, five_times, load_share, repetitions
 from mocap_id.reporting.shape import (
     BaseEntry,
     DynamicsEntry,
-    HeldOutEntry,
     HypothesisEntry,
     JointEntry,
     LengthEntry,
@@ -31,6 +31,7 @@ from mocap_id.reporting.shape import (
     VerdictEntry,
 )
 from mocap_id.reporting.views import Dynamics
+from mocap_id.reporting.whys import because, joined
 from mocap_id.verdict import Reason
 
 NOTHING_HELPS = "none of those tried"
@@ -48,9 +49,9 @@ def summarise(material: Material) -> Summary:
     joints, lengths, found = _joints(material), _lengths(material), repetitions(material)
     seconds = _seconds(material)
     why = (
-        _because(f"joints and lengths_m: {material.why_missing('chain.h5')}", joints, lengths),
-        _because(f"repetitions: {material.why_missing('events.parquet')}", found),
-        _because("time_s: the stages' times were not recorded", seconds),
+        because(f"joints and lengths_m: {material.why_missing('chain.h5')}", joints, lengths),
+        because(f"repetitions: {material.why_missing('events.parquet')}", found),
+        because("time_s: the stages' times were not recorded", seconds),
     )
     return Summary(
         trial=material.trial,
@@ -69,7 +70,7 @@ def summarise(material: Material) -> Summary:
         load_share=load_share(material),
         encoder=encoder(material),
         time_s=seconds,
-        why=_joined(why),
+        why=joined(why),
     )
 
 
@@ -77,16 +78,6 @@ def to_json(summary: Summary) -> bytes:
     """The file's content: strict JSON (no NaN), ASCII, one final newline."""
     text = json.dumps(summary.model_dump(mode="json", by_alias=True), allow_nan=False, indent=1)
     return (text + "\n").encode("ascii")
-
-
-def _because(why: str, *values: object) -> str | None:
-    """``why`` where any of the values is unknown."""
-    return why if any(value is None for value in values) else None
-
-
-def _joined(sentences: Iterable[str | None]) -> str | None:
-    """The sentences as one, none twice; None where there are none."""
-    return "; ".join(dict.fromkeys(sentence for sentence in sentences if sentence)) or None
 
 
 def _entry(reason: Reason) -> ReasonEntry:
@@ -108,10 +99,10 @@ def _plane(material: Material) -> PlaneEntry:
     origin = all_known(plane.get("origin_m"))
     share = known(material.facts("segments.parquet").get("planarity"))
     why = (
-        _because(plane.get("why") or material.why_missing("planar.parquet"), yaw, planarity, origin),
-        _because(f"out_of_plane_share: {material.why_missing('segments.parquet')}", share),
+        because(plane.get("why") or material.why_missing("planar.parquet"), yaw, planarity, origin),
+        because(f"out_of_plane_share: {material.why_missing('segments.parquet')}", share),
     )
-    return PlaneEntry(yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=_joined(why))
+    return PlaneEntry(yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=joined(why))
 
 
 def _segments(material: Material) -> SegmentsEntry:
@@ -131,7 +122,7 @@ def _segments(material: Material) -> SegmentsEntry:
         confidence=confidence,
         against=None if against is None else {str(evidence): float(off) for evidence, off in against.items()},
         hypotheses=hypotheses,
-        why=_because(why, count, names, assignment, confidence, against, hypotheses),
+        why=because(why, count, names, assignment, confidence, against, hypotheses),
     )
 
 
@@ -166,7 +157,7 @@ def _joints(material: Material) -> list[JointEntry] | None:
 
 def _joint(name: str, parent: int, centre: FloatArray, sd: FloatArray, arc: float) -> JointEntry:
     centre_m, sd_m, arc_deg = all_known(centre), all_known(sd), known(np.degrees(arc))
-    why = _because("the joint fit gave no finite value", centre_m, sd_m, arc_deg)
+    why = because("the joint fit gave no finite value", centre_m, sd_m, arc_deg)
     return JointEntry(name=name, parent=parent, centre_m=centre_m, sd_m=sd_m, arc_deg=arc_deg, why=why)
 
 
@@ -178,7 +169,7 @@ def _lengths(material: Material) -> dict[str, LengthEntry] | None:
     entries = {}
     for name, length, spread in zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True):
         value, sd = known(length), known(spread)
-        entries[name] = LengthEntry(value=value, sd=sd, why=_because("the joint fit gave no finite value", value, sd))
+        entries[name] = LengthEntry(value=value, sd=sd, why=because("the joint fit gave no finite value", value, sd))
     return base_length(material, skeleton) | entries
 
 
@@ -186,13 +177,13 @@ def _markers(material: Material) -> MarkersEntry:
     rms = known(material.facts("states.parquet").get("reprojection_rms_m"))
     missing = known(material.facts("planar.parquet").get("missing_fraction"))
     why = (
-        _because(material.why_missing("states.parquet"), rms),
-        _because(material.why_missing("planar.parquet"), missing),
+        because(material.why_missing("states.parquet"), rms),
+        because(material.why_missing("planar.parquet"), missing),
     )
     return MarkersEntry(
         reprojection_rms_mm=None if rms is None else 1e3 * rms,
         missing_fraction=missing,
-        why=_joined(why),
+        why=joined(why),
     )
 
 
@@ -201,7 +192,7 @@ def _noise(material: Material) -> NoiseEntry:
     marker_sd, given = known(facts.get("marker_sd_m")), facts.get("sigma_v")
     each = all_known(given if isinstance(given, (list, tuple)) else [given])
     sigma_v = None if each is None else float(np.sqrt(np.mean(np.square(each))))
-    why = _because(facts.get("why") or material.why_missing("states.parquet"), marker_sd, sigma_v)
+    why = because(facts.get("why") or material.why_missing("states.parquet"), marker_sd, sigma_v)
     return NoiseEntry(marker_sd_m=marker_sd, sigma_v=sigma_v, sigma_v_per_joint=each, why=why)
 
 
@@ -213,14 +204,14 @@ def _dynamics(material: Material) -> DynamicsEntry:
     }
     samples = known(facts.get("samples"))
     base, wrench = _base(material), channels(facts.get("wrench")) or None
-    consistency = facts.get("consistency")
+    consistency, moved = facts.get("consistency"), motion(material)
     mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.frame("wrench.parquet"))
     why = [
-        _because(
+        because(
             facts.get("why") or material.why_missing("dynamics.h5"),
-            *(*identified.values(), samples, base, wrench, consistency),
+            *(*identified.values(), samples, base, wrench, consistency, moved),
         ),
-        _because(material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet"), mass, cop),
+        because(material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet"), mass, cop),
     ]
     return DynamicsEntry(
         base=base,
@@ -230,8 +221,10 @@ def _dynamics(material: Material) -> DynamicsEntry:
         cop_mean_m=cop,
         consistency=consistency,
         rivals={str(name): _rival(rival) for name, rival in (facts.get("rivals") or {}).items()},
-        held_out=_held_out(material),
-        why=_joined(why),
+        held_out=held_out(material),
+        motion=moved,
+        pins=pins(material),
+        why=joined(why),
         **identified,
     )
 
@@ -270,8 +263,9 @@ def _base_entry(dynamics: Dynamics, i: int, why: str, advice: Mapping[str, Any])
         excitation=_at(dynamics.excitation, i),
         own_share=_at(dynamics.own_share, i),
         helps=(advice["text"] or NOTHING_HELPS) if advice else None,
+        prior_share=_at(dynamics.prior_share, i),
         sd_ratio=(1.0 if advice["sd_ratio"] is None else known(advice["sd_ratio"])) if advice else None,
-        why=_because(why, value, sd),
+        why=because(why, value, sd),
     )
 
 
@@ -287,28 +281,7 @@ def _rival(facts: Mapping[str, Any]) -> RivalEntry:
         assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
         wrench=channels(facts.get("wrench")),
         cop_rms_m=cop,
-        why=_because("no samples show it off the seat", height, mass, cop),
-    )
-
-
-def _held_out(material: Material) -> HeldOutEntry:
-    facts = material.facts("dynamics.h5")
-    found = facts.get("held_out") or {}
-    counts = {key: known(found.get(key)) for key in ("repetitions", "folds", "samples")}
-    model, within, reference = (channels(found.get(key)) or None for key in ("model", "in_sample", "reference"))
-    offsets = all_known(found.get("clock_offset_s"))
-    unknown = found.get("why") or facts.get("why") or material.why_missing("dynamics.h5")
-    why = (
-        _because(unknown, *counts.values(), model, within, offsets),
-        _because("reference: there is no reference body", reference) if model is not None else None,
-    )
-    return HeldOutEntry(
-        **{key: None if count is None else int(count) for key, count in counts.items()},
-        model=model,
-        in_sample=within,
-        reference=reference,
-        clock_offset_s=offsets,
-        why=_joined(why),
+        why=because("no samples show it off the seat", height, mass, cop),
     )
 
 

@@ -51,7 +51,12 @@ def lengths(summary: Summary) -> Grid:
     return grid("Segment lengths, joint to joint, ± one standard deviation", ("segment", "length (m)"), rows)
 
 
-def agreement(summary: Summary) -> Grid:
+def in_band(material: Material) -> str:
+    """In which band model and measurement are compared."""
+    return "unfiltered" if material.low_pass is None else f"below {material.low_pass:g} Hz"
+
+
+def agreement(material: Material, summary: Summary) -> Grid:
     """How far the model's wrench is from the measured one."""
     units = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
     rows = [
@@ -63,11 +68,11 @@ def agreement(summary: Summary) -> Grid:
         )
         for name, channel in (summary.dynamics.wrench or {}).items()
     ]
-    caption = "Model against measurement, over the samples of the fit"
+    caption = f"Model against measurement over the samples of the fit, {in_band(material)}"
     return grid(caption, ("component", "bias", "standard deviation", "r²"), rows)
 
 
-def rivals(summary: Summary) -> Grid:
+def rivals(material: Material, summary: Summary) -> Grid:
     """How far the bodies of the tables of people are from the measured wrench, beside the model."""
     dynamics = summary.dynamics
     bodies = {"identified model": (dynamics.wrench or {}, dynamics.cop_rms_m)} if dynamics.rivals else {}
@@ -84,14 +89,16 @@ def rivals(summary: Summary) -> Grid:
         for name, (wrench, cop) in bodies.items()
     ]
     head = ("body", "Fx (N)", "Fy (N)", "tauz (N·m)", "centre of pressure, rms (mm)")
-    return grid("Model and allometric bodies against measurement: bias ± standard deviation", head, rows, (0,))
+    caption = f"Model and allometric bodies against measurement, {in_band(material)}: bias ± standard deviation"
+    return grid(caption, head, rows)
 
 
-def held_out(summary: Summary) -> Grid:
+def held_out(material: Material, summary: Summary) -> Grid:
     """How far repetitions are off that the model was not fitted to, beside the fit's own error and the reference's."""
-    found = summary.dynamics.held_out
+    found, low_pass = summary.dynamics.held_out, material.low_pass
     errors = {
         "models fitted without the repetition": found.model,
+        "the same, unfiltered": None if low_pass is None else found.unfiltered,
         "model of the whole trial": found.in_sample,
         "allometric body": found.reference,
     }
@@ -104,9 +111,12 @@ def held_out(summary: Summary) -> Grid:
         for name, channels in errors.items()
         if channels
     ]
+    if found.inside is not None:
+        shares = (percent(found.inside.get(part)) for part in (*_WRENCH, "cop_x"))
+        rows.append(("samples inside the 95 % interval (%)", *shares))
     caption = (
-        f"Repetitions left out of the fit and predicted: bias ± standard deviation over {found.samples} samples, "
-        f"{found.folds} fits for {found.repetitions} repetitions"
+        f"Repetitions left out of the fit and predicted, {in_band(material)}: bias ± standard deviation over "
+        f"{found.samples} samples, {found.folds} fits for {found.repetitions} repetitions"
         if rows
         else ""
     )
@@ -133,10 +143,14 @@ def base_parameters(material: Material, summary: Summary) -> Grid:
                     show_beside(reference, entry.sd),
                     style.unit(entry.unit),
                     entry.verdict or UNKNOWN,
+                    *([percent(entry.prior_share)] if material.measured_poses else []),
                 )
             )
     head = ("parameter", "value ± sd", "95 % interval", "reference", "unit", "verdict")
-    return grid("Base parameters", head, rows, (0, 4, 5))
+    if not material.measured_poses:
+        return grid("Base parameters", head, rows, (0, 4, 5))
+    caption = "Base parameters; the last column is the share of the precision that comes from the loose prior"
+    return grid(caption, (*head, "of which prior (%)"), rows, (0, 4, 5))
 
 
 def excitation(summary: Summary) -> Grid:
@@ -145,9 +159,9 @@ def excitation(summary: Summary) -> Grid:
         (
             entry.name,
             entry.verdict or UNKNOWN,
-            _percent(entry.relative_sd),
+            percent(entry.relative_sd),
             show(entry.excitation, 3),
-            _percent(entry.own_share),
+            percent(entry.own_share),
             entry.helps or UNKNOWN,
             UNKNOWN if entry.sd_ratio is None else f"× {show(entry.sd_ratio, 2)}",
         )
@@ -190,7 +204,7 @@ def markers(material: Material) -> Grid:
             str(label),
             "none" if known(segment) is None else names.get(int(segment), str(segment)),
             *(millimetres(distance) for distance in (rigid, rms, q95)),
-            _percent(seen),
+            percent(seen),
             str(reason),
         )
         for label, segment, rigid, reason, rms, q95, seen in zip(
@@ -213,7 +227,7 @@ def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{above}{_words(key)}: ")
-        elif value not in (None, "", UNKNOWN):
+        elif value not in (None, "", UNKNOWN, [], ()):
             yield above + _words(key), _cell(value)
 
 
@@ -250,6 +264,7 @@ def millimetres(metres: object) -> str:
     return UNKNOWN if number is None else show_fixed(1e3 * number, 1)
 
 
-def _percent(share: object) -> str:
+def percent(share: object) -> str:
+    """A share as per cent with one decimal."""
     number = known(share)
     return UNKNOWN if number is None else show_fixed(100 * number, 1)

@@ -123,6 +123,7 @@ class Dynamics:
     relative_sd: FloatArray  # (b,) or (0,)
     excitation: FloatArray  # (b,) or (0,)
     own_share: FloatArray  # (b,) or (0,)
+    prior_share: FloatArray  # (b,) or (0,)
     regrouping: FloatArray  # (b, 4(n + 1)); (b, 0) where nothing was identified
     reference: FloatArray  # (4(n + 1),)
     grid_segment: IntArray  # (p,)
@@ -142,6 +143,7 @@ class Dynamics:
             relative_sd=_numbers(tree, "base/relative_sd", (-1,)),
             excitation=_numbers(tree, "base/excitation", (-1,)),
             own_share=_numbers(tree, "base/own_share", (-1,)),
+            prior_share=_numbers(tree, "base/prior_share", (-1,)),
             regrouping=regrouping.reshape(len(names), -1) if regrouping.size else np.zeros((len(names), 0)),
             reference=_numbers(tree, "full/reference", (-1,)),
             grid_segment=_whole(tree, "grid/segment"),

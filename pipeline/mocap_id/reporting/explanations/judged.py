@@ -142,10 +142,19 @@ JUDGED: Mapping[str, tuple[str, str]] = {
         "identify-dim",
         "Best offset, s, against `identify-dim: {clock_offset_limit_s}`, and whether the cost shows it.",
     ),
+    "clocks-disagree": (
+        "identify-dim",
+        "Range of the clock offsets that the fits without one repetition find, s; limit 0.005.",
+    ),
     "clock-offset-kept": (
         "identify-dim",
         "The offset that was found, s, where `identify-dim: {apply_clock_offset}` is false; limit 3 standard "
         "deviations, and 0.0005.",
+    ),
+    "joint-gives-way": (
+        "identify-dim",
+        "Acceleration of the gap between a joint's two sides below 3 Hz, m/s² rms; limit 0.1. The value is the largest "
+        "gap, m rms.",
     ),
     "parameters-bounded": (
         "identify-dim",

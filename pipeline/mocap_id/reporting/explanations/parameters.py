@@ -29,12 +29,32 @@ PARAMETERS: Mapping[str, Explanation] = {
         "Check that markers and forces belong to the same trial; record a faster movement, in which the clocks show; "
         "or widen `identify-dim: {clock_offset_limit_s: …}`.",
     ),
+    "clocks-disagree": Explanation(
+        ("caution",),
+        "The repetitions disagree about the clocks",
+        "Each fit that leaves a repetition out finds the offset between cameras and plates anew. These offsets differ "
+        "by more than 5 ms, and 5 ms change a base parameter by a fifth and more. Either one of the clocks drifts, or "
+        "the model does not follow the movement and the offset makes up for it.",
+        "Check how cameras and plates are synchronised, and look for dropped frames. Compare the offset with other "
+        "trials of the same session: it should be the same. If the clocks are sound, look at the joints' gaps and at "
+        "the residuals of the markers.",
+    ),
     "clock-offset-kept": Explanation(
         ("caution",),
         "A clock offset is known and left in",
         "The offset between cameras and plates was found, and the settings ask not to take it out. Regressor and "
         "wrench then belong to different moments, and the parameters answer for it.",
         "Leave `identify-dim: {apply_clock_offset: false}` away, or correct the clocks before.",
+    ),
+    "joint-gives-way": Explanation(
+        ("ok",),
+        "A joint gives way",
+        "The chain pins two segments together at a point. Here their markers show two poses that part at this point: a "
+        "pelvis moves on the hip, a back bends, skin slides. Pins would hide how the mass really moved, so every body "
+        "of the dynamics moves as its own markers were measured. The report's part “Motion of the masses” shows what "
+        "pins would cost.",
+        "Nothing, where the gap is usual: the hips of people part by 6 to 16 mm. Where it is larger, look at the "
+        "skeleton: a marker may be on the wrong segment, or the joint in the wrong place.",
     ),
     "parameters-bounded": Explanation(
         ("caution",),

@@ -20,6 +20,7 @@ from mocap_id.reporting.figures import (
     states,
     wrench,
 )
+from mocap_id.reporting.figures.moved import captioned
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.vector import svg_and_pdf
 
@@ -53,7 +54,7 @@ class Drawing:
 
 def render(entry: FigureEntry, material: Material, pdf_fonts: PdfFonts = "type-3") -> Drawing:
     """Draw one figure of the report; where its data are missing, the files hold the sentence that says so."""
-    return drawing(entry, material.trial, lambda: _DRAW[entry.name](material), pdf_fonts)
+    return drawing(captioned(entry, material), material.trial, lambda: _DRAW[entry.name](material), pdf_fonts)
 
 
 def drawing(entry: FigureEntry, of: str, draw: Callable[[], Figure | str], pdf_fonts: PdfFonts = "type-3") -> Drawing:

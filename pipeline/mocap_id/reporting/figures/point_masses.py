@@ -18,13 +18,16 @@ _CARRIES = 1e-3  # kg; a point below this carries nothing worth a colour
 
 
 def draw(material: Material) -> Figure | str:
-    """A panel per segment in its own frame, one colour scale for all."""
+    """A panel per body in its own frame, one colour scale for all."""
     dynamics = material.dynamics
     if dynamics is None or not np.isfinite(dynamics.grid_mass).any():
         facts = material.facts("dynamics.h5")
         why = facts.get("why") or material.why_missing("dynamics.h5")
         if facts.get("consistency") in ("cone", "bounded-cone"):
-            why = "the bodies were not held to a grid, but to the exact condition of what can exist"
+            why = (
+                "the fit finds mass, first moments and inertia of every body within the exact limits of what can "
+                "exist, and no points of mass"
+            )
         return f"No point masses: {why}."
     segments = np.unique(dynamics.grid_segment).tolist()
     lines = -(-len(segments) // _COLUMNS)
@@ -36,7 +39,7 @@ def draw(material: Material) -> Figure | str:
         axes.set_axis_off()
     for axes, k in zip(panels, segments, strict=False):
         drawn = _panel(axes, dynamics, k, scale)
-        name = material.segment_names[k] if k < len(material.segment_names) else f"segment {k}"
+        name = material.body_names[k] if k < len(material.body_names) else f"segment {k}"
         total = float(np.nansum(dynamics.grid_mass[dynamics.grid_segment == k]))
         axes.set_title(f"{style.printable(name, 18)}\n{total:.1f} kg")
     figure.colorbar(drawn, ax=panels.tolist(), label="mass of a point (kg)", shrink=0.7, aspect=30)

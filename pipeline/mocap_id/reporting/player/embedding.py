@@ -50,6 +50,8 @@ class Player:
         Force that an arrow of one metre stands for, N.
     width : int
         Of the figure, pixels.
+    motion : str
+        A sentence on what moves the figure and the model; empty where nothing was identified.
     """
 
     library: str
@@ -61,6 +63,7 @@ class Player:
     legend: Mapping[str, tuple[Key, ...]]
     arrow: float | None
     width: int
+    motion: str
 
 
 def player(material: Material) -> Player | None:
@@ -82,6 +85,7 @@ def player(material: Material) -> Player | None:
         legend=_legend(material, moving),
         arrow=moving.newton_per_metre,
         width=FRAME[0],
+        motion=_motion(material),
     )
 
 
@@ -109,6 +113,13 @@ def _legend(material: Material, moving: Frames) -> dict[str, tuple[Key, ...]]:
         if table is not None and "Fy_reference" in table and table["Fy_reference"].notna().any():
             forces.append(_key(style.REFERENCE, "allometric reference", "dashed"))
     return {title: tuple(keys) for title, keys in (("joints", names), ("forces", forces)) if keys}
+
+
+def _motion(material: Material) -> str:
+    if material.measured_poses:
+        return "The stick figure is the pinned chain; the model's forces rest on the measured poses."
+    known = material.facts("dynamics.h5").get("motion") is not None
+    return "Stick figure and model move as the pinned chain." if known else ""
 
 
 def _key(colour: str, text: str, look: str = "solid") -> Key:

@@ -22,7 +22,9 @@ class IdentifyDimSettings(Settings):
         ("Fx", "Fy", "tauz"), min_length=1, description="components of the wrench that are fitted"
     )
     cutoff_hz: float | None = Field(
-        None, gt=0, description="low-pass of regressor and wrench, Hz; default: from the joints' velocities, on measured poses 5"
+        None,
+        gt=0,
+        description="low-pass of regressor and wrench, Hz; default: from the joints' velocities, on measured poses 5",
     )
     apply_clock_offset: bool = Field(True, description="take the offset between the clocks out; it is always reported")
     clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="offsets up to ± this are tried, s")

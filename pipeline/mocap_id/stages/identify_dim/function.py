@@ -17,6 +17,7 @@ from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.judge import judge
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.loose_prior import even_prior
+from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY
 from mocap_id.dynamics.predict import chain_noise, predict
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -30,8 +31,13 @@ from mocap_id.stages.identify_dim.encoder_torque import torque_facts
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, measured_bodies, with_prior
 from mocap_id.stages.identify_dim.motion_reasons import motion_reasons
 from mocap_id.stages.identify_dim.repetition_averages import averages
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments, pinned_facts
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
+from mocap_id.stages.identify_dim.segment_fit import (
+    SegmentFit,
+    fit_segments,
+    pinned_facts,
+    poses_predict_better,
+)
 from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Table, Tree
@@ -105,7 +111,7 @@ def identification(context: Context) -> tuple[Prepared, Movement, Identification
     bodies = rivals(context, read.prepared.recorded, read.movement)
     found = _fit(context, read.prepared, read.movement, read.grid, bodies)
     if read.bodies:
-        found = fit_segments(context, read.bodies, read.prepared, read.movement, found, bodies).in_chain
+        found = fit_segments(context, read.bodies, read.prepared, read.movement, pinned=found, tables=bodies).in_chain
     return read.prepared, read.movement, found
 
 
@@ -116,25 +122,47 @@ def _read(context: Context) -> _Read:
     unknown = without_wrench(context, recorded)
     prepared = None if unknown else prepare(recorded, _fit_settings(settings))
     recorded, prepared, of_seat = surroundings.settle(recorded, prepared)
-    bodies, joints = _measured(context, recorded)
-    felt = prepared
-    if bodies and prepared is not None:
-        even = even_prior(_mass(context, recorded), bodies[-1].poses.centroid)
-        felt = with_prior(bodies[-1], recorded, prepared.settings, even)
+    grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
+    movement = _movement(context, recorded, prepared, of_seat)
+    if prepared is not None:
+        unknown = not_excited(context, prepared, movement)
+    ways, joints = _measured(context, recorded)
+    read = _Read(chain, recorded, prepared, movement, grid, unknown, ways, joints)
+    if prepared is None or unknown is not None or not ways:
+        return replace(read, bodies=())
+    even = even_prior(_mass(context, recorded), ways[-1].poses.centroid)
+    felt = with_prior(ways[-1], recorded, prepared.settings, even)
+    freely = replace(read, movement=_movement(context, recorded, felt, of_seat))
+    if not_excited(context, prepared, freely.movement) is not None:
+        freely = read
+    if ways[0].loosest > SURELY or settings.motion == "segments" or _poses_win(context, freely):
+        return freely
+    why = "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions better"
+    return replace(read, bodies=(), joints=joints | {"source": "chain", "why": why})
+
+
+def _movement(context: Context, recorded: Recorded, prepared: Prepared | None, of_seat: tuple[Reason, ...]) -> Movement:
+    """The trial read through its protocol, by the forces that this motion needs."""
+    settings: IdentifyDimSettings = context.settings
     movement = read_movement(
         context.trial.protocol,
         recorded,
-        felt,
+        prepared,
         settings.contact,
         weight_share=settings.seat_off_share,
         knee_bend=settings.knee_bend_rad,
         stands=context.table("wrench.parquet").facts.get("mass_kg") is not None,
     )
-    movement = replace(movement, reasons=(*of_seat, *movement.reasons))
-    grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
-    if prepared is not None:
-        unknown = not_excited(context, prepared, movement)
-    return _Read(chain, recorded, prepared, movement, grid, unknown, bodies, joints)
+    return replace(movement, reasons=(*of_seat, *movement.reasons))
+
+
+def _poses_win(context: Context, read: _Read) -> bool:
+    """Whether the bodies' own poses predict left-out repetitions better than the pinned chain."""
+    assert read.prepared is not None
+    tables = rivals(context, read.prepared.recorded, read.movement)
+    found = _fit(context, read.prepared, read.movement, read.grid, tables)
+    segments = fit_segments(context, read.bodies, read.prepared, read.movement, pinned=found, tables=tables)
+    return poses_predict_better(read.prepared, found, read.movement, segments)
 
 
 def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any]]:
@@ -150,7 +178,7 @@ def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodie
         for joint, name in enumerate(_joint_names(context))
         if (gap := ways[0].gap.get(joint)) is not None
     }
-    if not ways[0].moves_freely:
+    if ways[0].loosest <= GIVES_WAY:
         return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
     return ways, {"source": "segments", "why": "a joint gives way", "joints": gap}
 
@@ -178,13 +206,17 @@ def _events(
 
 
 def _identified(context: Context, read: _Read, prepared: Prepared) -> tuple[Table, Tree, Prepared]:
-    bodies, movement, threshold = rivals(context, prepared.recorded, read.movement), read.movement, _cop_threshold(context)
+    bodies, movement, threshold = (
+        rivals(context, prepared.recorded, read.movement),
+        read.movement,
+        _cop_threshold(context),
+    )
     found = _fit(context, prepared, movement, read.grid, bodies)
     if not read.bodies:
-        result = _of_chain(context, read, prepared, found, bodies, threshold)
+        result = _of_chain(context, read, prepared, found, bodies)
         more: dict[str, Any] = {}
     else:
-        segments = fit_segments(context, read.bodies, prepared, movement, found, bodies)
+        segments = fit_segments(context, read.bodies, prepared, movement, pinned=found, tables=bodies)
         result = _of_bodies(context, read, prepared, segments, threshold)
         more = segments.facts
     frame = artefacts.dynamics_frame(result)
@@ -197,13 +229,17 @@ def _identified(context: Context, read: _Read, prepared: Prepared) -> tuple[Tabl
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
-    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons), result.prepared
+    return (
+        Table(DYNAMICS_TABLE, frame),
+        Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons),
+        result.prepared,
+    )
 
 
 def _of_chain(
-    context: Context, read: _Read, prepared: Prepared, found: Identification, bodies: Rivals, threshold: float
+    context: Context, read: _Read, prepared: Prepared, found: Identification, bodies: Rivals
 ) -> artefacts.Identified:
-    q = prepared.recorded.q
+    q, threshold = prepared.recorded.q, _cop_threshold(context)
     noise = chain_noise(prepared, found, read.chain.correlation(q, _snap(context, q.shape[1])))
     model = predict(prepared, found, noise, threshold)
     return artefacts.Identified(
@@ -226,7 +262,7 @@ def _of_chain(
 def _of_bodies(
     context: Context, read: _Read, prepared: Prepared, segments: SegmentFit, threshold: float
 ) -> artefacts.Identified:
-    model = predict(segments.prepared, segments.found, segments.noise(_centre_sd(context)), threshold)
+    model = predict(segments.prepared, segments.found, segments.noise(), threshold)
     return artefacts.Identified(
         prepared=segments.prepared,
         found=segments.found,
@@ -243,13 +279,6 @@ def _of_bodies(
         prior_share=segments.prior_share,
         folded=segments.folded,
     )
-
-
-def _centre_sd(context: Context) -> FloatArray:
-    """Standard deviation (n,) of each joint's centre in one direction, m."""
-    joints: Any = context.tree("chain.h5").data["joints"]
-    covariance = np.asarray(joints["covariance"], dtype=np.float64)
-    return np.asarray(np.sqrt(np.einsum("jkk->j", covariance) / 2))
 
 
 def weak_share(context: Context) -> float:

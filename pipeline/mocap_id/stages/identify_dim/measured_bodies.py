@@ -15,10 +15,11 @@ from mocap_id.dynamics.fold import gather, relative
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.held_out import HeldOut, hold_out
 from mocap_id.dynamics.loose_prior import BodyPrior, even_prior, table_prior, without_others
-from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.lowpass import LowPass, known
 from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, bridged, gaps, measured_motion, pinned
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.solve import Compressed
+from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
 from mocap_id.store import Table
 
@@ -41,6 +42,8 @@ class MeasuredBodies:
         By the joint, from 0.
     markers : tuple of mapping
         Of each body: label to place in its frame, m.
+    residual : tuple of float
+        rms distance of each body's markers from their places, m.
     used : tuple of int
         Their places in poses.parquet, from 0.
     """
@@ -50,12 +53,13 @@ class MeasuredBodies:
     observed: BoolArray
     gap: dict[int, Gap]
     markers: tuple[dict[str, list[float]], ...]
+    residual: tuple[float, ...]
     used: tuple[int, ...]
 
     @property
-    def moves_freely(self) -> bool:
-        """A joint gives way, so that the bodies' own poses say more than the pinned chain's."""
-        return any(not gap.pinned for gap in self.gap.values())
+    def loosest(self) -> float:
+        """Largest acceleration of a joint's gap, m/s²."""
+        return max((gap.acceleration for gap in self.gap.values() if np.isfinite(gap.acceleration)), default=0.0)
 
     def recorded(self, recorded: Recorded, bands: Bands) -> Recorded:
         """The trial with the bodies' motion in the place of the chain's."""
@@ -137,14 +141,17 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     return MeasuredBodies(
         names=tuple(str(body["name"]) for body in bodies),
         poses=poses,
-        observed=np.isfinite(poses.angle).all(axis=1),
+        observed=known(poses.angle),
         gap={},
         markers=tuple(body["markers"] for body in bodies),
+        residual=tuple(float(body["residual_m"]) for body in bodies),
         used=tuple(used),
     )
 
 
-def loose_prior(bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, reference: FloatArray, mass: float, source: str) -> BodyPrior:
+def loose_prior(
+    bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, table: ReferenceBody, mass: float
+) -> BodyPrior:
     """The prior of the bodies: about the table's where one applies, else with an even share of the mass.
 
     Parameters
@@ -154,14 +161,12 @@ def loose_prior(bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, refer
         The chain's angles, rad.
     samples : (T,) bool array
         Those over which the bodies are where they are on average.
-    reference : (4(n + 1),) array
-        Full parameters of the chain by the table; NaN where none applies.
+    table : ReferenceBody
+        On the chain; NaN where none applies.
     mass : float
         Of the whole body, kg.
-    source : str
-        The table's name.
     """
-    poses = bodies.poses
+    poses, reference = bodies.poses, table.parameters
     if not np.isfinite(reference).all():
         return even_prior(mass, poses.centroid)
     of_segment = reference.reshape(-1, 4)
@@ -173,7 +178,8 @@ def loose_prior(bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, refer
     last = int(poses.body[-1])
     for body in np.setdiff1d(np.arange(len(bodies.names)), poses.body):
         mean[last], mean[body] = without_others(mean[last], *relative(poses, int(body), last, samples), mass)
-    return table_prior(mean.reshape(-1), source)
+    free = int(poses.body.max()) + 1 < len(bodies.names)
+    return table_prior(mean.reshape(-1), str(table.table), others=free)
 
 
 def with_prior(
@@ -184,12 +190,7 @@ def with_prior(
 
 
 def chosen_bands(
-    bodies: MeasuredBodies,
-    recorded: Recorded,
-    settings: FitSettings,
-    prior: BodyPrior,
-    gate: BoolArray,
-    part: IntArray,
+    bodies: MeasuredBodies, prepared: Prepared, prior: BodyPrior, gate: BoolArray, part: IntArray
 ) -> ChosenBands:
     """Cut-offs with which left-out repetitions are predicted best, on thinned samples.
 
@@ -200,6 +201,7 @@ def chosen_bands(
     part : (T,) int array
         The repetition of each sample.
     """
+    recorded = prepared.recorded
     step = max(1, int(recorded.rate / _SEARCHED))
     some = slice(None, None, step)
     smooth = LowPass(_SEARCHED / 4, recorded.rate) if step > 1 else (lambda signal: signal)
@@ -221,8 +223,7 @@ def chosen_bands(
     few = replace(bodies, poses=thinned, observed=bodies.observed[some])
 
     def predicted(bands: Bands) -> HeldOut | None:
-        prepared = with_prior(few, thin, settings, prior, bands)
-        found = fit(prepared, gate[some])
-        return hold_out(prepared, gate[some], found, part[some], Compressed.free_solution)
+        ready = with_prior(few, thin, prepared.settings, prior, bands)
+        return hold_out(ready, gate[some], fit(ready, gate[some]), part[some], Compressed.free_solution)
 
     return choose_bands(predicted)

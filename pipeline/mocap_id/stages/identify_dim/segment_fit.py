@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.bands import ChosenBands
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.bands import ChosenBands, series_cost
 from mocap_id.dynamics.comparison import Comparison, compare
-from mocap_id.dynamics.fold import Fold, fold, in_base
+from mocap_id.dynamics.fold import Fold, centre_response, fold, in_base
 from mocap_id.dynamics.grid import PointGrid
-from mocap_id.dynamics.held_out import hold_out, parts
+from mocap_id.dynamics.held_out import parts
 from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.loose_prior import BodyPrior
+from mocap_id.dynamics.pose_error import PoseEffect, PoseErrors, SlidingBody, pose_effect, sliding_body
 from mocap_id.dynamics.predict import Noise, shown_noise
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.reference_term import deviations
@@ -54,6 +55,10 @@ class SegmentFit:
     folded : Fold
     grid : PointGrid
     validation : Validation
+    centre_sd : (n,) array
+        Standard deviation of each joint's centre in one direction, m; its gap is a part of it.
+    effect : PoseEffect
+        What the poses' errors that repeat with the movement do.
     """
 
     bodies: MeasuredBodies
@@ -68,16 +73,27 @@ class SegmentFit:
     folded: Fold
     grid: PointGrid
     validation: Validation
+    centre_sd: FloatArray
+    effect: PoseEffect
 
-    def noise(self, centre_sd: FloatArray) -> Noise:
-        """Errors beside those of the parameters; half of a joint's gap counts as an error of its centre."""
-        half_gap = np.array([self._gap(joint) / 2 for joint in range(len(centre_sd))])
-        held, spread = self.validation.held_out, np.hypot(centre_sd, half_gap)
+    def noise(self) -> Noise:
+        """Errors beside those of the parameters."""
+        held, found = self.validation.held_out, self.found
         if held is not None:
-            return shown_noise(self.prepared, self.found, _finite(held.filtered - held.filtered_measured), spread)
-        residual = _finite(self.filtered(self.found.base) - self.filtered_measured)
-        independent = len(residual) / max(1.0, _MEMORY * self.prepared.recorded.rate) * residual.shape[1]
-        return shown_noise(self.prepared, self.found, residual, spread, len(self.found.base) / max(independent, 1.0))
+            residual, share = np.where(held.samples[:, None], held.measured - held.wrench, np.nan), 0.0
+        else:
+            measured = self.prepared.measured(found.fit.offset) - (found.plate_bias or 0.0) * np.array([1.0, 0.0, 0.0])
+            residual = self._on_fit(measured - self.prepared.rows @ found.base)
+            seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
+            share = len(found.base) / max(3 * seconds / _MEMORY, 1.0)
+        return shown_noise(
+            self.prepared,
+            found,
+            residual,
+            centre_sd=self.centre_sd,
+            of_poses=self.effect.torque,
+            parameters=share,
+        )
 
     def filtered(self, parameters: FloatArray) -> FloatArray:
         """(T, 3) wrench of bodies with these parameters after the fit's low-pass; NaN off the fit's samples."""
@@ -100,10 +116,6 @@ class SegmentFit:
             "prior_share": self.prior_share.tolist(),
         }
 
-    def _gap(self, joint: int) -> float:
-        gap = self.bodies.gap.get(joint)
-        return 0.0 if gap is None or gap.pinned or not np.isfinite(gap.size) else gap.size
-
     def _on_fit(self, wrench: FloatArray) -> FloatArray:
         return np.where(self.found.fit.in_fit[:, None], wrench, np.nan)
 
@@ -113,6 +125,7 @@ def fit_segments(
     ways: Sequence[MeasuredBodies],
     prepared: Prepared,
     movement: Movement,
+    *,
     pinned: Identification,
     tables: Rivals,
 ) -> SegmentFit:
@@ -137,8 +150,8 @@ def fit_segments(
     part = _parts(prepared, movement)
     tried = []
     for way in ways:
-        prior = loose_prior(way, recorded.q, gate, reference, mass, str(tables.chosen.table))
-        tried.append((way, prior, chosen_bands(way, recorded, prepared.settings, prior, gate, part)))
+        prior = loose_prior(way, recorded.q, gate, tables.chosen, mass)
+        tried.append((way, prior, chosen_bands(way, prepared, prior, gate, part)))
     bodies, prior, bands = min(reversed(tried), key=lambda each: each[2].cost)
     ready = with_prior(bodies, recorded, prepared.settings, prior, bands.bands)
     grid = bodies.grid(settings.grid)
@@ -151,12 +164,15 @@ def fit_segments(
         consistency=settings.consistency or "cone",
         reference_sd=settings.reference_sd,
     )
+    errors = PoseErrors(bodies.poses, _sliding(context, bodies), bands.bands)
+    effect = pose_effect(ready, found.fit, found.base, errors)
+    found = _with_effect(found, effect)
     sd = deviations(reference, settings.reference_sd)
     folded = fold(bodies.poses, recorded.q, found.fit.in_fit, reference, sd)
-    in_chain, share = _in_chain(context, prepared, pinned, found, folded)
+    centres = _centre_covariance(context, bodies)
+    in_chain, share = _in_chain(prepared, pinned, found, folded, centres)
     every = tuple(
-        replace(each, parameters=loose_prior(bodies, recorded.q, gate, each.parameters, mass, "").mean)
-        for each in tables.every
+        replace(each, parameters=loose_prior(bodies, recorded.q, gate, each, mass).mean) for each in tables.every
     )
     known = prior.mean if np.isfinite(reference).all() else np.full(len(prior.mean), np.nan)
     return SegmentFit(
@@ -172,6 +188,36 @@ def fit_segments(
         folded=folded,
         grid=grid,
         validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
+        centre_sd=np.sqrt(np.einsum("jkk->j", centres) / 2),
+        effect=effect,
+    )
+
+
+def held_pinned(
+    prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit
+) -> tuple[BoolArray, FloatArray, FloatArray] | None:
+    """Left-out repetitions on the pinned chain: samples (T,), model and measurement (T, 3) after the bodies' low-pass.
+
+    None where no repetition could be left out on both motions; the samples are those that both predicted.
+    """
+    on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
+    on_bodies = segments.validation.held_out
+    if on_chain is None or on_bodies is None:
+        return None
+    both = on_chain.samples & on_bodies.samples
+    lowpass = segments.prepared.lowpass
+    return both, lowpass(on_chain.wrench), lowpass(on_chain.measured)
+
+
+def poses_predict_better(prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit) -> bool:
+    """Whether left-out repetitions are predicted better on measured poses than on the pinned chain."""
+    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
+    if chain is None or bodies is None:
+        return True
+    both, model, measured = chain
+    known = both & np.isfinite(model).all(axis=1)
+    return series_cost(bodies.filtered[known], bodies.filtered_measured[known]) < series_cost(
+        model[known], measured[known]
     )
 
 
@@ -189,23 +235,16 @@ def pinned_facts(
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
     """
-    nothing = np.zeros((len(prepared.recorded.time), 3))
-    on_chain = validation.validate(prepared, movement, pinned, nothing).held_out
-    on_bodies = segments.validation.held_out
-    if on_chain is None or on_bodies is None:
+    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
+    if chain is None or bodies is None:
         return {"why": segments.validation.why, "chain": None, "segments": None, "clock_offset_s": pinned.fit.offset}
-    both = on_chain.samples & on_bodies.samples
-    lowpass = segments.prepared.lowpass
-
-    def errors(model: FloatArray, measured: FloatArray) -> dict[str, Any]:
-        return comparison_facts(compare(model, measured, both, threshold))
-
-    smooth = lowpass(on_chain.wrench), lowpass(on_chain.measured)
+    both, model, measured = chain
+    both = both & np.isfinite(model).all(axis=1)
     return {
         "why": None,
         "samples": int(both.sum()),
-        "chain": errors(*smooth),
-        "segments": errors(on_bodies.filtered, on_bodies.filtered_measured),
+        "chain": comparison_facts(compare(model, measured, both, threshold)),
+        "segments": comparison_facts(compare(bodies.filtered, bodies.filtered_measured, both, threshold)),
         "clock_offset_s": pinned.fit.offset,
     }
 
@@ -232,19 +271,52 @@ def _parts(prepared: Prepared, movement: Movement) -> IntArray:
     return parts(time, np.array(spans)) if len(spans) > 1 else np.zeros(len(time), dtype=np.int64)
 
 
+def _with_effect(found: Identification, effect: PoseEffect) -> Identification:
+    """The identification with what errors of the poses do to its parameters."""
+    own = slice(found.fit.base)
+    covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
+    return replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))
+
+
+def _sliding(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...]:
+    """How the markers of each body slide: as the skin model says, those of no moving segment by their residual."""
+    skin: Any = context.tree("skin.h5").data["markers"]
+    size = dict(zip(map(str, skin["name"]), np.asarray(skin["variance"], dtype=np.float64), strict=True))
+    joints = len(bodies.poses.centres)
+    found = []
+    for body, markers in enumerate(bodies.markers):
+        own = np.flatnonzero(bodies.poses.body == body)
+        usual = bodies.residual[body] ** 2 / 2
+        variance = np.array([size.get(label, usual) for label in markers])
+        near = {joint for k in own.tolist() for joint in (k - 1, k) if 0 <= joint < joints}
+        found.append(sliding_body(np.array(list(markers.values())), variance, tuple(sorted(near)) or (joints - 1,)))
+    return tuple(found)
+
+
+def _centre_covariance(context: Context, bodies: MeasuredBodies) -> FloatArray:
+    """(n, 2, 2) of the joints' centres, m²: the joint fit's, and the gap where a joint gives way."""
+    joints: Any = context.tree("chain.h5").data["joints"]
+    covariance = np.array(joints["covariance"], dtype=np.float64)
+    for joint, gap in bodies.gap.items():
+        if np.isfinite(gap.size):
+            covariance[joint] += gap.size**2 * np.eye(2)
+    return covariance
+
+
 def _in_chain(
-    context: Context, prepared: Prepared, pinned: Identification, found: Identification, folded: Fold
+    prepared: Prepared, pinned: Identification, found: Identification, folded: Fold, centres: FloatArray
 ) -> tuple[Identification, FloatArray]:
     """The chain's base and full parameters from the bodies', and the prior's share of each base parameter."""
-    joints: Any = context.tree("chain.h5").data["joints"]
-    centres, spread = prepared.recorded.centres, np.asarray(joints["covariance"], dtype=np.float64)
-    own = slice(found.fit.base)
-    base, covariance = in_base(folded, prepared.base, centres, spread, found.full, found.covariance)
-    _, residual = in_base(folded, prepared.base, centres, 0 * spread, found.full, found.residual_covariance)
+    own, recorded = slice(found.fit.base), prepared.recorded
+    base, covariance = in_base(folded, prepared.base, found.full, found.covariance)
+    _, residual = in_base(folded, prepared.base, found.full, found.residual_covariance)
+    chain = folded.matrix @ found.full + folded.constant
+    mean = np.nanmean(recorded.q[found.fit.in_fit], axis=0)
+    moved = centre_response(prepared.base, recorded.centres, mean, chain)
+    covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centres, moved)
     rows = prepared.base.regrouping @ folded.matrix
     design = found.fit.design.reshape(-1, found.fit.design.shape[-1])
-    precision = design.T @ design + found.fit.prior_precision
-    gained = np.linalg.solve(precision, np.eye(len(precision)))
+    gained = np.linalg.inv(design.T @ design + found.fit.prior_precision)
     by_prior = (gained @ found.fit.prior_precision @ gained)[own, own]
     share = np.einsum("bp,pq,bq->b", rows, by_prior, rows) / np.einsum("bp,pq,bq->b", rows, gained[own, own], rows)
     in_chain = replace(
@@ -253,12 +325,7 @@ def _in_chain(
         base_sd=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         residual_covariance=residual,
-        full=folded.matrix @ found.full + folded.constant,
+        full=chain,
         masses=np.full(len(pinned.masses), np.nan),
     )
     return in_chain, np.clip(share, 0.0, 1.0)
-
-
-def _finite(values: FloatArray) -> FloatArray:
-    return values[np.isfinite(values).all(axis=1)]
-

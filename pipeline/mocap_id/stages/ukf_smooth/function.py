@@ -45,7 +45,9 @@ def ukf_smooth(context: Context) -> Outputs:
     skin = known_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
     states, sd_holds = _with_sd(states, observed, skin, camera, rate=view.rate, settings=settings)
     segments = [str(name) for name in _node(tree, "segments/name")]
-    poses = measured_poses(view, chain, labels, segments, observed, states.mean[:, :, 0])
+    poses = measured_poses(
+        view, chain, labels=labels, segments=segments, observed=observed, angles=states.mean[:, :, 0]
+    )
     del observed
     slips = _skin_tree(tree, states, skin, camera)
     encoder = beside_cameras(context.trial.encoder, states, view.time, settings)

@@ -20,7 +20,7 @@ _ONE_BODY = ("pelvis", "trunk")  # each alone has few markers, so their common p
 
 
 def measured_poses(
-    view: PlanarView, chain: Chain, labels: list[str], segments: list[str], observed: FloatArray, angles: FloatArray
+    view: PlanarView, chain: Chain, *, labels: list[str], segments: list[str], observed: FloatArray, angles: FloatArray
 ) -> Table:
     """Measure the pose of every body of the dynamics.
 
@@ -46,7 +46,7 @@ def measured_poses(
     of_chain = np.array([columns[label] for label in labels], dtype=np.int64)
     free = np.setdiff1d(np.arange(len(view.labels)), of_chain)
     moves = np.flatnonzero(chain.segment > 0)
-    local = np.asarray(chain.local @ [1.0, 1.0j])
+    local = _complex(chain.local)
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
     for name, numbers in _bodies(segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
@@ -73,7 +73,7 @@ def _bodies(segments: list[str]) -> list[tuple[str, list[int]]]:
 
 
 def _in_body_frame(chain: Chain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
-    """Markers (M,) of a body in the frame of its first segment, m; those of its next segment where they are on average."""
+    """Markers (M,) in the frame of a body's first segment, m; those of its next segment at their mean place."""
     found = local.copy()
     for segment in numbers[1:]:
         mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))

@@ -1,0 +1,219 @@
+"""Errors of measured poses that repeat with the movement, and what they do to parameters and torques.
+
+Skin slides over bone as the joints turn, the same way in every repetition, so no resampling of the trial shows it. A
+slide d of one marker among the m of a body moves the body's measured pose by
+
+    (d / m, ρ × d / Σ|ρ|²),
+
+with ρ the marker's place from the centroid. Slides follow the angle of the joint below or above the body, as in
+:mod:`mocap_id.kinematics.skin_slides`. All markers of a body together give a covariance of three numbers, the pose's
+error in x, y and angle for one standard deviation of the joint's angle; each is carried through the fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.fit import Fit
+from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
+from mocap_id.dynamics.motion import Motion
+from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.regressor import wrench_regressor
+from mocap_id.geometry import planar
+
+_RATE = 50.0  # Hz; movements are below 3 Hz
+_STEP = 1e-4  # m, rad: of a numerical derivative
+
+
+@dataclass(frozen=True)
+class SlidingBody:
+    """How the markers of one body slide.
+
+    Parameters
+    ----------
+    covariance : (3, 3) array
+        Of the pose's error in x, y (body's frame, m) and angle (rad) for one standard deviation of the shape.
+    joints : tuple of int
+        Joints, from 0, whose angles the slides follow.
+    """
+
+    covariance: FloatArray
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class PoseEffect:
+    """What the poses' errors do, mode by mode of one standard deviation.
+
+    Parameters
+    ----------
+    parameters : (b + k + 1, S) array
+        Changes of what is fitted, in the order of the fit's covariance.
+    torque : (T, n) array
+        Variance of the joint torques, (N·m)².
+    """
+
+    parameters: FloatArray
+    torque: FloatArray
+
+
+def sliding_body(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
+    """Covariance of a body's pose from its markers' slides.
+
+    Parameters
+    ----------
+    local : (m, 2) array
+        Markers in the body's frame, m.
+    variance : (m,) array
+        Of each marker's slide, a coordinate, m².
+    joints : tuple of int
+        Joints whose angles the slides follow.
+    """
+    arm = local - local.mean(axis=0)
+    count, spread = len(local), float(np.sum(arm**2))
+    gain = np.zeros((count, 3, 2))  # pose from a slide along x, along y
+    gain[:, 0, 0] = gain[:, 1, 1] = 1.0 / count
+    gain[:, 2, 0], gain[:, 2, 1] = -arm[:, 1] / spread, arm[:, 0] / spread
+    return SlidingBody(np.einsum("kid,kjd,k->ij", gain, gain, variance), joints)
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Measured poses and how they err.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+        What the motion was made from.
+    sliding : tuple of SlidingBody
+        One for each body.
+    bands : (x, y, angle)
+        Cut-offs of the poses, Hz.
+    """
+
+    poses: BodyPoses
+    sliding: tuple[SlidingBody, ...]
+    bands: tuple[float, float, float]
+
+
+def pose_effect(prepared: Prepared, found: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
+    """Carry the errors of every body's pose through the fit.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        On the bodies' motion.
+    found : Fit
+    full : (4K,) array
+        Parameters of the bodies.
+    errors : PoseErrors
+    """
+    recorded, gravity = prepared.recorded, prepared.settings.gravity
+    step = max(1, int(recorded.rate / _RATE))
+    every = errors.poses
+    thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
+    motion = measured_motion(thin, errors.bands)
+    trace = _Trace(thin, errors.bands, motion, full, gravity, _wrenches(motion, full, gravity))
+    shapes = _shapes(recorded.q, found.in_fit)[::step]
+    rows, torques = [np.zeros((found.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
+    for body, own in enumerate(errors.sliding):
+        root = _root(own.covariance / max(len(own.joints), 1))
+        for joint in own.joints:
+            wrench, torque = trace.effects(body, shapes[:, joint])
+            known = np.isfinite(wrench).all(axis=(1, 2))
+            seen = _at(recorded.time[found.samples], thin.time[known], wrench[known] @ root)
+            rows.append(-found.answer(seen[:, list(prepared.settings.components)] * found.weights[:, None]))
+            torques.append(torque @ root)
+    parameters = np.concatenate(rows, axis=1)
+    felt = np.concatenate(torques, axis=2) + _torque_rows(motion, gravity) @ parameters[: len(full)]  # (t, n, S)
+    variance = np.sum(felt**2, axis=2)
+    placed = np.isfinite(motion.joint).any(axis=(0, 2))
+    known = np.isfinite(variance[:, placed]).all(axis=1)
+    return PoseEffect(parameters, _at(recorded.time, thin.time[known], variance[known]))
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """Thinned poses, their motion, and the wrench (t, K, 3) that each body needs."""
+
+    poses: BodyPoses
+    bands: tuple[float, float, float]
+    motion: Motion
+    full: FloatArray
+    gravity: float
+    wrenches: FloatArray
+
+    def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives (t, 3, 3) of the wrench and (t, n, 3) of the torques by errors of one body's x, y and angle.
+
+        The errors have the shape (t,), in the body's frame.
+        """
+        poses, wrench, torque = self.poses, [], []
+        for axis in range(3):
+            position, angle = poses.position.copy(), poses.angle.copy()
+            if axis < 2:
+                position[:, body] += planar.rotate(poses.angle[:, body], _STEP * np.eye(2)[axis]) * shape[:, None]
+            else:
+                angle[:, body] += _STEP * shape
+            moved = measured_motion(replace(poses, position=position, angle=angle), self.bands)
+            after = self.wrenches.copy()
+            after[:, body] = _wrenches(_one(moved, body), self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+            wrench.append((after[:, body] - self.wrenches[:, body]) / _STEP)
+            torque.append((_torques(moved, after) - _torques(self.motion, self.wrenches)) / _STEP)
+        return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
+
+
+def _shapes(q: FloatArray, samples: BoolArray) -> FloatArray:
+    """(T, n) joint angles from their mean over some samples, in standard deviations; 0 where unknown."""
+    own = q[samples]
+    spread = np.nanstd(own, axis=0)
+    return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
+
+
+def _one(motion: Motion, body: int) -> Motion:
+    own = slice(body, body + 1)
+    return replace(
+        motion,
+        angle=motion.angle[:, own],
+        omega=motion.omega[:, own],
+        alpha=motion.alpha[:, own],
+        origin=motion.origin[:, own],
+        acceleration=motion.acceleration[:, own],
+        beyond=motion.beyond[:, own],
+    )
+
+
+def _wrenches(motion: Motion, full: FloatArray, gravity: float) -> FloatArray:
+    """(t, K, 3) wrench that each body needs, about the plane frame's origin."""
+    regressor = wrench_regressor(motion, gravity)
+    blocks = regressor.reshape(len(regressor), 3, -1, 4)
+    return np.asarray(np.einsum("tckp,kp->tkc", blocks, full.reshape(-1, 4)))
+
+
+def _torques(motion: Motion, wrenches: FloatArray) -> FloatArray:
+    """(t, n) moments about the joints of what the bodies beyond them need."""
+    carried = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
+    return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, carried))
+
+
+def _torque_rows(motion: Motion, gravity: float) -> FloatArray:
+    """(t, n, 4K) regressor of the torques."""
+    regressor = wrench_regressor(motion, gravity)
+    carried = np.repeat(motion.beyond, 4, axis=1)
+    return np.asarray((np.swapaxes(motion.jacobian, 1, 2) @ regressor) * carried)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """(3, 3) square root of a covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _at(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+    """Values (t, ...) at known times, linear at other ones."""
+    flat = values.reshape(len(known), -1)
+    out = np.stack([np.interp(time, known, column) for column in flat.T], axis=-1)
+    return np.asarray(out.reshape(len(time), *values.shape[1:]))

@@ -1,0 +1,38 @@
+"""What a caption says of the motion behind a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from mocap_id.reporting.contents import FigureEntry
+from mocap_id.reporting.material import Material
+
+_OF_POSES: Mapping[str, str] = {
+    "wrench": "The measured wrench is not filtered.",
+    "phases": "The measured wrench is not filtered.",
+    "parameters": "The parameters are the chain's, computed from the bodies that were fitted with a loose prior.",
+    "point_masses": "A panel is a body of the fit; for one that is no segment of the chain the origin is the middle of "
+    "its markers.",
+}
+
+
+def captioned(entry: FigureEntry, material: Material) -> FigureEntry:
+    """The entry of a figure of the dynamics with its motion in the caption; any other as it is."""
+    if entry.name not in _OF_POSES or material.facts("dynamics.h5").get("motion") is None:
+        return entry
+    told = [entry.caption, *(_untold(material) if entry.name == "phases" else ())]
+    if material.measured_poses:
+        cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (material.bands or {}).items())
+        told += [f"The masses move as the measured poses, after low-passes ({cutoffs}).", _OF_POSES[entry.name]]
+    else:
+        told.append("The masses move as the pinned chain.")
+    return replace(entry, caption=" ".join(told))
+
+
+def _untold(material: Material) -> list[str]:
+    """A sentence on the joints without a torque."""
+    names = material.skeleton.joints if material.skeleton is not None else ()
+    untold = material.facts("dynamics.h5").get("untold") or ()
+    joints = [name for j, name in enumerate(names, start=1) if f"tau_{j}" in untold]
+    return [f"The fit does not give the torque of: {', '.join(joints)}."] if joints else []
