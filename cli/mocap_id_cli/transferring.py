@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -60,18 +61,30 @@ def _lines(found: workflow.Transfer) -> Iterator[str]:
     for trial in found.trials:
         condition = "unknown" if trial.condition is None else f"{trial.condition:.0f}"
         yield f"\n{trial.trial}: {trial.samples} samples, condition number {condition}"
-        yield from _aligned([["", *(body.name for body in trial.bodies)], *_rows(found, trial)])
+        yield from _aligned([["", *(body.name for body in trial.bodies)], *_rows(trial)])
+        yield from _intervals(trial)
         yield from (f"  {reason.code}: {reason.message}" for reason in trial.reasons)
         yield _VERDICTS[trial.supported]
 
 
-def _rows(found: workflow.Transfer, trial: workflow.Applied) -> Iterator[list[str]]:
+def _intervals(trial: workflow.Applied) -> Iterator[str]:
+    """What was stated of the transferred body's errors, and how often that held."""
+    known = {name: share for name, share in trial.inside.items() if math.isfinite(share)}
+    if known:
+        told = ", ".join(
+            f"{name} ± {_SHOWN[name][1] * trial.stated[name]:.1f} {_SHOWN[name][0]}: {100 * share:.0f} %"
+            for name, share in known.items()
+        )
+        yield f"transferred, stated sd and share of the samples in its 95 % interval: {told}"
+
+
+def _rows(trial: workflow.Applied) -> Iterator[list[str]]:
     for name, (unit, factor) in _SHOWN.items():
         yield [f"{name} ({unit})", *(_error(body.errors.get(name), factor) for body in trial.bodies)]
-    for j in range(1, len(found.segments)):
+    for j in range(max(len(body.torques) for body in trial.bodies)):
         yield [
-            f"tau_{j} less own (N·m)",
-            *(_spread(body.torques[j - 1]) if body.torques else "" for body in trial.bodies),
+            f"tau_{j + 1} less own (N·m)",
+            *(_spread(body.torques[j]) if body.torques else "" for body in trial.bodies),
         ]
 
 

@@ -19,7 +19,8 @@ RNG = np.random.default_rng(4)
 SEGMENT = np.repeat([0, 1, 2, 3], 5)
 LOCAL = RNG.uniform((-0.1, 0.02), (0.1, 0.4), (20, 2))
 LABELS = tuple(f"M{i}" for i in range(20))
-HERE = Skeleton(NAMES, CENTRES, LABELS, SEGMENT, LOCAL)
+BETWEEN = np.array([[0, 1], [1, 2], [2, 3]])
+HERE = Skeleton(NAMES, CENTRES, BETWEEN, LABELS, SEGMENT, LOCAL)
 TURNED = np.array([0.0, 0.03, -0.05, 0.3])
 FEET = np.array([0.07, 0.002])
 
@@ -34,7 +35,7 @@ def elsewhere(angle: np.ndarray = TURNED, feet: np.ndarray = FEET) -> Skeleton:
     centres = np.stack([rotation(-angle[k]) @ centre for k, centre in enumerate(CENTRES)])
     local[SEGMENT == 0] += feet
     centres[0] += feet
-    return Skeleton(NAMES, centres, LABELS, SEGMENT, local)
+    return Skeleton(NAMES, centres, BETWEEN, LABELS, SEGMENT, local)
 
 
 def angles(q: np.ndarray, turned: np.ndarray) -> np.ndarray:
@@ -105,7 +106,7 @@ def test_a_joint_that_is_placed_otherwise_takes_no_mass_with_it() -> None:
     centres = CENTRES.copy()
     centres[1] += error
     centres[2] -= error
-    there = Skeleton(NAMES, centres, LABELS, SEGMENT, local)
+    there = Skeleton(NAMES, centres, BETWEEN, LABELS, SEGMENT, local)
     registration = register(HERE, there)
     np.testing.assert_allclose(registration.shift[2], -error, atol=1e-12)
     np.testing.assert_allclose(registration.joint, [0.0, 0.01, 0.0], atol=1e-12)
@@ -123,7 +124,8 @@ def test_a_joint_that_is_placed_otherwise_takes_no_mass_with_it() -> None:
 
 def test_markers_that_dropped_out_or_changed_their_segment_do_not_count() -> None:
     there = elsewhere()
-    fewer = Skeleton(NAMES, there.centres, LABELS[:-2], np.where(np.arange(18) == 6, 2, SEGMENT[:-2]), there.local[:-2])
+    owner = np.where(np.arange(18) == 6, 2, SEGMENT[:-2])
+    fewer = Skeleton(NAMES, there.centres, BETWEEN, LABELS[:-2], owner, there.local[:-2])
     registration = register(fewer, HERE)
     np.testing.assert_array_equal(registration.markers, [5, 4, 5, 3])
     np.testing.assert_allclose(registration.angle, [0.0, *TURNED[1:]], atol=1e-12)
@@ -131,7 +133,7 @@ def test_markers_that_dropped_out_or_changed_their_segment_do_not_count() -> Non
 
 def test_the_order_of_the_markers_does_not_matter() -> None:
     order = RNG.permutation(20)
-    mixed = Skeleton(NAMES, CENTRES, tuple(LABELS[i] for i in order), SEGMENT[order], LOCAL[order])
+    mixed = Skeleton(NAMES, CENTRES, BETWEEN, tuple(LABELS[i] for i in order), SEGMENT[order], LOCAL[order])
     one, other = register(elsewhere(), HERE), register(elsewhere(), mixed)
     np.testing.assert_allclose(one.angle, other.angle, atol=1e-12)
     np.testing.assert_allclose(one.shift, other.shift, atol=1e-12)
@@ -146,6 +148,7 @@ def test_markers_on_the_plate_stay_where_the_feet_do_not() -> None:
         return Skeleton(
             NAMES,
             skeleton.centres,
+            BETWEEN,
             (*skeleton.markers, *names),
             np.append(skeleton.segment, np.zeros(7, dtype=np.int64)),
             np.concatenate([skeleton.local, on_plate + RNG.normal(size=(7, 2)) * 3e-4]),
@@ -160,7 +163,7 @@ def test_markers_on_the_plate_stay_where_the_feet_do_not() -> None:
 
 
 def test_without_base_markers_the_ankle_tells_where_the_feet_are() -> None:
-    bare = [Skeleton(NAMES, s.centres, s.markers[5:], s.segment[5:], s.local[5:]) for s in (elsewhere(), HERE)]
+    bare = [Skeleton(NAMES, s.centres, BETWEEN, s.markers[5:], s.segment[5:], s.local[5:]) for s in (elsewhere(), HERE)]
     registration = register(*bare)
     np.testing.assert_allclose(registration.shift[0], -FEET, atol=1e-12)
     assert registration.markers[0] == 0
@@ -183,3 +186,34 @@ def test_a_person_who_faces_the_other_way_fits_when_turned_over(noise: float) ->
     assert (over.residual[1:] > 5 * over.mirrored[1:]).all()
     same = register(elsewhere(), HERE)
     assert (same.mirrored[1:] > 0.01).all()
+
+
+def test_a_body_without_a_joint_is_carried_and_not_judged() -> None:
+    """Arms and head: their markers tell where they are, and no joint does."""
+    rng = np.random.default_rng(8)
+    arms = rng.uniform(-0.3, 0.3, (6, 2))
+    labels = tuple(f"A{i}" for i in range(6))
+
+    def with_arms(skeleton: Skeleton, places: np.ndarray) -> Skeleton:
+        return replace(
+            skeleton,
+            segments=(*NAMES, "others"),
+            markers=(*skeleton.markers, *labels),
+            segment=np.append(skeleton.segment, np.full(6, 4)),
+            local=np.concatenate([skeleton.local, places]),
+        )
+
+    there, here = with_arms(elsewhere(), arms), with_arms(HERE, arms @ rotation(0.4).T + [0.1, -0.2])
+    np.testing.assert_array_equal(there.jointed, [1, 2, 3])
+    forth, back = register(there, here), register(here, there)
+    assert forth.angle[4] == pytest.approx(0.4)
+    assert len(forth.joint) == 3
+    full = np.append(BODY.ravel(), [6.0, 0.3, -0.2, 0.4])
+    np.testing.assert_allclose(carry(carry(full, forth), back), full, atol=1e-12)
+
+
+def test_a_joint_that_the_other_trial_does_not_have_is_not_compared() -> None:
+    centres = np.where(np.arange(3)[:, None] == 1, np.nan, CENTRES)
+    registration = register(elsewhere(), replace(HERE, centres=centres))
+    np.testing.assert_array_equal(np.isnan(registration.joint), [False, True, False])
+    np.testing.assert_allclose(carry(BODY.ravel(), registration), carry(BODY.ravel(), register(elsewhere(), HERE)))

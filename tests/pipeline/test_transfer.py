@@ -22,6 +22,7 @@ from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
 from mocap_id.workflows.finished import Finished, finished
+from mocap_id.workflows.followed_bodies import followed
 from mocap_id.workflows.simulate import Options, Strategy, simulate
 from mocap_id.workflows.transfer import SERIES, Applied, Transfer, apply, rms, transfer
 from mocap_id.workflows.transfer_table import as_frame, as_json, write
@@ -70,6 +71,12 @@ def body(trial: Applied, name: str) -> dict[str, float]:
     """rms error of each series."""
     errors = next(body.errors for body in trial.bodies if body.name == name)
     return {series: rms(errors[series]) for series in SERIES}
+
+
+def with_skeleton(trial: Finished, **changes: object) -> Finished:
+    """The trial with another skeleton of its chain, on which it was identified."""
+    assert trial.measured is None
+    return replace(trial, chain=replace(trial.chain, skeleton=replace(trial.chain.skeleton, **changes)))
 
 
 def cop_off_truth(source: Finished, target: Finished) -> float:
@@ -153,7 +160,7 @@ def test_another_person_is_noticed(normal, subject) -> None:
 
 def test_markers_that_were_placed_anew_are_noticed(normal, dynamic) -> None:
     scattered = dynamic.skeleton.local + np.random.default_rng(0).normal(scale=0.03, size=dynamic.skeleton.local.shape)
-    moved = replace(dynamic, skeleton=replace(dynamic.skeleton, local=scattered))
+    moved = with_skeleton(dynamic, local=scattered)
     (reason,) = [reason for reason in apply(normal, moved).reasons if reason.code == "transfer-markers"]
     assert reason.value > reason.limit == 0.025
 
@@ -165,17 +172,33 @@ def test_a_body_worse_than_the_table_is_said(normal, dynamic) -> None:
     assert "cop_x" in reason.message
 
 
-def test_other_segments_are_refused(normal, dynamic) -> None:
-    names = ("foot", "shank", "thigh", "pelvis", "trunk")
-    with pytest.raises(ConfigError, match=r"pelvis, trunk.*count") as raised:
-        apply(normal, replace(dynamic, skeleton=replace(dynamic.skeleton, segments=names)))
+def test_a_body_without_markers_in_the_other_trial_is_refused_by_name(normal, dynamic) -> None:
+    """Another number of segments: the bodies are followed by their markers, whose labels must be known there."""
+    more = with_skeleton(dynamic, segments=(*dynamic.skeleton.segments, "head"))
+    assert apply(normal, more).registration.markers.min() >= 2
+    labels = [f"X{k}" if dynamic.skeleton.segment[k] == 2 else label for k, label in enumerate(normal.skeleton.markers)]
+    with pytest.raises(ConfigError, match=r"does not show how the thigh of trial .* 0 of that body's") as raised:
+        apply(with_skeleton(normal, markers=tuple(labels)), more)
     assert raised.value.exit_code == 2
+
+
+def test_a_model_followed_by_markers_predicts_as_the_one_on_the_chain(normal, dynamic) -> None:
+    """Exact places of markers, whose poses need no joint: the same body, within what skin and filters leave."""
+    moving = followed(normal, dynamic)
+    registration = register(normal.skeleton, moving.skeleton)
+    np.testing.assert_allclose(registration.angle, 0.0, atol=0.02)
+    carried = carry(normal.parameters, registration)
+    wrench = moving.regressor @ carried
+    on_chain = dynamic.regressor() @ carry(normal.parameters, register(normal.skeleton, dynamic.skeleton))
+    off = (wrench - on_chain)[dynamic.dynamics["in_fit"]]
+    assert np.sqrt(np.nanmean(off[:, 1] ** 2)) < 15.0
+    assert np.sqrt(np.nanmean(off[:, 2] ** 2)) < 5.0
 
 
 def test_markers_of_another_protocol_are_refused(normal, dynamic) -> None:
     renamed = tuple(f"X{label}" for label in dynamic.skeleton.markers)
     with pytest.raises(ConfigError, match="0 markers in common on the shank"):
-        apply(normal, replace(dynamic, skeleton=replace(dynamic.skeleton, markers=renamed)))
+        apply(normal, with_skeleton(dynamic, markers=renamed))
 
 
 def test_markers_in_one_spot_are_refused(normal, dynamic) -> None:
@@ -192,13 +215,13 @@ def test_markers_in_one_spot_are_refused(normal, dynamic) -> None:
         local=skeleton.local[kept],
     )
     with pytest.raises(ConfigError, match="2 markers in common on the torso, spread by"):
-        apply(replace(normal, skeleton=replace(normal.skeleton, local=near)), replace(dynamic, skeleton=few))
+        apply(with_skeleton(normal, local=near), replace(dynamic, chain=replace(dynamic.chain, skeleton=few)))
 
 
 def test_a_person_who_faces_the_other_way_is_refused(normal, dynamic) -> None:
     turned = replace(dynamic.skeleton, local=dynamic.skeleton.local * [-1.0, 1.0])
     with pytest.raises(ConfigError, match="faces the other way"):
-        apply(normal, replace(dynamic, skeleton=turned))
+        apply(normal, replace(dynamic, chain=replace(dynamic.chain, skeleton=turned)))
 
 
 def test_a_trial_without_an_identified_body_is_no_model(subject, tmp_path) -> None:
@@ -238,7 +261,7 @@ def test_a_run_folder_of_two_runs_is_refused(subject, normal, dynamic, tmp_path)
     mixed = tmp_path / "mixed"
     shutil.copytree(subject(21, "normal").parent / "runs" / "s21-normal", mixed)
     shutil.copy(subject(21, "dynamic").parent / "runs" / "s21-dynamic" / "chain.h5", mixed / "chain.h5")
-    with pytest.raises(StoreError, match=r"another chain\.h5") as raised:
+    with pytest.raises(StoreError, match=r"another planar\.parquet") as raised:
         finished(mixed)
     assert raised.value.exit_code == 6
 
@@ -283,6 +306,7 @@ def test_the_command_prints_a_table(cli, subject, normal, dynamic) -> None:
     assert f"s21-dynamic: {dynamic.dynamics['in_fit'].sum()} samples, condition number" in out
     for row in ("Fx (N)", "Fy (N)", "tauz (N·m)", "cop_x (mm)", "tau_3 less own (N·m)"):
         assert any(line.startswith(row) for line in lines)
+    assert "share of the samples in its 95 % interval" in out
     assert lines[-1].startswith("verdict: supported")
     heads = next(line for line in lines if "transferred" in line)
     assert heads.split("  ")[-1].strip() == "winter"
@@ -306,6 +330,8 @@ def test_json_and_files_hold_the_same_numbers(cli, subject, normal, dynamic, tmp
             assert np.isnan(row["tau_1_mean"]) == (each["torques"] is None)
         assert trial["supported"] is True
         assert set(trial["support"]) == {"Fy", "tauz", "cop_x"}
+        assert {name: each["unit"] for name, each in trial["intervals"].items()} == SERIES
+        assert all(each["inside"] >= 0.8 and each["sd_rms"] > 0 for each in trial["intervals"].values())
         assert frame[frame["trial"] == trial["trial"]]["supported"].all()
         assert [part["segment"] for part in trial["registration"]] == ["foot", "shank", "thigh", "torso"]
     assert cli(*arguments, "--out", tmp_path / "t.parquet")[0] == 0

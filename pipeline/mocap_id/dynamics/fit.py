@@ -22,7 +22,7 @@ Rows: TypeAlias = tuple[FloatArray, FloatArray]
 _ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
 LEAST_SECONDS = 1.0
 DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
-_MEMORY = 0.12  # s: residuals on measured poses stay correlated for so long
+_MEMORY = 0.6  # s of a recording that count as one sample: errors of poses last 0.1 s and return in every repetition
 _SHARP = 0.01  # s: an offset less certain than this is not applied
 _LEAST_SPREAD = 1e-4  # of a component's rms: residuals below that are rounding and must not make a weight explode
 

@@ -18,6 +18,8 @@ from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.geometry import planar
 
 _STEP = 1e-5  # m, of a numerical derivative
+_SHARES = 21  # steps from a table's share of a body to an even one
+_ROUNDING = 1e-9  # of m·Izz
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,27 @@ class Fold:
     constant : (4(n + 1),) array
     open : (4(n + 1), 4(n + 1)) array
         Covariance of what the bodies leave open: how a body is shared between two segments.
+    halves : (4(n + 1), 4K) array
+        Instead of ``matrix`` and ``constant``: every body shared evenly between its segments.
     """
 
     matrix: FloatArray
     constant: FloatArray
     open: FloatArray
+    halves: FloatArray
+
+    def chain(self, full: FloatArray) -> FloatArray:
+        """The chain's full parameters (4(n + 1),) from the bodies' (4K,), each of a segment that can exist.
+
+        A table's share of a body may ask for a segment that cannot exist. The share then moves towards an even one,
+        as far as it must; the sum stays.
+        """
+        likely, even = self.matrix @ full + self.constant, self.halves @ full
+        for share in np.linspace(0.0, 1.0, _SHARES):
+            found = (1.0 - share) * likely + share * even
+            if _exists(found):
+                return np.asarray(found)
+        return np.asarray(likely)
 
 
 def fold(poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatArray, reference_sd: FloatArray) -> Fold:
@@ -52,14 +70,19 @@ def fold(poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatAr
     """
     count, bodies = len(poses.body), poses.angle.shape[1]
     matrix, constant, spread = np.zeros((4 * count, 4 * bodies)), np.zeros(4 * count), np.zeros((4 * count, 4 * count))
+    halves = np.zeros_like(matrix)
     for body in range(bodies):
         own = np.flatnonzero(poses.body == body)
         columns = slice(4 * body, 4 * body + 4)
         if len(own) == 1:
-            matrix[4 * own[0] : 4 * own[0] + 4, columns] += np.eye(4)
+            matrix[4 * own[0] : 4 * own[0] + 4, columns] = halves[4 * own[0] : 4 * own[0] + 4, columns] = np.eye(4)
         elif len(own) > 1:
             rows = np.concatenate([np.arange(4 * k, 4 * k + 4) for k in own])
-            gain, rest, left = _shared(gather(poses.centres, q, samples, own), reference[rows], reference_sd[rows])
+            total = gather(poses.centres, q, samples, own)
+            halves[rows, columns] = np.concatenate(
+                [np.linalg.inv(total[:, 4 * k : 4 * k + 4]) / len(own) for k in range(len(own))]
+            )
+            gain, rest, left = _shared(total, reference[rows], reference_sd[rows])
             matrix[rows, columns] += gain
             constant[rows] += rest
             spread[np.ix_(rows, rows)] += left
@@ -68,8 +91,9 @@ def fold(poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatAr
         angle, shift = relative(poses, int(body), last, samples)
         carried = mean_move(angle, shift)
         columns = slice(4 * body, 4 * body + 4)
-        matrix[:, columns] += matrix[:, 4 * last : 4 * last + 4] @ carried
-    return Fold(matrix, constant, spread)
+        for each in (matrix, halves):
+            each[:, columns] += each[:, 4 * last : 4 * last + 4] @ carried
+    return Fold(matrix, constant, spread, halves)
 
 
 def relative(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -145,6 +169,12 @@ def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: Fl
                 moved += (structural_base(centres + shift).regrouping - undisturbed.regrouping) @ chain
             out[:, joint, axis] = moved / _STEP
     return out
+
+
+def _exists(full: FloatArray) -> bool:
+    """Whether every segment's mass and moment of inertia are those of a body: m·Izz ≥ mx² + my²."""
+    mass, mx, my, inertia = full.reshape(-1, 4).T
+    return bool(np.all((mass >= 0) & (mass * inertia * (1 + _ROUNDING) >= mx**2 + my**2)))
 
 
 def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -79,8 +79,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
         "parameters",
         "Base parameters",
-        "Identified base parameters with 95 % intervals; crosses are the allometric reference where one applies. What "
-        "the wrench tells about the body is in these numbers and in no others.",
+        "Identified base parameters with 95 % intervals; crosses are the allometric reference where one applies.",
     ),
     FigureEntry(
         "point_masses",

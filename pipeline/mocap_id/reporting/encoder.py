@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.reporting.dynamics_shape import ChannelEntry
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import known, show, show_fixed
-from mocap_id.reporting.shape import ChannelEntry, EncoderEntry, LengthEntry, Summary
+from mocap_id.reporting.shape import EncoderEntry, LengthEntry, Summary
 from mocap_id.reporting.tables import Grid, grid
 from mocap_id.reporting.views import Skeleton
 

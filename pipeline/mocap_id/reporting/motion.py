@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from mocap_id.reporting.dynamics_shape import GapEntry, HeldOutEntry, MotionEntry, PinsEntry, PredictedEntry
 from mocap_id.reporting.encoder import channels
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import all_known, known
-from mocap_id.reporting.shape import GapEntry, HeldOutEntry, MotionEntry, PinsEntry, PredictedEntry
 from mocap_id.reporting.whys import because, joined
 
 _PINNED = "the dynamics use the pinned chain"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from mocap_id.reporting.dynamics_shape import ChannelEntry, GapEntry, MotionEntry
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import show, show_fixed
-from mocap_id.reporting.shape import ChannelEntry, GapEntry, MotionEntry, Summary
+from mocap_id.reporting.shape import Summary
 from mocap_id.reporting.tables import Grid, facts, grid, in_band, millimetres
 
 _COMPONENTS = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
@@ -108,10 +109,12 @@ def _compared(material: Material, summary: Summary) -> str:
         if found.clock_offset_s is not None and own is not None
         else ""
     )
+    motion = summary.dynamics.motion
+    others = ", and no body of the other markers (arms, head)" if motion and "others" in (motion.bodies or ()) else ""
     return (
         f"Each motion predicts repetitions that its fit did not see, on the same {found.samples} samples, "
         f"{in_band(material)}. On the pinned chain the error is {ratios}. Not all of this is due to the pins: that "
-        f"chain has its own smoothing and fit, and no body of the other markers (arms, head).{clock}"
+        f"chain has its own smoothing and fit{others}.{clock}"
     )
 
 

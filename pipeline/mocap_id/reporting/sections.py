@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mocap_id.reporting import pins, readings, rising, tables
+from mocap_id.reporting.dynamics_shape import BaseEntry
 from mocap_id.reporting.encoder import encoder_table
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
-from mocap_id.reporting.shape import BaseEntry, Summary
+from mocap_id.reporting.shape import Summary
 from mocap_id.store import Facts
 
 _SHOWN = {

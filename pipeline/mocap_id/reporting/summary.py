@@ -10,14 +10,13 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.arrays import FloatArray
+from mocap_id.reporting.dynamics_shape import BaseEntry, DynamicsEntry, RivalEntry
 from mocap_id.reporting.encoder import base_length, channels, encoder
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.motion import held_out, motion, pins
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.repetitions import attempts, five_times, load_share, repetitions
 from mocap_id.reporting.shape import (
-    BaseEntry,
-    DynamicsEntry,
     HypothesisEntry,
     JointEntry,
     LengthEntry,
@@ -25,7 +24,6 @@ from mocap_id.reporting.shape import (
     NoiseEntry,
     PlaneEntry,
     ReasonEntry,
-    RivalEntry,
     SegmentsEntry,
     Summary,
     VerdictEntry,

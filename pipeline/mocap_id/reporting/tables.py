@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from mocap_id.reporting import style
+from mocap_id.reporting.dynamics_shape import ChannelEntry
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, known, show, show_beside, show_fixed, show_interval, show_with_sd
-from mocap_id.reporting.shape import ChannelEntry, Summary
+from mocap_id.reporting.shape import Summary
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units at the end of the facts' keys."""

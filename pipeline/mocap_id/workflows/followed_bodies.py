@@ -72,16 +72,16 @@ def _pose(source: Finished, target: Finished, body: int, markers: IntArray, colu
     pose = measure_cluster(np.asarray(seen @ [1.0, 1.0j]), np.asarray(wanted.local[markers] @ [1.0, 1.0j]))
     if pose is None:
         raise ConfigError(
-            f"{target.source}: trial {target.name} does not show how the {wanted.segments[body]} of trial {source.name} "
-            f"lies: it has {len(markers)} of that body's {int((wanted.segment == body).sum())} markers; expected at least "
-            "two, seen together and a few centimetres apart. Markers are matched by label: markers of the same place "
-            "need the same one"
+            f"{target.source}: trial {target.name} does not show how the {wanted.segments[body]} of trial "
+            f"{source.name} lies: it has {len(markers)} of that body's {int((wanted.segment == body).sum())} markers; "
+            "expected at least two, seen together and a few centimetres apart. Markers are matched by label: markers "
+            "of the same place need the same one"
         )
     return pose
 
 
 def _with_joints(motion: Motion, wanted: Skeleton, target: Finished) -> tuple[Motion, FloatArray]:
-    """The motion with the target's joints, and where these lie (n, 2) in the bodies that the wanted joints are on, m."""
+    """The motion with the target's joints, and where (n, 2) they lie in the body before, m, for each wanted joint."""
     joint = target.bodies.motion.joint  # (T, n', 2)
     beyond = _beyond(wanted, target)
     shared, centres = np.zeros(joint.shape[1], dtype=bool), np.full(wanted.centres.shape, np.nan)

@@ -4,22 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from mocap_id import runner
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.carry import LEAST_MARKERS, LEAST_SPREAD, Registration, carry, register
+from mocap_id.dynamics.carry import LEAST_MARKERS, LEAST_SPREAD, Registration, Skeleton, register
 from mocap_id.dynamics.predict import Agreement, agreement
-from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.verdict import Reason
+from mocap_id.workflows import transfer_support
 from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.transfer_support import Support, doubts, support
+from mocap_id.workflows.followed_bodies import followed
+from mocap_id.workflows.moving_bodies import MovingBodies
+from mocap_id.workflows.transfer_support import (
+    Carried,
+    Support,
+    doubts,
+    inside,
+    predicted,
+    series,
+    stated_sd,
+    support,
+    worse_than_stated,
+)
 
-SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
+SERIES = transfer_support.SERIES
 """What is compared, with units."""
 OWN, HELD_OUT, CARRIED = "own", "own, held out", "transferred"
 """Names of bodies; that of a table of people is its own."""
@@ -62,9 +73,14 @@ class Applied:
         Of the regressor over them.
     bodies : tuple of Body
     registration : Registration
-        Of the model's segments in the trial's.
+        Of the model's bodies in the trial's.
     support : Support or None
         What speaks for the transfer without the trial's forces; None where there is no table's body.
+    stated : mapping
+        rms over the samples of the standard deviation that is stated for the transferred body's prediction, of each of
+        :data:`SERIES`, N, N·m and m; NaN where unknown.
+    inside : mapping
+        Share of the samples that its 95 % intervals hold; NaN where unknown.
     reasons : tuple of Reason
         What to know before believing it.
     """
@@ -75,6 +91,8 @@ class Applied:
     bodies: tuple[Body, ...]
     registration: Registration
     support: Support | None
+    stated: Mapping[str, float]
+    inside: Mapping[str, float]
     reasons: tuple[Reason, ...]
 
     @property
@@ -98,12 +116,18 @@ class Transfer:
     model : str
         Name of the trial that it comes from.
     segments : tuple of str
+        The bodies that were identified on it.
     trials : tuple of Applied
     """
 
     model: str
     segments: tuple[str, ...]
     trials: tuple[Applied, ...]
+
+    @property
+    def joints(self) -> int:
+        """The most joints that a trial has torques of."""
+        return max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
 
 
 def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
@@ -121,7 +145,7 @@ def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = la
     Raises
     ------
     ConfigError
-        The trials have other segments, too few markers in common, or the person faces the other way.
+        A body has too few markers in common, or the person faces the other way.
     RecordingError
         The model's trial has no identified body.
     Refused, NumericalError, StoreError
@@ -140,16 +164,25 @@ def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = la
 def apply(source: Finished, target: Finished) -> Applied:
     """The body of one finished trial on another.
 
+    A model that was identified on the pinned chain is carried from segment to segment of the other trial's chain,
+    where that has as many of them. Every other model is carried on measured poses: its bodies are followed through the
+    other trial by their markers, whatever segments that has. Every body, the carried one and the table's, is compared
+    with the forces in the band of the trial's own fit, at the clock offset that it found.
+
     Raises
     ------
     ConfigError
         As for :func:`transfer`.
     """
-    registration = _registered(source, target)
-    samples = _samples(target)
-    bodies = tuple(_bodies(target, carry(source.parameters, registration), samples))
-    known = support(source, target, registration)
-    before = doubts(known, registration, _joints(target.skeleton.segments))
+    by_segments = source.measured is None and len(source.skeleton.segments) == len(target.chain.skeleton.segments)
+    moving = target.chain if by_segments else followed(source, target)
+    registration = _registered(source, target, moving.skeleton)
+    carried, samples = Carried.of(source, moving, registration), _samples(target)
+    bodies = tuple(_bodies(target, carried, samples))
+    sd = stated_sd(source, target, carried)
+    shares = inside(predicted(target, moving, carried.parameters), _measured(target), sd, samples)
+    known = support(source, target, carried)
+    before = doubts(known, registration, _joints(source.skeleton))
     return Applied(
         trial=target.name,
         samples=int(samples.sum()),
@@ -157,23 +190,20 @@ def apply(source: Finished, target: Finished) -> Applied:
         bodies=bodies,
         registration=registration,
         support=known,
-        reasons=(*before, *_reasons(source, target, registration, bodies)),
+        stated={name: _root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
+        inside=shares,
+        reasons=(*before, *_reasons(source, target, registration, bodies), *worse_than_stated(shares)),
     )
 
 
-def _joints(segments: Sequence[str]) -> list[str]:
-    return [f"between {below} and {above}" for below, above in pairwise(segments)]
+def _joints(skeleton: Skeleton) -> list[str]:
+    names = skeleton.segments
+    return [f"between {names[below]} and {names[above]}" for below, above in skeleton.between]
 
 
-def _registered(source: Finished, target: Finished) -> Registration:
-    """How the model's segments lie in the trial's; an error where that cannot be told."""
-    there, here = source.skeleton, target.skeleton
-    if there.segments != here.segments:
-        raise ConfigError(
-            f"{target.source}: trial {target.name} has the segments {', '.join(here.segments)}, the model of trial "
-            f"{source.name} {', '.join(there.segments)}: a body is carried over segment by segment. Give both the same "
-            "with `segment: {count: …}` of the smaller number, or with markers that are `together` or `apart`"
-        )
+def _registered(source: Finished, target: Finished, here: Skeleton) -> Registration:
+    """How the model's bodies lie in the trial's; an error where that cannot be told."""
+    there = source.skeleton
     found = register(there, here)
     for k, name in enumerate(here.segments[1:], start=1):
         if found.markers[k] < LEAST_MARKERS or found.spread[k] < LEAST_SPREAD:
@@ -183,7 +213,8 @@ def _registered(source: Finished, target: Finished) -> Registration:
                 f"{100 * LEAST_SPREAD:g} cm, to tell how it lies in both. Markers are matched by label: markers of the "
                 "same place need the same one"
             )
-    if np.sqrt(np.mean(found.mirrored[1:] ** 2)) < _TURNED_OVER * np.sqrt(np.mean(found.residual[1:] ** 2)):
+    mirrored, residual = (_root_mean_square(each[there.jointed]) for each in (found.mirrored, found.residual))
+    if mirrored < _TURNED_OVER * residual:
         raise ConfigError(
             f"{target.source}: the person of trial {target.name} faces the other way than in trial {source.name}: the "
             "markers fit when turned over. Set `planarise: {facing: …}` in one of them"
@@ -201,17 +232,18 @@ def _samples(target: Finished) -> BoolArray:
     return target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
 
 
-def _bodies(target: Finished, carried: FloatArray, samples: BoolArray) -> Iterator[Body]:
+def _bodies(target: Finished, carried: Carried, samples: BoolArray) -> Iterator[Body]:
     """The trial's own model, the same on repetitions left out, the carried body and the table's."""
     yield from _own(target, samples)
-    yield _full(target, CARRIED, carried, samples)
+    yield _full(target, CARRIED, carried.bodies, carried.parameters, samples)
     table = _table(target, samples)
     if table is not None:
         yield table
 
 
 def _own(target: Finished, samples: BoolArray) -> Iterator[Body]:
-    yield Body(OWN, _errors(_columns(target, "_model"), _columns(target, ""), samples), ())
+    model = target.dynamics[["Fx_model", "Fy_model", "tauz_model"]].to_numpy(dtype=np.float64)
+    yield Body(OWN, _errors(series(target, model), _measured(target), samples), ())
     held_out = (target.facts.get("held_out") or {}).get("model")
     if held_out is not None:
         known = {name: None if held_out[name] is None else Agreement(**held_out[name]) for name in SERIES}
@@ -219,32 +251,35 @@ def _own(target: Finished, samples: BoolArray) -> Iterator[Body]:
 
 
 def _table(target: Finished, samples: BoolArray) -> Body | None:
+    """The table's body, on the bodies of the trial's own model."""
     name = target.facts.get("reference_table")
-    return None if name is None else _full(target, str(name), target.reference, samples)
+    return None if name is None else _full(target, str(name), target.bodies, target.reference, samples)
 
 
-def _full(target: Finished, name: str, full: FloatArray, samples: BoolArray) -> Body:
-    """A body by its full parameters, in the frames of the trial."""
-    regressor = target.regressor()
-    torque_regressor = target.torque_regressor(regressor)
-    torque = target.dynamics[[f"tau_{j}" for j in range(1, regressor.shape[-1] // 4)]].to_numpy(dtype=np.float64)
-    wrench = regressor @ full
-    pressure = centre_of_pressure(wrench, target.cop_threshold)
-    pairs = zip((torque_regressor @ full).T, torque.T, strict=True)
+def _full(target: Finished, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray) -> Body:
+    """A body by its full parameters (4K,); its torques beside those of the trial's own model."""
+    told = target.dynamics[[f"tau_{j + 1}" for j in range(target.q.shape[1])]].to_numpy(dtype=np.float64)
+    own = target.bodies.torque_regressor @ target.parameters
+    pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(told), own, np.nan).T, strict=True)
     return Body(
         name,
-        _errors(np.column_stack([wrench, pressure]), _columns(target, ""), samples),
-        tuple(agreement(ours, own, samples) for ours, own in pairs),
+        _errors(predicted(target, bodies, full), _measured(target), samples),
+        tuple(agreement(ours, theirs, samples) for ours, theirs in pairs),
     )
 
 
-def _columns(target: Finished, suffix: str) -> FloatArray:
-    return target.dynamics[[f"{name}{suffix}" for name in SERIES]].to_numpy(dtype=np.float64)
+def _measured(target: Finished) -> FloatArray:
+    """(T, 4) of :data:`SERIES` as the plates measured them."""
+    return series(target, target.dynamics[["Fx", "Fy", "tauz"]].to_numpy(dtype=np.float64))
 
 
 def _errors(model: FloatArray, measured: FloatArray, samples: BoolArray) -> dict[str, Agreement | None]:
     pairs = zip(model.T, measured.T, strict=True)
     return {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
 
 
 def _reasons(source: Finished, target: Finished, found: Registration, bodies: Sequence[Body]) -> Iterator[Reason]:
@@ -254,12 +289,13 @@ def _reasons(source: Finished, target: Finished, found: Registration, bodies: Se
             "transfer-nothing",
             f"nothing was identified on this trial, so there are no samples to compare on: {target.facts.get('why')}",
         )
-    worst = float(np.nanmax(found.residual[1:]))
+    jointed = source.skeleton.jointed
+    worst = float(np.nanmax(found.residual[jointed]))
     if worst > _APART:
-        segment = target.skeleton.segments[1 + int(np.nanargmax(found.residual[1:]))]
+        body = source.skeleton.segments[jointed[int(np.nanargmax(found.residual[jointed]))]]
         yield Reason(
             "transfer-markers",
-            f"the markers of the {segment} lie {1e3 * worst:.0f} mm (rms) from where they lay among each other in the "
+            f"the markers of the {body} lie {1e3 * worst:.0f} mm (rms) from where they lay among each other in the "
             "model's trial: they were placed anew, carry other labels, or this is another person",
             value=worst,
             limit=_APART,

@@ -16,8 +16,8 @@ import pyarrow.parquet
 from mocap_id.dynamics.predict import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.store.atomic import explained, replace_together
-from mocap_id.workflows.transfer import SERIES, Applied, Body, Transfer, rms
-from mocap_id.workflows.transfer_support import AT_HOME, Support
+from mocap_id.workflows.transfer import Applied, Body, Transfer, rms
+from mocap_id.workflows.transfer_support import AT_HOME, SERIES, Support
 
 FORMATS = (".csv", ".parquet")
 """Endings of the files that :func:`write` makes."""
@@ -58,7 +58,7 @@ def as_frame(found: Transfer) -> pd.DataFrame:
     tau_1 … differ from the trial's own model's (N·m); the largest residual of the registration (m); whether the
     recordings support the transfer, empty where it could not be shown.
     """
-    joints = range(1, len(found.segments))
+    joints = range(1, found.joints + 1)
     frame = pd.DataFrame([_row(found, trial, body, joints) for trial in found.trials for body in trial.bodies])
     return frame.astype({"supported": "boolean"})
 
@@ -98,9 +98,13 @@ def _trial(found: Transfer, trial: Applied) -> dict[str, Any]:
             }
             for k, name in enumerate(found.segments)
         ],
-        "joint_apart_m": lie.joint.tolist(),
+        "joint_apart_m": [_finite(distance) for distance in lie.joint.tolist()],
         "supported": trial.supported,
         "support": None if trial.support is None else _support(trial.support),
+        "intervals": {
+            name: {"sd_rms": _finite(trial.stated[name]), "inside": _finite(trial.inside[name]), "unit": unit}
+            for name, unit in SERIES.items()
+        },
         "reasons": [reason.as_dict() for reason in trial.reasons],
     }
 
@@ -139,7 +143,7 @@ def _row(found: Transfer, trial: Applied, body: Body, joints: range) -> dict[str
         bias, sd = (error.bias, error.sd) if error else (math.nan, math.nan)
         row |= {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": rms(error)}
     for j in joints:
-        apart = body.torques[j - 1] if body.torques else None
+        apart = body.torques[j - 1] if j <= len(body.torques) else None
         row |= {f"tau_{j}_mean": apart.bias if apart else math.nan, f"tau_{j}_sd": apart.sd if apart else math.nan}
     known = [value for value in trial.registration.residual[1:].tolist() if math.isfinite(value)]
     return row | {"registration_residual": max(known, default=math.nan), "supported": trial.supported}

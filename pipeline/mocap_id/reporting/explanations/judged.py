@@ -181,6 +181,7 @@ JUDGED: Mapping[str, tuple[str, str]] = {
     "transfer-worse": ("transfer", "rms error of the carried body over that of the table's; limit 1."),
     "transfer-not-at-home": ("transfer", "The same on the model's own trial, repetitions left out; limit 1."),
     "transfer-not-told-apart": ("transfer", "Carried less table's prediction, rms in standard deviations; at least 2."),
+    "transfer-worse-than-stated": ("transfer", "Share of the samples in the stated 95 % intervals; at least 0.8."),
     "transfer-joints": ("transfer", "Distance between the two trials' places of a joint, m; limit 0.03."),
     "transfer-markers": ("transfer", "rms distance of common markers after registration, m; limit 0.025."),
     "transfer-mass": ("transfer", "The model's mass against the standing one, kg; 5 % apart."),

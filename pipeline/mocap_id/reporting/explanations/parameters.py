@@ -121,20 +121,24 @@ PARAMETERS: Mapping[str, Explanation] = {
         ("caution",),
         "The fitted components do not tell everything",
         "Base parameters from a part of the wrench decide what that part feels. Other components, the centre of "
-        "pressure and some torques depend on parameters that stay open, so they are left empty.",
-        "Fit Fy and tauz at least, which decide all of them.",
+        "pressure and some torques depend on parameters that stay open, so they are left empty. A joint inside one "
+        "body of measured poses, as between pelvis and trunk, has no torque whatever is fitted.",
+        "Fit Fy and tauz at least, which decide all but the torque inside a body.",
     ),
     "reference-assumed": Explanation(
         ("ok",),
         "The reference body rests on assumptions",
         "Height or mass were not given, so the allometric body that the results are compared with uses values from the "
-        "recording itself. The identified parameters depend on it only with `identify-dim: {reference_pulls: true}`.",
+        "recording itself. On the pinned chain the identified parameters depend on it only with `identify-dim: "
+        "{reference_pulls: true}`. On measured poses it is the middle of a loose prior: the table of base parameters "
+        "shows the prior's share.",
         "Give `subject: {height: …, mass: …, sex: …}`.",
     ),
     "no-reference": Explanation(
         ("ok",),
         "No reference body",
-        "There is no allometric body to compare with; the identified parameters do not depend on one.",
+        "There is no allometric body to compare with. On the pinned chain the identified parameters do not depend on "
+        "one; on measured poses the loose prior shares the mass evenly between the bodies instead.",
         "Give `subject:`; the tables describe people of four or five segments only.",
     ),
     "cone-unproven": Explanation(
@@ -143,7 +147,7 @@ PARAMETERS: Mapping[str, Explanation] = {
         "The exact set of bodies that can exist was asked for, and the solver's answer there failed the check of "
         "optimality. The parameters are those of point masses on the grid, which are as possible and fit as well or "
         "slightly worse.",
-        "Set `identify-dim: {consistency: grid}`, the default, or look at the skeleton: joints in one place or units "
+        "Set `identify-dim: {consistency: grid}`, or look at the skeleton: joints in one place or units "
         "that are off make such problems.",
     ),
     "solver-unproven": Explanation(

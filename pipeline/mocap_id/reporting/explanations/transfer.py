@@ -29,12 +29,24 @@ TRANSFER: Mapping[str, Explanation] = {
     "transfer-not-told-apart": Explanation(
         ("caution",),
         "A carried model cannot be told from a table",
-        "On the states of the other trial the carried body's moment or centre of pressure differs from those of the "
+        "On the motion of the other trial the carried body's moment or centre of pressure differs from those of the "
         "table's body by less than two of its own standard deviations (rms over the trial). These hold the covariance "
-        "of the base parameters, and of each full parameter 15 % (`identify-dim: {reference_sd: …}`) in what the "
-        "wrench left open. The other trial's forces take no part in this.",
+        "of the bodies' parameters; on a pinned chain that of the base parameters, and of each full parameter 15 % "
+        "(`identify-dim: {reference_sd: …}`) in what the wrench left open. The other trial's forces take no part in "
+        "this.",
         "Record the model's trial with the movement that is to be predicted in it, more repetitions, or a larger "
         "range; or use the table's body.",
+    ),
+    "transfer-worse-than-stated": Explanation(
+        ("caution",),
+        "A carried model is off by more than it states",
+        "`mocap-id transfer` states a standard deviation for what the carried body predicts: from the covariance of "
+        "its parameters and from its error on repetitions of its own trial that were left out, times 1.4 for another "
+        "movement. Of the measured samples 95 % should lie inside the intervals; for the quantities that are named it "
+        "is less than 80 %. The two trials differ in something that the model's trial does not show: how the arms are "
+        "held, markers that were placed anew, a plate's zero.",
+        "Do not rely on the stated standard deviations here. Compare how the arms are held and where the markers are "
+        "in both trials, and record the model's trial with the movement that is to be predicted in it.",
     ),
     "transfer-joints": Explanation(
         ("caution",),
@@ -48,10 +60,10 @@ TRANSFER: Mapping[str, Explanation] = {
     "transfer-markers": Explanation(
         ("caution",),
         "The markers lie otherwise in the two trials",
-        "`mocap-id transfer` lays each segment of the model onto the trial's by the markers that both have. Here they "
-        "do not fit: skin and posture leave about a centimetre, this is more. The body is then turned or shifted by "
-        "as much.",
-        "Compare the labels and the places of that segment's markers in both recordings; between sessions markers are "
+        "`mocap-id transfer` lays each body of the model onto the trial's by the markers that both have. Here they do "
+        "not fit: skin and posture leave about a centimetre, this is more. The body is then turned or shifted by as "
+        "much. Arms and head change their shape, and are not judged.",
+        "Compare the labels and the places of that body's markers in both recordings; between sessions markers are "
         "rarely put back to the same place.",
     ),
     "transfer-mass": Explanation(

@@ -15,6 +15,9 @@ _OF_POSES: Mapping[str, str] = {
     "point_masses": "A panel is a body of the fit; for one that is no segment of the chain the origin is the middle of "
     "its markers.",
 }
+_OF_CHAIN: Mapping[str, str] = {
+    "parameters": "What the wrench tells about the body is in these numbers and in no others.",
+}
 
 
 def captioned(entry: FigureEntry, material: Material) -> FigureEntry:
@@ -26,8 +29,8 @@ def captioned(entry: FigureEntry, material: Material) -> FigureEntry:
         cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (material.bands or {}).items())
         told += [f"The masses move as the measured poses, after low-passes ({cutoffs}).", _OF_POSES[entry.name]]
     else:
-        told.append("The masses move as the pinned chain.")
-    return replace(entry, caption=" ".join(told))
+        told += ["The masses move as the pinned chain.", _OF_CHAIN.get(entry.name, "")]
+    return replace(entry, caption=" ".join(told).rstrip())
 
 
 def _untold(material: Material) -> list[str]:

@@ -233,7 +233,7 @@ def dynamics_facts(result: Identified, frame: pd.DataFrame, joints: Sequence[str
         "cutoff_hz": prepared.lowpass.cutoff,
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
         "untold": list(result.model.untold),
-        "why": _why_untold(result.model.untold),
+        "why": _why_untold(result),
         "arc_deg": np.degrees(arcs(prepared.recorded.q, samples)).tolist(),
         "contact": None if result.contact is None else _contact(result.contact),
         "advice": advice_facts(result.told, joints),
@@ -266,10 +266,23 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     return {**dict.fromkeys(keys), "why": why}
 
 
-def _why_untold(untold: tuple[str, ...]) -> str | None:
-    if not untold:
+def components_short(result: Identified) -> list[str]:
+    """Columns of the model that are NaN because the fitted components of the wrench do not tell them."""
+    within = _inside_one_body(result)
+    return [name for name in result.model.untold if name not in within]
+
+
+def _why_untold(result: Identified) -> str | None:
+    short = ", ".join(components_short(result))
+    if not short:
         return None
-    return f"the fitted components of the wrench do not tell {', '.join(untold)}: see `identify-dim: {{components: …}}`"
+    return f"the fitted components of the wrench do not tell {short}: see `identify-dim: {{components: …}}`"
+
+
+def _inside_one_body(result: Identified) -> set[str]:
+    """Names of the torques of joints whose two sides are one body."""
+    placed = np.isfinite(result.prepared.motion.joint).any(axis=(0, 2)).tolist()
+    return {f"tau_{j}" for j, known in enumerate(placed, start=1) if not known}
 
 
 def _measured(result: Identified) -> FloatArray:

@@ -22,6 +22,7 @@ from mocap_id.dynamics.predict import Noise, shown_noise
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.reference_term import deviations
 from mocap_id.protocols.movement import Movement
+from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, chosen_bands, loose_prior, with_prior
@@ -147,12 +148,7 @@ def fit_segments(
     settings, recorded, gate = context.settings, prepared.recorded, movement.free
     reference = tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
-    part = _parts(prepared, movement)
-    tried = []
-    for way in ways:
-        prior = loose_prior(way, recorded.q, gate, tables.chosen, mass)
-        tried.append((way, prior, chosen_bands(way, prepared, prior, gate, part)))
-    bodies, prior, bands = min(reversed(tried), key=lambda each: each[2].cost)
+    bodies, prior, bands = _best_way(ways, prepared, movement, tables.chosen, mass)
     ready = with_prior(bodies, recorded, prepared.settings, prior, bands.bands)
     grid = bodies.grid(settings.grid)
     found = identify(
@@ -191,6 +187,17 @@ def fit_segments(
         centre_sd=np.sqrt(np.einsum("jkk->j", centres) / 2),
         effect=effect,
     )
+
+
+def _best_way(
+    ways: Sequence[MeasuredBodies], prepared: Prepared, movement: Movement, table: ReferenceBody, mass: float
+) -> tuple[MeasuredBodies, BodyPrior, ChosenBands]:
+    """The way to count the bodies that predicts left-out repetitions best, its prior and its cut-offs."""
+    gate, part, tried = movement.free, _parts(prepared, movement), []
+    for way in ways:
+        prior = loose_prior(way, prepared.recorded.q, gate, table, mass)
+        tried.append((way, prior, chosen_bands(way, prepared, prior, gate, part)))
+    return min(reversed(tried), key=lambda each: each[2].cost)
 
 
 def held_pinned(
@@ -237,7 +244,8 @@ def pinned_facts(
     """
     chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
     if chain is None or bodies is None:
-        return {"why": segments.validation.why, "chain": None, "segments": None, "clock_offset_s": pinned.fit.offset}
+        why = segments.validation.why
+        return {"why": why, "chain": None, "segments": None, "clock_offset_s": _clock(pinned)}
     both, model, measured = chain
     both = both & np.isfinite(model).all(axis=1)
     return {
@@ -245,8 +253,13 @@ def pinned_facts(
         "samples": int(both.sum()),
         "chain": comparison_facts(compare(model, measured, both, threshold)),
         "segments": comparison_facts(compare(bodies.filtered, bodies.filtered_measured, both, threshold)),
-        "clock_offset_s": pinned.fit.offset,
+        "clock_offset_s": _clock(pinned),
     }
+
+
+def _clock(found: Identification) -> float | None:
+    """The clock offset that was found, s; None where the trial does not show it."""
+    return found.fit.found if found.fit.offset_known else None
 
 
 def comparison_facts(compared: Comparison) -> dict[str, Any]:
@@ -325,7 +338,7 @@ def _in_chain(
         base_sd=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         residual_covariance=residual,
-        full=chain,
+        full=folded.chain(found.full),
         masses=np.full(len(pinned.masses), np.nan),
     )
     return in_chain, np.clip(share, 0.0, 1.0)

@@ -26,7 +26,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="report",
-    version=5,
+    version=6,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),

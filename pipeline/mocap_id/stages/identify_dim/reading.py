@@ -1,0 +1,224 @@
+"""A trial read through its protocol: states and wrench, the motion that moves the masses, the samples to fit on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.grid import PointGrid, segment_grid
+from mocap_id.dynamics.identify import Identification, identify
+from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.dynamics.loose_prior import even_prior
+from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY
+from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.errors import StoreError
+from mocap_id.protocols.movement import Movement, read_movement
+from mocap_id.stages import skin_artefact
+from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, measured_bodies, with_prior
+from mocap_id.stages.identify_dim.rivals import Rivals, rivals
+from mocap_id.stages.identify_dim.segment_fit import fit_segments, poses_predict_better
+from mocap_id.stages.identify_dim.unknown import Unknown, not_excited, without_wrench
+from mocap_id.store import Tree
+from mocap_id.verdict import Reason
+
+
+@dataclass(frozen=True)
+class ChainGeometry:
+    """What the stage needs of chain.h5."""
+
+    centres: FloatArray
+    segment: IntArray
+    local: FloatArray
+
+    def correlation(self, q: FloatArray, snap: FloatArray) -> FloatArray:
+        """Of the errors of the joint accelerations, (T, n, n)."""
+        return acceleration_correlation(q, self.centres, self.segment, self.local, snap)
+
+    @classmethod
+    def of(cls, tree: Tree) -> ChainGeometry:
+        joints: Any = tree.data["joints"]
+        markers: Any = tree.data["markers"]
+        return cls(
+            centres=np.asarray(joints["centre"], dtype=np.float64),
+            segment=np.asarray(markers["segment"], dtype=np.int64),
+            local=np.asarray(markers["local"], dtype=np.float64),
+        )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A trial read through its protocol; ``unknown`` says why nothing can be identified from it.
+
+    ``bodies`` are those that move on their own measured poses, in every way to count them; empty where the pinned
+    chain moves the masses.
+    """
+
+    chain: ChainGeometry
+    recorded: Recorded
+    prepared: Prepared | None
+    movement: Movement
+    grid: PointGrid
+    unknown: Unknown | None
+    bodies: tuple[MeasuredBodies, ...]
+    joints: dict[str, Any]
+
+
+def read_trial(context: Context) -> Reading:
+    settings: IdentifyDimSettings = context.settings
+    chain = ChainGeometry.of(context.tree("chain.h5"))
+    recorded = _recorded(context, chain)
+    unknown = without_wrench(context, recorded)
+    prepared = None if unknown else prepare(recorded, _fit_settings(settings))
+    recorded, prepared, of_seat = surroundings.settle(recorded, prepared)
+    grid = segment_grid(chain.centres, chain.segment, chain.local, settings.grid)
+    movement = _movement(context, recorded, prepared, of_seat)
+    if prepared is not None:
+        unknown = not_excited(context, prepared, movement)
+    ways, joints = _measured(context, recorded)
+    read = Reading(chain, recorded, prepared, movement, grid, unknown, ways, joints)
+    if prepared is None or unknown is not None or not ways:
+        return replace(read, bodies=())
+    even = even_prior(_mass(context, recorded), ways[-1].poses.centroid)
+    felt = with_prior(ways[-1], recorded, prepared.settings, even)
+    freely = replace(read, movement=_movement(context, recorded, felt, of_seat))
+    if not_excited(context, prepared, freely.movement) is not None:
+        freely = read
+    if ways[0].loosest > SURELY or settings.motion == "segments" or _poses_win(context, freely):
+        return freely
+    why = "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions better"
+    return replace(read, bodies=(), joints=joints | {"source": "chain", "why": why})
+
+
+def _movement(context: Context, recorded: Recorded, prepared: Prepared | None, of_seat: tuple[Reason, ...]) -> Movement:
+    """The trial read through its protocol, by the forces that this motion needs."""
+    settings: IdentifyDimSettings = context.settings
+    movement = read_movement(
+        context.trial.protocol,
+        recorded,
+        prepared,
+        settings.contact,
+        weight_share=settings.seat_off_share,
+        knee_bend=settings.knee_bend_rad,
+        stands=context.table("wrench.parquet").facts.get("mass_kg") is not None,
+    )
+    return replace(movement, reasons=(*of_seat, *movement.reasons))
+
+
+def _poses_win(context: Context, read: Reading) -> bool:
+    """Whether the bodies' own poses predict left-out repetitions better than the pinned chain."""
+    assert read.prepared is not None
+    tables = rivals(context, read.prepared.recorded, read.movement)
+    found = fit_chain(context, read.prepared, read.movement, read.grid, tables)
+    segments = fit_segments(context, read.bodies, read.prepared, read.movement, pinned=found, tables=tables)
+    return poses_predict_better(read.prepared, found, read.movement, segments)
+
+
+def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any]]:
+    """The bodies that move on their own poses, and the facts of that choice; none where the pinned chain is used."""
+    wanted = context.settings.motion or ("chain" if context.trial.protocol == "robot-joint" else "segments")
+    if wanted == "chain":
+        return (), {"source": "chain", "why": "asked for" if context.settings.motion else "a robot's joint holds"}
+    ways = measured_bodies(context, recorded)
+    if not ways:
+        return (), {"source": "chain", "why": "a segment has too few markers to show its own pose"}
+    gap = gap_facts(ways[0], joint_names(context))
+    if ways[0].loosest <= GIVES_WAY:
+        return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
+    return ways, {"source": "segments", "why": "a joint gives way", "joints": gap}
+
+
+def gap_facts(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:
+    """JSON of the gaps: by the names of the joints between two bodies."""
+    return {
+        names[joint]: {"gap_m": gap.size, "acceleration_m_s2": gap.acceleration, "pinned": gap.pinned}
+        for joint, gap in bodies.gap.items()
+    }
+
+
+def _mass(context: Context, recorded: Recorded) -> float:
+    """What the plates carry, kg: of the person standing where that is known."""
+    standing: float | None = context.table("wrench.parquet").facts.get("mass_kg")
+    return standing or float(np.nanmedian(recorded.surroundings[:, 1])) / float(context.settings.gravity)
+
+
+def fit_chain(
+    context: Context, prepared: Prepared, movement: Movement, grid: PointGrid, bodies: Rivals
+) -> Identification:
+    settings: IdentifyDimSettings = context.settings
+    return identify(
+        prepared,
+        movement.free,
+        grid,
+        bodies.chosen.parameters,
+        _geometry_error(context),
+        consistency=settings.consistency or "grid",
+        reference_sd=settings.reference_sd,
+        reference_pulls=settings.reference_pulls,
+    )
+
+
+def joint_names(context: Context) -> list[str]:
+    joints: Any = context.tree("chain.h5").data["joints"]
+    numbers = [f"joint {j}" for j in range(1, len(joints["centre"]) + 1)]
+    return [str(name) for name in joints.get("name", numbers)]
+
+
+def _geometry_error(context: Context) -> KinematicError:
+    """What skin has done to the chain and does to the angles, in the chain's own frames."""
+    skin = skin_artefact.from_tree(context.tree("skin.h5"))
+    centres, turned = skin.frames_turned()
+    return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
+
+
+def _recorded(context: Context, chain: ChainGeometry) -> Recorded:
+    """States and wrench on their common times."""
+    states, wrench = context.table("states.parquet").frame, context.table("wrench.parquet").frame
+    time = states["time"].to_numpy(dtype=np.float64)
+    stamped = wrench["time"].to_numpy(dtype=np.float64)
+    if len(time) != len(stamped) or not np.allclose(time, stamped, atol=1e-6):
+        raise StoreError(
+            f"trial {context.trial.trial}, identify-dim: states.parquet has {len(time)} samples and wrench.parquet "
+            f"{len(stamped)}, expected the same times; run the trial again from planarise"
+        )
+    joints = range(1, len(chain.centres) + 1)
+
+    def columns(name: str) -> FloatArray:
+        return np.column_stack([states[f"{name}_{j}"].to_numpy(dtype=np.float64) for j in joints])
+
+    measured = wrench[list(WRENCH_COMPONENTS)].to_numpy(dtype=np.float64)
+    sound = wrench["plate_ok"].to_numpy(dtype=np.bool_)
+    recorded = Recorded(
+        time=time,
+        q=columns("theta"),
+        dq=columns("dtheta"),
+        ddq=columns("ddtheta"),
+        ddq_sd=columns("sd_ddtheta"),
+        observed=np.logical_and.reduce([states[f"observed_{j}"].to_numpy(dtype=np.bool_) for j in joints]),
+        wrench=np.where(sound[:, None], measured, np.nan),
+        centres=chain.centres,
+        external=surroundings.external(context, context.settings.seat_plate, context.settings.seat_segment),
+    )
+    analog_rate = context.table("wrench.parquet").facts["analog_rate_hz"]
+    return replace(recorded, averaged=recording.averaging_width(analog_rate, recorded.rate))
+
+
+def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
+    return FitSettings(
+        components=tuple(WRENCH_COMPONENTS.index(name) for name in settings.components),
+        cutoff=settings.cutoff_hz,
+        offset_limit=settings.clock_offset_limit_s,
+        apply_offset=settings.apply_clock_offset,
+        plate_bias=settings.plate_bias,
+        plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
+        block=settings.block_s,
+        gravity=settings.gravity,
+    )
