@@ -119,7 +119,7 @@ def determined(prepared: Prepared, gate: BoolArray) -> bool:
     return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
-def fit(prepared: Prepared, gate: BoolArray) -> Fit:
+def fit(prepared: Prepared, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset on the samples that the gate lets through.
 
     Parameters
@@ -127,6 +127,8 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     prepared : Prepared
     gate : (T,) bool array
         Samples where the ground is all that the body touches.
+    like : Fit, optional
+        Of the same trial: its clock offset and weights are used instead of looking for them.
 
     Returns
     -------
@@ -140,7 +142,9 @@ def fit(prepared: Prepared, gate: BoolArray) -> Fit:
     prior = _prior_rows(prepared, design)
     independent = 1.0 if prior is None else float(np.sqrt(min(1.0, prepared.step / (prepared.recorded.rate * _MEMORY))))
     weights, found, at_edge = np.full(len(settings.components), independent), 0.0, True
-    for _ in range(_ROUNDS):
+    if like is not None:
+        weights, found, at_edge = like.weights, like.found, not like.offset_known
+    for _ in range(0 if like is not None else _ROUNDS):
         found, at_edge = profile_offset(
             design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit, prior=prior
         )

@@ -195,40 +195,57 @@ def pinned(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
     return poses
 
 
-def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Motion:
-    """Filtered motion of the bodies.
+class PoseFilter:
+    """Poses ready to be filtered with any cut-offs; every coordinate is filtered with each cut-off once.
 
     Parameters
     ----------
     poses : BodyPoses
         Pinned and bridged as they are to be used.
-    bands : (x, y, angle)
-        Cut-offs, Hz.
-
-    Returns
-    -------
-    Motion
-        A joint's centre is the mean of those on its two sides.
     """
-    series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
-    smooth, speed, rise = (np.full(series.shape, np.nan) for _ in range(3))
-    for c, cutoff in enumerate(bands):
-        lowpass = LowPass(min(cutoff, poses.rate / 5), poses.rate)
-        for k in range(series.shape[1]):
-            smooth[:, k, c] = lowpass(series[:, k, c])
-        speed[..., c], rise[..., c] = _derivatives(smooth[..., c], poses.rate)
-    angle, omega, alpha = smooth[..., 2], speed[..., 2], rise[..., 2]
-    arm = planar.rotate(angle, -poses.centroid)  # from the centroid to the frame's origin
-    origin = smooth[..., :2] + arm
-    acceleration = rise[..., :2] + point_acceleration(arm, omega, alpha)
-    joint = np.full((len(angle), len(poses.centres), 2), np.nan)
-    for j in poses.joints:
-        before, after = int(poses.body[j]), int(poses.body[j + 1])
-        joint[:, j] = (origin[:, before] + planar.rotate(angle[:, before], poses.centres[j]) + origin[:, after]) / 2
-    place = np.full(angle.shape[1], len(poses.body))  # bodies of no segment are beyond every joint
-    place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
-    beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
-    return Motion(angle, omega, alpha, origin, acceleration, joint, beyond)
+
+    def __init__(self, poses: BodyPoses) -> None:
+        self._poses = poses
+        self._series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
+        self._known: dict[tuple[int, float], tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    def motion(self, bands: tuple[float, float, float]) -> Motion:
+        """Filtered motion of the bodies; a joint's centre is the mean of those on its two sides.
+
+        Parameters
+        ----------
+        bands : (x, y, angle)
+            Cut-offs, Hz.
+        """
+        poses = self._poses
+        (x, _, ddx), (y, _, ddy), (angle, omega, alpha) = (self._smooth(c, bands[c]) for c in range(3))
+        arm = planar.rotate(angle, -poses.centroid)  # from the centroid to the frame's origin
+        origin = np.stack([x, y], axis=-1) + arm
+        acceleration = np.stack([ddx, ddy], axis=-1) + point_acceleration(arm, omega, alpha)
+        joint = np.full((len(angle), len(poses.centres), 2), np.nan)
+        for j in poses.joints:
+            before, after = int(poses.body[j]), int(poses.body[j + 1])
+            near = origin[:, before] + planar.rotate(angle[:, before], poses.centres[j])
+            joint[:, j] = (near + origin[:, after]) / 2
+        place = np.full(angle.shape[1], len(poses.body))  # bodies of no segment are beyond every joint
+        place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
+        beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
+        return Motion(angle, omega, alpha, origin, acceleration, joint, beyond)
+
+    def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """One coordinate of all bodies (T, K) and its two derivatives."""
+        key = coordinate, cutoff
+        if key not in self._known:
+            lowpass = LowPass(min(cutoff, self._poses.rate / 5), self._poses.rate)
+            columns = self._series[..., coordinate].T
+            smooth = np.stack([lowpass(column) for column in columns], axis=1)
+            self._known[key] = (smooth, *_derivatives(smooth, self._poses.rate))
+        return self._known[key]
+
+
+def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Motion:
+    """Motion of the bodies, filtered with cut-offs of x, y and angle, Hz: :meth:`PoseFilter.motion`."""
+    return PoseFilter(poses).motion(bands)
 
 
 def _derivatives(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:

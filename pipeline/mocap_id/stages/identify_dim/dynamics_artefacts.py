@@ -281,8 +281,8 @@ def _why_untold(result: Identified) -> str | None:
 
 def _inside_one_body(result: Identified) -> set[str]:
     """Names of the torques of joints whose two sides are one body."""
-    placed = np.isfinite(result.prepared.motion.joint).any(axis=(0, 2)).tolist()
-    return {f"tau_{j}" for j, known in enumerate(placed, start=1) if not known}
+    joint = result.prepared.motion.joint
+    return {f"tau_{j + 1}" for j in range(joint.shape[1]) if not np.isfinite(joint[:, j]).any()}
 
 
 def _measured(result: Identified) -> FloatArray:

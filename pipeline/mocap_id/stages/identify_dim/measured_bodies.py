@@ -10,13 +10,13 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.bands import Bands, ChosenBands, choose_bands
-from mocap_id.dynamics.fit import fit
+from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.fold import gather, relative
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.held_out import HeldOut, hold_out
 from mocap_id.dynamics.loose_prior import BodyPrior, even_prior, table_prior, without_others
 from mocap_id.dynamics.lowpass import LowPass, known
-from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, bridged, gaps, measured_motion, pinned
+from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, PoseFilter, bridged, gaps, measured_motion, pinned
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.solve import Compressed
 from mocap_id.protocols.reference_body import ReferenceBody
@@ -24,7 +24,7 @@ from mocap_id.stages.base import Context
 from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
-_SEARCHED = 60.0  # Hz; cut-offs are chosen on samples that are no denser
+_SEARCHED = 50.0  # Hz; cut-offs are chosen on samples that are no denser
 
 
 @dataclass(frozen=True)
@@ -220,10 +220,14 @@ def chosen_bands(
     series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)
     series = np.stack([smooth(series[:, k]) for k in range(series.shape[1])], axis=1)[some]
     thinned = replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2])
-    few = replace(bodies, poses=thinned, observed=bodies.observed[some])
+    filtered, observed = PoseFilter(thinned), bodies.observed[some]
+    first: list[Fit] = []
 
     def predicted(bands: Bands) -> HeldOut | None:
-        ready = with_prior(few, thin, prepared.settings, prior, bands)
-        return hold_out(ready, gate[some], fit(ready, gate[some]), part[some], Compressed.free_solution)
+        moved = replace(thin, measured=filtered.motion(bands), observed=observed)
+        ready = prepare(moved, prepared.settings, prior)
+        found = fit(ready, gate[some], first[0] if first else None)
+        first.append(found)
+        return hold_out(ready, gate[some], found, part[some], Compressed.free_solution)
 
     return choose_bands(predicted)
