@@ -50,6 +50,10 @@ class Refused(MocapIdError):
         super().__init__(message)
         self.code, self.message, self.value, self.limit = code, message, value, limit
 
+    def __reduce__(self) -> tuple[type[Refused], tuple[str, str, float | None, float | None]]:
+        """Pickle with every argument, so that a refusal passes between processes."""
+        return type(self), (self.code, self.message, self.value, self.limit)
+
 
 class NumericalError(MocapIdError):
     """A computation failed (no convergence, a singular system) on input that passed every check."""

@@ -70,17 +70,35 @@ def test_the_solution_is_the_most_likely_one() -> None:
     assert (found.prior_precision[20:] == 0.0).all()
 
 
-def test_data_count_as_their_independent_samples() -> None:
-    """Weights are those of the residuals, times the root of the share of samples further apart than their memory."""
-    recorded, prepared = trial()
-    found = fit(prepared, EVERYTHING)
-    rows, target = rows_of(found)
-    residual = (target - rows @ found.problem.free_solution()).reshape(-1, 3)
-    apart = prepared.step / recorded.rate
-    np.testing.assert_allclose(residual.std(axis=0), np.sqrt(apart / 0.12), rtol=2e-2)
+def test_data_count_by_their_time_not_by_their_samples() -> None:
+    """Every component's weighted residual is as large as the others', and all of them sum up to the seconds fitted."""
+    worth = []
+    for rate in (100, 200):
+        time = np.arange(30 * rate) / rate
+        recorded = recorded_of(time, moving(time), noise=NOISE)
+        found = fit(prepare(recorded, FitSettings(), PRIOR), np.ones(len(time), dtype=bool))
+        rows, target = rows_of(found)
+        residual = (target - rows @ found.problem.free_solution()).reshape(-1, 3)
+        sd = residual.std(axis=0)
+        np.testing.assert_allclose(sd, sd[0], rtol=1e-2)
+        assert sd[0] < 0.5
+        worth.append(float(np.sum(residual**2)) / (found.in_fit.sum() / rate))
+    assert worth[0] == pytest.approx(worth[1], rel=0.02)
+    recorded, _ = trial()
     without = fit(prepare(replace(recorded, measured=None), FitSettings()), EVERYTHING)
     assert without.prior is None
     assert (without.prior_precision == 0.0).all()
+
+
+def test_a_fit_like_another_takes_its_clock_and_weights() -> None:
+    recorded, prepared = trial()
+    found = fit(prepared, EVERYTHING)
+    again = fit(prepared, EVERYTHING, found)
+    assert again.offset == found.offset
+    np.testing.assert_array_equal(again.weights, found.weights)
+    np.testing.assert_allclose(again.problem.free_solution(), found.problem.free_solution(), rtol=1e-9, atol=1e-9)
+    other = prepare(replace(recorded, wrench=recorded.wrench * [1.5, 1.0, 1.0]), FitSettings(), PRIOR)
+    np.testing.assert_array_equal(fit(other, EVERYTHING, found).weights, found.weights)
 
 
 def test_a_wide_prior_leaves_the_data_alone_and_a_tight_one_is_the_answer() -> None:

@@ -134,6 +134,32 @@ def test_without_a_table_the_first_segment_has_it_all() -> None:
     np.testing.assert_allclose(chain, np.append(bodies, np.zeros(4)), atol=1e-12)
 
 
+def exists(chain: np.ndarray) -> bool:
+    m, mx, my, inertia = chain.reshape(-1, 4).T
+    return bool((m >= 0).all() and (m * inertia >= (mx**2 + my**2) * (1 - 1e-8)).all())
+
+
+def test_a_share_that_cannot_exist_moves_towards_an_even_one_and_the_sum_stays() -> None:
+    """The table's pelvis is heavier than the whole torso that was found."""
+    poses, q, bodies = torso_as_one()
+    total = gather(FIVE, q, EVERYTHING, np.array([3, 4]))
+    found = fold(poses, q, EVERYTHING, PEOPLE.ravel(), deviations(PEOPLE.ravel(), 0.15))
+    np.testing.assert_allclose(found.chain(bodies), PEOPLE.ravel(), atol=1e-9)
+    light = bodies.copy()
+    light[12:] *= [0.2, 0.35, 0.2, 0.2]
+    likely = found.matrix @ light + found.constant
+    assert exists(light)
+    assert not exists(likely)
+    for full in (found.chain(light), found.halves @ light):
+        assert exists(full)
+        np.testing.assert_allclose(total @ full[12:], light[12:], atol=1e-9)
+        np.testing.assert_allclose(full[:12], light[:12], atol=1e-12)
+    moved, whole = found.chain(light) - likely, found.halves @ light - likely
+    share = moved @ whole / (whole @ whole)
+    np.testing.assert_allclose(moved, share * whole, atol=1e-9)
+    assert 0 < share < 1
+
+
 def test_the_covariance_is_carried_along() -> None:
     poses, q, bodies = torso_as_one()
     rng = np.random.default_rng(3)

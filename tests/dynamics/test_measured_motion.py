@@ -11,7 +11,7 @@ from pose_cases import CENTROID, HIP, INFORMATION, OF_SEGMENT, moving, poses_of
 from scipy.optimize import minimize
 
 from mocap_id.dynamics.lowpass import known
-from mocap_id.dynamics.measured_motion import GIVES_WAY, BodyPoses, Gap, bridged, gaps, measured_motion, pinned
+from mocap_id.dynamics.measured_motion import GIVES_WAY, BodyPoses, Gap, PoseFilter, bridged, gaps, measured_motion, pinned
 from mocap_id.geometry import planar
 
 RATE = 100.0
@@ -85,6 +85,16 @@ def test_slow_poses_give_the_exact_motion_of_every_body() -> None:
     for name in ("angle", "omega", "alpha", "origin", "acceleration", "joint"):
         np.testing.assert_allclose(getattr(motion, name)[INNER], getattr(exact, name)[INNER], atol=2e-3, err_msg=name)
     np.testing.assert_array_equal(motion.beyond, exact.beyond)
+
+
+def test_other_cut_offs_before_leave_no_trace() -> None:
+    poses = poses_of(TIME, moving(TIME), noise=1.0)
+    filtered = PoseFilter(poses)
+    filtered.motion((3.0, 5.0, 4.0))
+    for bands in ((3.0, 2.5, 6.0), (3.0, 5.0, 4.0)):
+        once, alone = filtered.motion(bands), measured_motion(poses, bands)
+        for name in ("angle", "omega", "alpha", "origin", "acceleration", "joint", "beyond"):
+            np.testing.assert_array_equal(getattr(once, name), getattr(alone, name), err_msg=name)
 
 
 def test_gap_and_origin_are_those_of_the_motion() -> None:

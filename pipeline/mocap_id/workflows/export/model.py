@@ -7,13 +7,13 @@ exert, less the external loads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id import __version__
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.reporting.views import Motion, Skeleton
 from mocap_id.workflows.export.inertia import Bodies, BodyInertia
 from mocap_id.workflows.export.markers import depths, marker_labels
@@ -52,6 +52,7 @@ def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
     """
     tips = np.vstack([skeleton.centres, skeleton.tip])
     chain = _Chain(skeleton, body_names(skeleton), inertia.inertia, np.linalg.norm(tips, axis=1))
+    places = (skeleton.marker_segment, skeleton.local)
     children = [
         remark(f"Made by mocap-id {__version__} from the trial {run.name}. Ground is the plane frame."),
         remark(f"Inertial parameters: {inertia.source}."),
@@ -61,34 +62,40 @@ def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
         ),
         element("length_units", text="meters"),
         element("force_units", text="N"),
-        element("gravity", text=numbers([0.0, -_gravity(run), 0.0])),
-        _set("BodySet", "bodyset", (_body(chain, k) for k in range(len(chain.bodies)))),
-        _set("JointSet", "jointset", (_base_joint(chain), *_joints(run, chain))),
-        _set("MarkerSet", "markerset", _markers(run, chain)),
+        element("gravity", text=numbers([0.0, -gravity(run), 0.0])),
+        object_set("BodySet", (_body(chain, k) for k in range(len(chain.bodies)))),
+        object_set("JointSet", (_base_joint(chain), *_joints(run, chain))),
+        object_set("MarkerSet", marker_elements(run, chain.bodies, skeleton.markers, places)),
     ]
     return document(element("Model", name=legal([run.name])[run.name], children=children))
 
 
-def _set(tag: str, name: str, objects: Iterator[Element] | Sequence[Element]) -> Element:
-    return element(tag, name=name, children=[element("objects", children=objects)])
+def object_set(tag: str, objects: Iterable[Element]) -> Element:
+    """A model's set of bodies, joints or markers."""
+    return element(tag, name=tag.lower(), children=[element("objects", children=objects)])
 
 
-def _gravity(run: RunFolder) -> float:
+def gravity(run: RunFolder) -> float:
+    """What the identification counted with, m/s²."""
     about = run.provenance.get("dynamics.h5")
     asked = {} if about is None else about.origin.parameters.get("identify-dim") or {}
     return float(asked.get("gravity", 9.81))
 
 
-def _body(chain: _Chain, k: int) -> Element:
-    found = chain.inertia[k]
+def body_element(name: str, found: BodyInertia, components: Sequence[Element] = ()) -> Element:
+    """A body with its mass, about its centre of mass."""
     children = [
         element("mass", text=numbers([found.mass])),
         element("mass_center", text=numbers([*found.centre, 0.0])),
         element("inertia", text=numbers([found.inertia] * 3 + [0.0] * 3)),
     ]
-    if k:
-        children.insert(0, element("components", children=[_shown(chain, k)]))
-    return element("Body", name=chain.bodies[k], children=children)
+    if components:
+        children.insert(0, element("components", children=components))
+    return element("Body", name=name, children=children)
+
+
+def _body(chain: _Chain, k: int) -> Element:
+    return body_element(chain.bodies[k], chain.inertia[k], [_shown(chain, k)] if k else ())
 
 
 def _shown(chain: _Chain, k: int) -> Element:
@@ -120,17 +127,22 @@ def _offset(name: str, parent: str, at: FloatArray, more: Sequence[Element] = ()
     )
 
 
-def _base_joint(chain: _Chain) -> Element:
-    coordinates = [_coordinate(name, 0.0, (-_RANGE, _RANGE), locked=True) for name in _BASE_COORDINATES]
+def planar_joint(name: str, body: str, coordinates: Iterable[Element]) -> Element:
+    """A body on the ground that moves in the plane; coordinates: its angle, and x and y of its frame's origin."""
     return element(
         "PlanarJoint",
-        name=BASE,
+        name=name,
         children=[
             element("socket_parent_frame", text="/ground"),
-            element("socket_child_frame", text=f"/bodyset/{chain.bodies[0]}"),
+            element("socket_child_frame", text=f"/bodyset/{body}"),
             element("coordinates", children=coordinates),
         ],
     )
+
+
+def _base_joint(chain: _Chain) -> Element:
+    coordinates = [coordinate_element(name, 0.0, locked=True) for name in _BASE_COORDINATES]
+    return planar_joint(BASE, chain.bodies[0], coordinates)
 
 
 def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
@@ -145,7 +157,7 @@ def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
             children=[
                 element("socket_parent_frame", text=frame),
                 element("socket_child_frame", text=f"/bodyset/{chain.bodies[j + 1]}"),
-                element("coordinates", children=[_coordinate(coordinate, first[j], ranges[j])]),
+                element("coordinates", children=[coordinate_element(coordinate, first[j], ranges[j])]),
                 element("frames", children=[_offset(frame, f"/bodyset/{parent}", chain.skeleton.centres[j])]),
             ],
         )
@@ -165,23 +177,38 @@ def _travelled(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[floa
     return first, ranges
 
 
-def _coordinate(name: str, default: float, span: tuple[float, float], *, locked: bool = False) -> Element:
+def coordinate_element(
+    name: str, default: float, span: tuple[float, float] = (-_RANGE, _RANGE), *, locked: bool = False
+) -> Element:
+    """A coordinate of a joint, rad or m."""
     children = [element("default_value", text=numbers([default])), element("range", text=numbers(span))]
     if locked:
         children.append(element("locked", text="true"))
     return element("Coordinate", name=name, children=children)
 
 
-def _markers(run: RunFolder, chain: _Chain) -> Iterator[Element]:
-    """The markers of every segment, in its frame, at their median distance from the plane."""
+def marker_elements(
+    run: RunFolder, bodies: Sequence[str], markers: Sequence[str], at: tuple[IntArray, FloatArray]
+) -> Iterator[Element]:
+    """Markers in the frames of their bodies, at their median distance from the plane.
+
+    Parameters
+    ----------
+    run : RunFolder
+    bodies : sequence of str
+        OpenSim's names.
+    markers : sequence of str, length M
+        The recording's names.
+    at : ((M,) int array, (M, 2) array)
+        The body of each marker, and its place in that body's frame, m.
+    """
     labels, out = marker_labels(run), depths(run)
-    skeleton = chain.skeleton
-    for label, segment, local in zip(skeleton.markers, skeleton.marker_segment, skeleton.local, strict=True):
+    for label, body, local in zip(markers, *at, strict=True):
         yield element(
             "Marker",
             name=labels.get(label, label),
             children=[
-                element("socket_parent_frame", text=f"/bodyset/{chain.bodies[int(segment)]}"),
+                element("socket_parent_frame", text=f"/bodyset/{bodies[int(body)]}"),
                 element("location", text=numbers([*local, out.get(label, 0.0)])),
             ],
         )

@@ -1,0 +1,177 @@
+"""poses.parquet of the stage: every body's own pose in its segment's frame, beside the chain's states."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from simulated_chains import Moving, swinging
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import planar
+from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.ukf_smooth import STAGE
+from mocap_id.store import Table, Tree
+from mocap_id.store.parquet import conform
+from mocap_id.store.schemas import CHAIN, PLANAR
+
+SEGMENTS = ["foot", "shank", "thigh", "pelvis", "trunk"]
+RATE, NOISE = 100.0, 3e-4
+FOOT = np.array([[-0.2, 0.02], [0.05, 0.06], [-0.05, 0.1]])
+ARM = np.array([[0.0, 0.1], [0.02, -0.15], [-0.03, 0.0]])
+FRAMES = np.arange(400)
+
+
+@pytest.fixture(scope="module")
+def moving() -> Moving:
+    return swinging(joints=4, seconds=len(FRAMES) / RATE, rate=RATE, noise=NOISE, seed=2)
+
+
+def arm_pose() -> tuple[FloatArray, FloatArray]:
+    """Place (F, 2) and angle (F,) of what carries the markers of no segment."""
+    time = FRAMES / RATE
+    return np.column_stack([0.3 * np.sin(time), 1.2 + 0.1 * np.cos(2 * time)]), 0.8 * np.sin(3 * time)
+
+
+def names(moving: Moving, loose: int) -> list[str]:
+    of_chain = [f"M{i}" for i in range(len(moving.segment))]
+    return of_chain + [f"FOOT{i}" for i in range(len(FOOT))] + [f"ARM{i}" for i in range(loose)]
+
+
+def run(
+    moving: Moving, markers: FloatArray | None = None, *, loose: int = 3, segments: list[str] = SEGMENTS
+) -> tuple[Table, Table]:
+    """States and poses of the stage; the chain's markers stand in another order than the table's."""
+    markers = moving.markers if markers is None else markers
+    place, angle = arm_pose()
+    noise = NOISE * np.random.default_rng(8).normal(size=(len(FRAMES), 6, 2))
+    foot = np.broadcast_to(FOOT, (len(FRAMES), 3, 2)) + noise[:, :3]
+    arm = place[:, None] + planar.rotate(angle[:, None], ARM) + noise[:, 3:]
+    points, labels = np.concatenate([markers, foot, arm[:, :loose]], axis=1), names(moving, loose)
+    frame = pd.DataFrame(
+        {
+            "frame": np.repeat(FRAMES, len(labels)),
+            "time": np.repeat(FRAMES / RATE, len(labels)),
+            "marker": pd.Categorical(labels * len(FRAMES), categories=sorted(labels)),
+            "x": points[..., 0].ravel(),
+            "y": points[..., 1].ravel(),
+            "z": 0.0,
+            "visible": np.isfinite(points[..., 0]).ravel(),
+        }
+    )
+    segment, local = np.concatenate([moving.segment, [0, 0, 0]]), np.concatenate([moving.local, FOOT])
+    order = np.random.default_rng(0).permutation(len(segment))
+    chain = {
+        "joints": {
+            "name": np.array(["ankle", "knee", "hip", "waist"], dtype=object),
+            "centre": moving.centres,
+            "covariance": np.tile(1e-6 * np.eye(2), (4, 1, 1)),
+        },
+        "segments": {"name": np.array(segments, dtype=object)},
+        "markers": {
+            "name": np.array(labels[: len(segment)], dtype=object)[order],
+            "segment": segment[order],
+            "local": local[order],
+            "residual": np.full(len(segment), 1e-3),
+        },
+    }
+    inputs = {"planar.parquet": Table(PLANAR, frame, {"rate_hz": RATE}), "chain.h5": Tree(CHAIN, chain)}
+    trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
+    outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))
+    states, poses = outputs[0], outputs[-1]
+    assert isinstance(states, Table) and isinstance(poses, Table)
+    conform(poses)
+    return states, poses
+
+
+def pose(poses: Table, body: int) -> tuple[FloatArray, FloatArray]:
+    """Place of the centroid (F, 2) and angle (F,) of a body, from 0."""
+    frame = poses.frame
+    return frame[[f"x_{body + 1}", f"y_{body + 1}"]].to_numpy(), frame[f"angle_{body + 1}"].to_numpy()
+
+
+def middle(body: dict[str, Any]) -> FloatArray:
+    return np.mean(list(body["markers"].values()), axis=0)
+
+
+def test_every_segment_the_torso_and_the_others_have_their_own_pose(moving: Moving) -> None:
+    states, poses = run(moving)
+    bodies = poses.facts["bodies"]
+    assert [body["name"] for body in bodies] == [*SEGMENTS, "torso", "others"]
+    assert [body["segments"] for body in bodies] == [[0], [1], [2], [3], [4], [3, 4], []]
+    angle, origin = planar.segment_poses(moving.truth[..., 0], moving.centres)
+    np.testing.assert_array_equal(poses.frame["time"], states.frame["time"])
+    for k in range(5):
+        place, turned = pose(poses, k)
+        labels = {label for label, own in zip(names(moving, 0), [*moving.segment, 0, 0, 0], strict=True) if own == k}
+        assert set(bodies[k]["markers"]) == labels
+        expected = origin[:, k] + planar.rotate(angle[:, k], middle(bodies[k]))
+        # four markers, and the frame itself is as good as the mean over all frames
+        assert np.sqrt(np.mean((place - expected) ** 2)) == pytest.approx(NOISE / np.sqrt(len(labels)), rel=0.15)
+        whole = np.round(np.mean(turned - angle[:, k]) / (2 * np.pi))
+        assert np.abs(turned - 2 * np.pi * whole - angle[:, k]).max() < 0.02
+        assert (poses.frame[f"markers_{k + 1}"] == len(labels)).all()
+        assert 0.5 * NOISE < bodies[k]["residual_m"] < 1.5 * NOISE
+
+
+def test_places_on_a_body_are_those_on_its_segment(moving: Moving) -> None:
+    bodies = run(moving)[1].facts["bodies"]
+    local = dict(zip(names(moving, 0), np.concatenate([moving.local, FOOT]), strict=True))
+    for body in bodies[:5]:
+        for label, place in body["markers"].items():
+            np.testing.assert_allclose(place, local[label], atol=3 * NOISE)
+
+
+def test_others_have_a_frame_of_their_own(moving: Moving) -> None:
+    """Its origin is their middle; it is parallel to the plane on average."""
+    poses = run(moving)[1]
+    place, turned = pose(poses, 6)
+    truth, angle = arm_pose()
+    np.testing.assert_allclose(place, truth + planar.rotate(angle, ARM.mean(axis=0)), atol=5 * NOISE)
+    np.testing.assert_allclose(turned - turned.mean(), angle - angle.mean(), atol=0.02)
+    assert np.angle(np.mean(np.exp(1j * turned))) == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(middle(poses.facts["bodies"][6]), 0.0, atol=1e-9)
+
+
+def test_a_joint_that_gives_way_shows_between_the_poses(moving: Moving) -> None:
+    """Thigh and everything beyond leave the knee by a known function: the states cannot say it, the poses do."""
+    gap = 0.01 * np.sin(2 * np.pi * 0.7 * FRAMES / RATE)
+    markers = moving.markers.copy()
+    markers[:, moving.segment >= 2, 0] += gap[:, None]
+    poses = run(moving, markers)[1]
+    bodies = poses.facts["bodies"]
+    (shank, tilt), (thigh, turned) = pose(poses, 1), pose(poses, 2)
+    knee = shank + planar.rotate(tilt, moving.centres[1] - middle(bodies[1]))
+    origin = thigh - planar.rotate(turned, middle(bodies[2]))
+    found = origin - knee
+    assert np.sqrt(np.mean((found - [1, 0] * gap[:, None]) ** 2)) < 2e-3
+    assert np.corrcoef(found[:, 0], gap)[0, 1] > 0.98
+
+
+def test_a_body_without_enough_markers_has_no_columns(moving: Moving) -> None:
+    few = moving.markers.copy()
+    few[:, np.flatnonzero(moving.segment == 1)[1:]] = np.nan
+    poses = run(moving, few, loose=1)[1]
+    bodies = poses.facts["bodies"]
+    assert [body["name"] for body in bodies] == ["foot", "thigh", "pelvis", "trunk", "torso"]
+    assert [name for name in poses.frame if name.startswith("angle")] == [f"angle_{k}" for k in range(1, 6)]
+
+
+def test_without_pelvis_and_trunk_there_is_no_torso(moving: Moving) -> None:
+    other = ["base", "link 1", "link 2", "link 3", "link 4"]
+    assert [body["name"] for body in run(moving, loose=0, segments=other)[1].facts["bodies"]] == other
+
+
+def test_frames_with_one_marker_have_no_pose(moving: Moving) -> None:
+    gone, own = moving.markers.copy(), np.flatnonzero(moving.segment == 2)
+    gone[100:120, own[1:]] = np.nan
+    gone[200:220, own[2:]] = np.nan
+    frame = run(moving, gone)[1].frame
+    assert frame.loc[100:119, ["x_3", "y_3", "angle_3"]].isna().all().all()
+    np.testing.assert_array_equal(frame.loc[100:119, "markers_3"], 1)
+    assert frame.loc[200:219, "angle_3"].notna().all()
+    np.testing.assert_array_equal(frame.loc[200:219, "markers_3"], 2)
+    assert frame["angle_2"].notna().all()
