@@ -22,6 +22,8 @@ from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder, Table
 from mocap_id.workflows.finished import Finished, finished
+from mocap_id.workflows.followed_bodies import followed
+from mocap_id.workflows.moving_bodies import MovingBodies
 from mocap_id.workflows.transfer import CARRIED, HELD_OUT, OWN, apply
 
 WINTER = "winter"
@@ -100,7 +102,11 @@ def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
     """Rows of one model on one trial, and of the allometric body."""
     found = apply(source.model, target.model)
     bodies = {body.name: body for body in found.bodies}
-    carried = carry(source.model.parameters, found.registration)
+    moving = target.model.chain if source.model.measured is None else followed(source.model, target.model)
+    of_body = {
+        WINTER: (target.model.bodies, target.model.reference),
+        CARRIED: (moving, carry(source.model.parameters, found.registration)),
+    }
     same = source.trial == target.trial
     names = {WINTER: WINTER} | (
         {OWN: target.trial.strategy, HELD_OUT: HELD_OUT} if same else {CARRIED: source.trial.strategy}
@@ -113,8 +119,7 @@ def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
         for j, torque in enumerate(bodies[body].torques, start=1):
             row |= _numbers(f"t{j}", torque)
         if body != HELD_OUT:
-            full = {WINTER: target.model.reference, CARRIED: carried, OWN: None}[body]
-            row |= _true(target, full)
+            row |= _true(target, of_body.get(body))
         yield row
 
 
@@ -123,17 +128,17 @@ def _numbers(name: str, error: Any) -> dict[str, float]:
     return {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": float(np.hypot(bias, sd))}
 
 
-def _true(target: Done, full: FloatArray | None) -> dict[str, float]:
-    """Errors against the truth off the seat, of full parameters or of the trial's own model."""
+def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
+    """Errors against the truth off the seat, of bodies with their full parameters or of the trial's own model."""
     model, truth = target.model, target.truth
-    if full is None:
+    if of_body is None:
         columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, COUNT))]
         series = model.dynamics[columns].to_numpy(dtype=np.float64)
     else:
-        regressor = model.regressor()
-        wrench = regressor @ full
-        pressure = centre_of_pressure(wrench, model.cop_threshold)
-        series = np.column_stack([wrench[:, 1:], pressure, model.torque_regressor(regressor) @ full])
+        bodies, full = of_body
+        predicted = bodies.regressor @ full
+        pressure = centre_of_pressure(predicted, model.cop_threshold)
+        series = np.column_stack([predicted[:, 1:], pressure, bodies.torque_regressor @ full])
     wrench = truth.true["wrench"]
     true = np.column_stack([wrench[:, 1:], wrench[:, 2] / wrench[:, 1], truth.true["tau"]])
     off = (series - true)[truth.off_seat]

@@ -15,7 +15,7 @@ from mocap_id.geometry import planar
 
 SHOULDER = np.array([0.03, 0.42])
 HIP = 2
-ARM = np.array([7.0, 0.35, -1.4, 0.62])
+ARM = np.array([7.0, 0.1, -0.3, 0.3])
 BODIES = np.vstack([BODY[:3], BODY[3] - [7.0, 0.6, 3.0, 1.6], ARM])
 """m, mx, my, Izz of foot, shank, thigh, torso, arm, each about its frame's origin."""
 CENTROID = np.array([[-0.1, 0.05], [0.02, 0.2], [-0.03, 0.22], [0.04, 0.3], [0.02, -0.15]])

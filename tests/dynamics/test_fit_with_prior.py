@@ -103,9 +103,7 @@ def test_a_fit_like_another_takes_its_clock_and_weights() -> None:
 
 def test_a_wide_prior_leaves_the_data_alone_and_a_tight_one_is_the_answer() -> None:
     _, prepared = trial(prior=scaled(1e-12))
-    np.testing.assert_allclose(
-        fit(prepared, EVERYTHING).problem.free_solution()[:20], PRIOR.mean, rtol=0, atol=1e-4
-    )
+    np.testing.assert_allclose(fit(prepared, EVERYTHING).problem.free_solution()[:20], PRIOR.mean, rtol=0, atol=1e-4)
     recorded, loose = trial(noise=(0.0, 0.0, 0.0), prior=scaled(1e4))
     wrench = wrench_regressor(recorded.motion) @ fit(loose, EVERYTHING).problem.free_solution()[:20]
     np.testing.assert_allclose(wrench[100:-100], recorded.wrench[100:-100], atol=0.05)
@@ -116,9 +114,7 @@ def on_chain() -> tuple[Recorded, BodyPoses, np.ndarray]:
     states = tuple(values[:, :3] for values in slow(TIME))
     motion = chain_motion(CENTRES, *states)
     wrench = wrench_regressor(motion) @ BODY.ravel()
-    recorded = Recorded(
-        TIME, *states, np.zeros_like(states[0]), EVERYTHING, wrench, CENTRES, measured=motion
-    )
+    recorded = Recorded(TIME, *states, np.zeros_like(states[0]), EVERYTHING, wrench, CENTRES, measured=motion)
     place = motion.origin + planar.rotate(motion.angle, CENTROID[:4])
     poses = BodyPoses(TIME, place, motion.angle, CENTROID[:4], INFORMATION[:4], np.arange(4), CENTRES)
     return recorded, poses, states[0]
@@ -242,9 +238,10 @@ def test_a_prior_determines_what_a_rest_leaves_open() -> None:
     q = np.zeros((len(TIME), 3))
     recorded = replace(recorded_of(TIME, motion), q=q, dq=q, ddq=q)
     still = prepare(replace(recorded, measured=None), FitSettings())
-    assert not determined(prepare(replace(recorded, measured=None), FitSettings()), EVERYTHING) or len(
-        still.base.kept
-    ) < 11
+    assert (
+        not determined(prepare(replace(recorded, measured=None), FitSettings()), EVERYTHING)
+        or len(still.base.kept) < 11
+    )
     assert determined(prepare(recorded, FitSettings(), PRIOR), EVERYTHING)
     assert not determined(prepare(recorded, FitSettings(), PRIOR), TIME < 0.9)
 

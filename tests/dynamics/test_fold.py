@@ -29,7 +29,7 @@ def test_an_arm_that_does_not_move_is_a_part_of_the_torso() -> None:
     motion = moving(TIME, size=0.0, swing=0.0)
     q = slow(TIME)[0][:, :3]
     found = fold(poses_of(TIME, motion), q, EVERYTHING, NOTHING, NOTHING)
-    base, _ = in_base(found, BASE, BODIES.ravel(), np.zeros((20, 20)))
+    base = BASE.regrouping @ found.chain(BODIES.ravel())
     torso = BODIES[3] + mean_move(np.zeros(1), SHOULDER[None]) @ BODIES[4]
     truth = BASE.regrouping @ np.concatenate([BODIES[:3].ravel(), torso])
     np.testing.assert_allclose(base, truth, rtol=0, atol=1e-10)
@@ -92,9 +92,7 @@ def test_gathering_is_moving_each_segment_into_the_first_one_s_frame() -> None:
     three = gather(FIVE, q, some, np.array([2, 3, 4]))
     angle, origin = planar.segment_poses(q[123], FIVE)
     expected = sum(
-        mean_move(
-            np.array([angle[k] - angle[2]]), planar.rotate(np.array(-angle[2]), origin[k] - origin[2])[None]
-        )
+        mean_move(np.array([angle[k] - angle[2]]), planar.rotate(np.array(-angle[2]), origin[k] - origin[2])[None])
         @ PEOPLE[k]
         for k in (2, 3, 4)
     )
@@ -166,8 +164,9 @@ def test_the_covariance_is_carried_along() -> None:
     root, base = 0.1 * rng.normal(size=(16, 16)), structural_base(FIVE)
     sd = deviations(PEOPLE.ravel(), 0.15)
     found = fold(poses, q, EVERYTHING, PEOPLE.ravel(), sd)
-    value, covariance = in_base(found, base, bodies, root @ root.T)
-    plus = [in_base(found, base, bodies + column, root @ root.T)[0] - value for column in root.T]
+    covariance = in_base(found, base, root @ root.T)
+    value = found.matrix @ bodies
+    plus = [base.regrouping @ (found.matrix @ (bodies + column) - value) for column in root.T]
     of_bodies = np.stack(plus, axis=1) @ np.stack(plus)
     expected = of_bodies + base.regrouping @ found.open @ base.regrouping.T
     np.testing.assert_allclose(covariance, expected, atol=1e-9 * np.abs(expected).max())

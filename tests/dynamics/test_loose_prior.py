@@ -94,7 +94,7 @@ def test_mass_centre_and_inertia_err_by_themselves(body: int) -> None:
     m, mx, my, about = BODY[body]
     x, y, inner = mx / m, my / m, about - (mx**2 + my**2) / m
     small = 1e-3  # the covariance is that of small errors
-    relative, centre = ((0.3, 0.05) if body == 0 else (0.5, 0.1))
+    relative, centre = (0.3, 0.05) if body == 0 else (0.5, 0.1)
     rng = np.random.default_rng(body)
     e = small * rng.normal(size=(4, 200_000)) * np.array([[relative * m], [centre], [centre], [inner]])
     mass, cx, cy, i = m + e[0], x + e[1], y + e[2], inner + e[3]

@@ -11,7 +11,16 @@ from pose_cases import CENTROID, HIP, INFORMATION, OF_SEGMENT, moving, poses_of
 from scipy.optimize import minimize
 
 from mocap_id.dynamics.lowpass import known
-from mocap_id.dynamics.measured_motion import GIVES_WAY, BodyPoses, Gap, PoseFilter, bridged, gaps, measured_motion, pinned
+from mocap_id.dynamics.measured_motion import (
+    GIVES_WAY,
+    BodyPoses,
+    Gap,
+    PoseFilter,
+    bridged,
+    gaps,
+    measured_motion,
+    pinned,
+)
 from mocap_id.geometry import planar
 
 RATE = 100.0
@@ -183,7 +192,10 @@ def test_pins_move_the_poses_as_little_as_they_can() -> None:
         lambda change: change @ change,
         np.zeros(15),
         jac=lambda change: 2 * change,
-        constraints={"type": "eq", "fun": lambda change: 1e3 * np.concatenate([at(change).gap(j)[0] for j in range(3)])},
+        constraints={
+            "type": "eq",
+            "fun": lambda change: 1e3 * np.concatenate([at(change).gap(j)[0] for j in range(3)]),
+        },
         options={"ftol": 1e-9},
     )
     assert best.success

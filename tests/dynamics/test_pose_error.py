@@ -124,7 +124,9 @@ def test_sliding_markers_move_the_pose_as_rigid_fits_say() -> None:
     errors = np.stack([position.real - middle.real, position.imag - middle.imag, np.angle(rotation)])
     found = sliding_body(LOCAL, sd**2, (0,))
     size = np.sqrt(np.diag(found.covariance))
-    np.testing.assert_allclose(np.cov(errors) / np.outer(size, size), found.covariance / np.outer(size, size), atol=0.03)
+    np.testing.assert_allclose(
+        np.cov(errors) / np.outer(size, size), found.covariance / np.outer(size, size), atol=0.03
+    )
     assert found.joints == (0,)
 
 

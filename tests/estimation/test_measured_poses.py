@@ -125,6 +125,27 @@ def test_places_on_a_body_are_those_on_its_segment(moving: Moving) -> None:
             np.testing.assert_allclose(place, local[label], atol=3 * NOISE)
 
 
+def test_the_torso_is_pelvis_and_trunk_in_the_pelvis_s_frame(moving: Moving) -> None:
+    """A waist that does not bend makes the two one body."""
+    angles = moving.truth[..., 0].copy()
+    angles[:, 3] = 0.3
+    exact = planar.marker_positions(angles, moving.centres, moving.segment, moving.local)
+    poses = run(moving, exact + NOISE * np.random.default_rng(4).normal(size=exact.shape))[1]
+    torso, (place, turned) = poses.facts["bodies"][5], pose(poses, 5)
+    angle, origin = planar.segment_poses(angles, moving.centres)
+    local = dict(zip(names(moving, 0), moving.local, strict=False))
+    assert len(torso["markers"]) == 8
+    for label, found in torso["markers"].items():
+        on_trunk = moving.segment[int(label[1:])] == 4
+        at = moving.centres[3] + planar.rotate(np.array(0.3), local[label]) if on_trunk else local[label]
+        np.testing.assert_allclose(found, at, atol=2e-3)
+    back = place - planar.rotate(turned, middle(torso))
+    assert np.sqrt(np.mean((back - origin[:, 3]) ** 2)) < 1.5e-3
+    whole = np.round(np.mean(turned - angle[:, 3]) / (2 * np.pi))
+    np.testing.assert_allclose(turned - 2 * np.pi * whole, angle[:, 3], atol=0.01)
+    assert torso["residual_m"] == pytest.approx(NOISE * np.sqrt(2), rel=0.2)
+
+
 def test_others_have_a_frame_of_their_own(moving: Moving) -> None:
     """Its origin is their middle; it is parallel to the plane on average."""
     poses = run(moving)[1]

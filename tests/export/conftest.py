@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,8 @@ from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.runner import run
 from mocap_id.workflows.export import FORMATS, Exported, export
 
+ROOT = Path(__file__).resolve().parents[2]
+ORACLE = Path(__file__).with_name("opensim_oracle.py")
 RATE = 100.0
 G = 9.81
 
@@ -106,3 +110,20 @@ def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactor
         return done[with_plate]
 
     return made
+
+
+@pytest.fixture(scope="session")
+def opensim() -> Callable[..., dict[str, Any]]:
+    """What OpenSim makes of an export, ``opensim(folder, trial, markers_file)``."""
+    python = Path(os.environ.get("MOCAP_ID_OPENSIM_PYTHON", ROOT / ".venv-opensim" / "bin" / "python"))
+    if not python.is_file():
+        pytest.skip(f"no Python with OpenSim at {python}: `make opensim`, or set MOCAP_ID_OPENSIM_PYTHON")
+
+    def ask(folder: Path, trial: str, *markers: str) -> dict[str, Any]:
+        answer = folder / "opensim.json"
+        command = [str(python), str(ORACLE), str(folder), trial, str(answer), *markers]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        return dict(json.loads(answer.read_text()))
+
+    return ask

@@ -2,6 +2,8 @@
 
     python opensim_oracle.py FOLDER TRIAL OUT.json [MARKERS.trc]
 
+Kinematics are asked where the markers' file is there, free bodies where their model is.
+
 Independent of mocap-id: nothing of it is imported here.
 """
 
@@ -39,48 +41,49 @@ def kinematics() -> dict[str, list[float]]:
     return {name: values.tolist() for name, values in columns(table).items()}
 
 
-def dynamics() -> dict[str, list[float]]:
+def dynamics(name: str) -> dict[str, list[float]]:
     """Generalised forces at the exported states and accelerations, without differentiating anything; with our loads."""
-    model = opensim.Model(str(folder / f"{trial}.osim"))
-    loads = folder / f"{trial}_external_loads.xml"
+    model = opensim.Model(str(folder / f"{name}.osim"))
+    loads = folder / f"{name}_external_loads.xml"
     if loads.exists():
         model.addModelComponent(opensim.ExternalLoads(str(loads), True))
     state = model.initSystem()
-    states = columns(opensim.TimeSeriesTable(str(folder / f"{trial}_states.sto")))
-    accelerations = columns(opensim.TimeSeriesTable(str(folder / f"{trial}_accelerations.sto")))
+    states = columns(opensim.TimeSeriesTable(str(folder / f"{name}_states.sto")))
+    accelerations = columns(opensim.TimeSeriesTable(str(folder / f"{name}_accelerations.sto")))
     solver = opensim.InverseDynamicsSolver(model)
     coordinates = model.getCoordinateSet()
     names = [coordinates.get(i).getName() for i in range(coordinates.getSize())]
     moved = [path for path in states if path.endswith("/value")]
-    found: dict[str, list[float]] = {"time": [], **{name: [] for name in names}}
+    found: dict[str, list[float]] = {"time": [], **{each: [] for each in names}}
     for row in range(0, len(states["time"]), max(1, len(states["time"]) // 200)):
         state.setTime(states["time"][row])
         udot = opensim.Vector(len(names), 0.0)
         for path in moved:
-            name = path.split("/")[-2]
-            coordinate = coordinates.get(name)
+            moving = path.split("/")[-2]
+            coordinate = coordinates.get(moving)
             coordinate.setValue(state, states[path][row], False)
             coordinate.setSpeedValue(state, states[path.replace("/value", "/speed")][row])
-            udot[names.index(name)] = accelerations[name][row]
+            udot[names.index(moving)] = accelerations[moving][row]
         force = solver.solve(state, udot)
         found["time"].append(states["time"][row])
-        for i, name in enumerate(names):
-            found[name].append(force[i])
+        for i, each in enumerate(names):
+            found[each].append(force[i])
     return found
 
 
-def tool_dynamics() -> dict[str, list[float]]:
-    """Of OpenSim's own tool, which differentiates the exported angles by splines; by the exported set-up."""
+def tool_dynamics(name: str, coordinates: str) -> dict[str, list[float]]:
+    """Of OpenSim's own tool, which differentiates the exported coordinates by splines; by the exported set-up."""
     out = Path(tempfile.mkdtemp())
-    tool = opensim.InverseDynamicsTool(str(folder / f"{trial}_id.xml"))
-    tool.setModelFileName(str(folder / f"{trial}.osim"))
-    tool.setCoordinatesFileName(str(folder / f"{trial}_angles.mot"))
-    if (folder / f"{trial}_external_loads.xml").exists():
-        tool.setExternalLoadsFileName(str(folder / f"{trial}_external_loads.xml"))
+    tool = opensim.InverseDynamicsTool(str(folder / f"{name}_id.xml"))
+    tool.setModelFileName(str(folder / f"{name}.osim"))
+    tool.setCoordinatesFileName(str(folder / coordinates))
+    if (folder / f"{name}_external_loads.xml").exists():
+        tool.setExternalLoadsFileName(str(folder / f"{name}_external_loads.xml"))
     tool.setResultsDir(str(out))
     tool.setOutputGenForceFileName("id.sto")
     tool.run()
-    return {name: values.tolist() for name, values in columns(opensim.TimeSeriesTable(str(out / "id.sto"))).items()}
+    table = opensim.TimeSeriesTable(str(out / "id.sto"))
+    return {label: values.tolist() for label, values in columns(table).items()}
 
 
 model = opensim.Model(str(folder / f"{trial}.osim"))
@@ -90,9 +93,18 @@ found = {
     "mass": model.getTotalMass(state),
     "bodies": model.getNumBodies(),
     "markers": model.getMarkerSet().getSize(),
-    "kinematics": kinematics(),
-    "dynamics": dynamics(),
+    "dynamics": dynamics(trial),
 }
+if markers.exists():
+    found["kinematics"] = kinematics()
 if (folder / f"{trial}_id.xml").exists():
-    found["tool"] = tool_dynamics()
+    found["tool"] = tool_dynamics(trial, f"{trial}_angles.mot")
+if (folder / f"{trial}_free.osim").exists():
+    free = opensim.Model(str(folder / f"{trial}_free.osim"))
+    found["free"] = {
+        "mass": free.getTotalMass(free.initSystem()),
+        "bodies": [free.getBodySet().get(i).getName() for i in range(free.getNumBodies())],
+        "dynamics": dynamics(f"{trial}_free"),
+        "tool": tool_dynamics(f"{trial}_free", f"{trial}_free_poses.mot"),
+    }
 result.write_text(json.dumps(found))

@@ -5,43 +5,25 @@ Needs a Python with the `opensim` wheel in an environment of its own (`make open
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from resultants import COMPONENTS, Needs, Poses
 
+from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
+from mocap_id.store import Folder
 from mocap_id.workflows.export import export
-from mocap_id.workflows.simulate import Options, simulate
+from mocap_id.workflows.simulate import Options, People, simulate
 
-ROOT = Path(__file__).resolve().parents[2]
-ORACLE = Path(__file__).with_name("opensim_oracle.py")
 FORMATS = ("trc", "mot", "sto", "osim")
 pytestmark = pytest.mark.external
-
-
-@pytest.fixture(scope="module")
-def opensim() -> Callable[..., dict[str, Any]]:
-    """What OpenSim makes of an export, ``opensim(folder, trial, markers_file)``."""
-    python = Path(os.environ.get("MOCAP_ID_OPENSIM_PYTHON", ROOT / ".venv-opensim" / "bin" / "python"))
-    if not python.is_file():
-        pytest.skip(f"no Python with OpenSim at {python}: `make opensim`, or set MOCAP_ID_OPENSIM_PYTHON")
-
-    def ask(folder: Path, trial: str, *markers: str) -> dict[str, Any]:
-        answer = folder / "opensim.json"
-        command = [str(python), str(ORACLE), str(folder), trial, str(answer), *markers]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
-        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-        return dict(json.loads(answer.read_text()))
-
-    return ask
 
 
 def angle_errors(answer: dict[str, Any], states: pd.DataFrame) -> np.ndarray:
@@ -86,20 +68,26 @@ def test_a_chain_without_forces_loads_too(exported, opensim) -> None:
 
 
 @pytest.fixture(scope="module")
-def chair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A sit-to-stand whose chair stands on a plate of its own: run folder and files."""
+def chair(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Path, Path]]:
+    """A sit-to-stand whose chair stands on a plate of its own: run folder and files; ``chair("chain")`` on pins."""
     out = tmp_path_factory.mktemp("chair")
-    options = Options(seed=11, repetitions=1, rate=60.0, analog_rate=240.0, seat_plate=True)
-    yaml = simulate("sit-to-stand", out / "recording", options)
-    folder = run_to(load(Path(yaml)), "identify-dim").folder
-    export(folder, FORMATS, out / "files")
-    return folder, out / "files"
+
+    def made(name: str, **options: Any) -> tuple[Path, Path]:
+        asked = Options(seed=11, repetitions=1, rate=60.0, analog_rate=240.0, seat_plate=True, **options)
+        yaml = Path(simulate("sit-to-stand", out / name, asked))
+        if name == "chain":
+            yaml.write_text(yaml.read_text() + "identify-dim: {motion: chain}\n")
+        folder = run_to(load(yaml), "identify-dim").folder
+        export(folder, FORMATS, out / f"{name}-files")
+        return folder, out / f"{name}-files"
+
+    return made
 
 
 def test_a_person_on_a_chair_that_is_measured(chair, opensim) -> None:
-    """Kinematics from measured markers; dynamics with ground and chair as external loads."""
-    folder, files = chair
-    trial = next(files.glob("*.osim")).stem
+    """Kinematics from measured markers; dynamics of the chain with ground and chair as external loads."""
+    folder, files = chair("chain")
+    trial = folder.name
     states, dynamics = (pd.read_parquet(folder / f"{name}.parquet") for name in ("states", "dynamics"))
     assert "Fy_external" in dynamics
     answer = opensim(files, trial)
@@ -112,6 +100,29 @@ def test_a_person_on_a_chair_that_is_measured(chair, opensim) -> None:
     assert max(float(np.nanmax(np.abs(tool[name]))) for name in tool) < 0.1
 
 
+def test_free_bodies_on_a_chair_that_is_measured(chair, opensim) -> None:
+    """What the bodies need is more than the torques: the chair gives a part of it, on the thigh."""
+    folder, files = chair("loose", people=People(hip_gap_mm=14))
+    answer = opensim(files, folder.name)["free"]
+    found, names = answer["dynamics"], tuple(answer["bodies"])
+    time, dynamics = np.array(found["time"]), pd.read_parquet(folder / "dynamics.parquet")
+    poses = Poses.of(recording.read_table(files / f"{folder.name}_free_states.sto"), names, time)
+    needs = Needs.of(poses, lambda name, coordinate: np.array(found[f"{name}_{coordinate}"]))
+    with h5py.File(folder / "chain.h5") as chain:
+        centres = np.asarray(chain["joints/centre"])
+    assert Folder(folder).read("dynamics.h5").facts["external"][0]["segment"] == names.index("thigh")
+    fx, fy, moment = (np.interp(time, dynamics["time"], dynamics[f"{name}_external"]) for name in COMPONENTS)
+    given = {"Fx_model": fx, "Fy_model": fy, "tauz_model": moment, "tau_3": 0.0 * fx}
+    for joint in (0, 1):
+        x, y = poses.joint(joint, centres).T
+        given[f"tau_{joint + 1}"] = moment - x * fy + y * fx
+    errors = needs.errors(time, dynamics, centres)
+    assert set(errors) == set(given)
+    for name, error in errors.items():
+        assert np.abs(error - given[name])[5:-5].max() < 1e-4, name
+    assert np.abs(given["tau_2"]).max() > 50
+
+
 def test_a_robots_joint_within_a_fifth_of_a_degree_throughout(
     opensim, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -120,8 +131,7 @@ def test_a_robots_joint_within_a_fifth_of_a_degree_throughout(
     yaml = simulate("robot", out / "recording", Options(seed=5, repetitions=2, rate=100.0, analog_rate=500.0))
     folder = run_to(load(Path(yaml)), "identify-dim").folder
     export(folder, FORMATS, out / "files")
-    trial = next((out / "files").glob("*.osim")).stem
-    answer = opensim(out / "files", trial)
+    answer = opensim(out / "files", folder.name)
     assert np.abs(angle_errors(answer, pd.read_parquet(folder / "states.parquet"))).max() < 0.2
     forces = force_errors(answer, pd.read_parquet(folder / "dynamics.parquet"))
     assert max(float(np.nanmax(np.abs(error))) for error in forces.values()) < 1e-4

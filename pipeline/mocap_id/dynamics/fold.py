@@ -115,27 +115,19 @@ def gather(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: Int
     return np.concatenate(blocks, axis=1)
 
 
-def in_base(folded: Fold, base: BaseSet, full: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Base parameters of the chain with their covariance, the joints' centres taken as exact.
+def in_base(folded: Fold, base: BaseSet, own: FloatArray) -> FloatArray:
+    """Covariance (b, b) of the chain's base parameters, the joints' centres taken as exact.
 
     Parameters
     ----------
     folded : Fold
     base : BaseSet
         Of the chain.
-    full : (4K,) array
-        Of the bodies.
     own : (4K, 4K) array
-        Covariance of these.
-
-    Returns
-    -------
-    base : (b,) array
-    covariance : (b, b) array
+        Covariance of the bodies' full parameters.
     """
-    chain = folded.matrix @ full + folded.constant
     known = folded.matrix @ own @ folded.matrix.T + folded.open
-    return base.regrouping @ chain, base.regrouping @ known @ base.regrouping.T
+    return np.asarray(base.regrouping @ known @ base.regrouping.T)
 
 
 def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
@@ -163,7 +155,10 @@ def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: Fl
             shift[joint, axis] = _STEP
             after = chain.copy()
             block = slice(4 * joint + 4, 4 * joint + 8)
-            after[block] = mean_move(np.zeros(1), -planar.rotate(-q[joint], shift[joint])[None]) @ chain[block]
+            own = planar.rotate(-q[joint], shift[joint])  # in the frame of the segment after the joint
+            after[block] = mean_move(np.zeros(1), -own[None]) @ chain[block]
+            if joint + 1 < len(centres):  # the next joint stays where it is
+                shift[joint + 1] = -own
             moved = base.regrouping @ (after - chain)
             if regroups:
                 moved += (structural_base(centres + shift).regrouping - undisturbed.regrouping) @ chain

@@ -22,7 +22,7 @@ _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
 _SURE_MASS, _SURE_CENTRE, _SURE_INERTIA = 0.25, 0.05, 0.5  # of arms and head: nothing else tells them from the trunk
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
 _GYRATION = 0.15  # m, of a body that no table describes
-_UNKNOWN_MASS, _UNKNOWN_CENTRE = 1.0, 0.15
+_UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA = 1.0, 0.15, 5.0
 _LEAST = 1e-3  # kg
 
 
@@ -82,7 +82,7 @@ def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
-    blocks = [_block(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _INERTIA) for body in mean]
+    blocks = [_block(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
     return BodyPrior(mean.reshape(-1), block_diag(*blocks), "an even share of the mass")
 
 

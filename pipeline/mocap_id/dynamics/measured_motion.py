@@ -82,6 +82,18 @@ class BodyPoses:
             origin[:, after] - origin[:, before] - planar.rotate(self.angle[:, before], self.centres[joint])
         )
 
+    def place_variance(self, joint: int) -> float:
+        """Variance of a joint's place in the bodies on its two sides, m² a coordinate.
+
+        Its markers' residuals say how far a body is from rigid: where markers move among each other, a joint does too.
+        """
+        found = 0.0
+        for body, point in ((self.body[joint], self.centres[joint]), (self.body[joint + 1], np.zeros(2))):
+            position, angle = self.information[body]
+            arm = point - self.centroid[body]
+            found += 0.5 / position + 0.25 * float(arm @ arm) / angle
+        return float(found)
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -100,7 +112,7 @@ class Gap:
 
     @property
     def pinned(self) -> bool:
-        """The gap is at the noise: the joint holds."""
+        """The gap is at the noise: the joint holds. Where it is not known, it counts as holding."""
         return not self.acceleration > GIVES_WAY
 
 

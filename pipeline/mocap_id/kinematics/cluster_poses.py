@@ -10,11 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray, chunks
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, chunks
 from mocap_id.kinematics.rigid import fit_body, marker_residuals, rigid_poses
 from mocap_id.kinematics.sampling import frames_along_motion
 
+LEAST_MARKERS = 2
+"""Seen in a frame, a pose rests on at least so many."""
 _FRAMES = 600  # enough to find a cluster's shape
+_LEAST_SEEN = 5  # of these; a marker that is seen less has no known place on the body and takes no part
 _LEAST_SPREAD = 0.01  # m, rms distance of the markers from their centroid that still shows an angle
 _OUTLIER = 5.0  # of a marker's own residual: what is farther off in one frame is left out there
 _LEAST_RESIDUAL = 1e-3  # m; markers that fit better than this are not judged more strictly
@@ -26,8 +29,10 @@ class ClusterPose:
 
     Parameters
     ----------
-    local : (m,) complex array
-        Markers in the body's frame, m; x + i y.
+    markers : (k,) int array
+        The columns of the markers that show the pose.
+    local : (k,) complex array
+        Their places in the body's frame, m; x + i y.
     position : (F,) complex array
         Centroid of all its markers in the plane frame, m; NaN where fewer than two markers are seen.
     angle : (F,) array
@@ -38,6 +43,7 @@ class ClusterPose:
         rms distance of the markers from their places on the body, m.
     """
 
+    markers: IntArray
     local: ComplexArray
     position: ComplexArray
     angle: FloatArray
@@ -61,13 +67,18 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
     ClusterPose or None
         None for fewer than two markers, markers at one place, or markers that are never seen together.
     """
-    if points.shape[1] < 2:
+    together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= LEAST_MARKERS)
+    if points.shape[1] < LEAST_MARKERS or len(together) < 2:
         return None
-    together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= 2)
-    if len(together) < 2:
+    chosen = frames_along_motion(points, _FRAMES, together)
+    often = np.isfinite(points[chosen]).sum(axis=0) >= min(_LEAST_SEEN, len(chosen))
+    markers = np.flatnonzero(often)
+    if len(markers) < LEAST_MARKERS:
         return None
-    some = points[frames_along_motion(points, _FRAMES, together)]
-    body = fit_body(some, np.arange(points.shape[1]))
+    if not often.all():
+        points, wanted = points[:, markers], None if wanted is None else wanted[markers]
+    some = points[chosen]
+    body = fit_body(some, np.arange(len(markers)))
     if not np.sqrt(np.mean(np.abs(body.template) ** 2)) > _LEAST_SPREAD:
         return None
     own = np.maximum(marker_residuals(body, some), _LEAST_RESIDUAL)
@@ -76,10 +87,12 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
     for part in chunks(len(points)):
         rotation[part], position[part], count[part], off = _poses(points[part], body.template, own)
         squares, used = squares + float(off @ off), used + len(off)
-    turn, shift = _frame(body.template, wanted, rotation[count >= 2])
+    turn, shift = _frame(body.template, wanted, rotation[count >= LEAST_MARKERS])
     angle = np.full(len(points), np.nan)
-    angle[count >= 2] = np.unwrap(np.angle(rotation[count >= 2] / turn))
+    known = count >= LEAST_MARKERS
+    angle[known] = np.unwrap(np.angle(rotation[known] / turn))
     return ClusterPose(
+        markers=markers,
         local=turn * body.template + shift,
         position=position,
         angle=angle,
@@ -93,20 +106,38 @@ def _poses(
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
     """Rotation, position (f,; NaN where unknown), markers used (f,), and distances of those from their places, m."""
     seen = np.isfinite(points)
-    z = np.where(seen, points, 0)
-    rotation, position = rigid_poses(z, seen, template)
-    off = np.abs(z - position[:, None] - rotation[:, None] * template)
-    far = seen & (off > _OUTLIER * own)
-    far &= ((seen & ~far).sum(axis=1) >= 3)[:, None]
-    if far.any():
-        seen &= ~far
-        z[far] = 0
-        rotation, position = rigid_poses(z, seen, template)
-        off = np.abs(z - position[:, None] - rotation[:, None] * template)
+    rotation, position, off = _placed(points, seen, template)
+    while True:
+        far = np.any(seen & (off > _OUTLIER * own), axis=1) & (seen.sum(axis=1) > LEAST_MARKERS + 1)
+        rows = np.flatnonzero(far)
+        if not len(rows):
+            break
+        seen[rows, _worst(points[rows], seen[rows], template)] = False
+        rotation[rows], position[rows], off[rows] = _placed(points[rows], seen[rows], template)
     count = seen.sum(axis=1)
-    known = count >= 2
+    known = count >= LEAST_MARKERS
     unknown = np.where(known, 1.0, np.nan)
     return rotation * unknown, position * unknown, count, off[seen & known[:, None]]
+
+
+def _placed(
+    points: ComplexArray, seen: BoolArray, template: ComplexArray
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """Rotation and position (f,), and distances of all markers from their places (f, m), m."""
+    z = np.where(seen, points, 0)
+    rotation, position = rigid_poses(z, seen, template)
+    return rotation, position, np.abs(z - position[:, None] - rotation[:, None] * template)
+
+
+def _worst(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
+    """The marker (f,) without which the others fit best; a marker that jumps bends the fit of all."""
+    cost = np.full(seen.shape, np.inf)
+    for k in range(seen.shape[1]):
+        others = seen.copy()
+        others[:, k] = False
+        off = _placed(points, others, template)[2]
+        cost[:, k] = np.where(seen[:, k], np.sum(np.where(others, off**2, 0), axis=1), np.inf)
+    return np.asarray(np.argmin(cost, axis=1))
 
 
 def _frame(template: ComplexArray, wanted: ComplexArray | None, rotation: ComplexArray) -> tuple[complex, complex]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,10 +11,10 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.bands import Bands
 from mocap_id.dynamics.carry import Skeleton
-from mocap_id.dynamics.measured_motion import bridged, gaps, measured_motion, pinned
+from mocap_id.dynamics.measured_motion import measured_motion
 from mocap_id.dynamics.motion import Motion
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, made_ready, read_bodies
 from mocap_id.store import Table
 
 
@@ -63,10 +63,7 @@ def on_measured_poses(
     gravity : float
         m/s².
     """
-    found = read_bodies(poses, centres, used)
-    whole, _ = bridged(found.poses)
-    held = [joint for joint, gap in gaps(whole, np.ones(len(whole.time), dtype=bool)).items() if gap.pinned]
-    ready = replace(found, poses=pinned(whole, held))
+    ready = made_ready(read_bodies(poses, centres, used))
     return MovingBodies(_skeleton(ready), measured_motion(ready.poses, bands), gravity)
 
 

@@ -140,9 +140,9 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
 def _held_out(result: Identified) -> dict[str, FloatArray]:
     """What the folds found, as base parameters of the chain."""
     data = validation.data(result.validation, result.found.fit.base)
-    if result.folded is None:
-        return data
-    full = data["base"] @ result.folded.matrix.T + result.folded.constant
+    if result.folded is None or not len(data["base"]):
+        return data | {"base": np.zeros((0, len(result.in_chain.base))) if result.folded else data["base"]}
+    full = np.array([result.folded.chain(each) for each in data["base"]])
     return data | {"base": full @ result.chain.base.regrouping.T}
 
 

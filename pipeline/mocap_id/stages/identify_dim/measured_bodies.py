@@ -19,11 +19,13 @@ from mocap_id.dynamics.lowpass import LowPass, known
 from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, PoseFilter, bridged, gaps, measured_motion, pinned
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.solve import Compressed
+from mocap_id.kinematics.cluster_poses import LEAST_MARKERS
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
 from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
+_OFTEN = 0.8  # of the samples: a body that is seen less would leave too few to identify on
 _SEARCHED = 50.0  # Hz; cut-offs are chosen on samples that are no denser
 
 
@@ -82,11 +84,18 @@ def measured_bodies(context: Context, recorded: Recorded) -> tuple[MeasuredBodie
     A body of several segments can take their place: pelvis and trunk count as two or as one.
     """
     table = context.table("poses.parquet")
-    every = range(len(table.facts["bodies"]))
+    every = [k for k in range(len(table.facts["bodies"])) if _often_seen(table, k, recorded)]
     many = [k for k in every if len(table.facts["bodies"][k]["segments"]) > 1]
     single = [k for k in every if k not in many]
     ways = [single, *([k for k in every if not _part_of(table.facts["bodies"], k, whole)] for whole in many)]
-    return tuple(_ready(read_bodies(table, recorded.centres, way)) for way in ways if _whole(table, recorded, way))
+    return tuple(made_ready(read_bodies(table, recorded.centres, way)) for way in ways if _whole(table, recorded, way))
+
+
+def _often_seen(table: Table, body: int, recorded: Recorded) -> bool:
+    """Whether a body's pose is known in most of the samples in which the chain's states are."""
+    states = known(recorded.ddq)
+    seen = table.frame[f"markers_{body + 1}"].to_numpy()[states] >= LEAST_MARKERS
+    return bool(len(seen)) and float(np.mean(seen)) >= _OFTEN
 
 
 def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:
@@ -101,8 +110,8 @@ def _whole(table: Table, recorded: Recorded, used: Sequence[int]) -> bool:
     return segments == set(range(len(recorded.centres) + 1))
 
 
-def _ready(bodies: MeasuredBodies) -> MeasuredBodies:
-    """Short gaps bridged, joints that hold pinned."""
+def made_ready(bodies: MeasuredBodies) -> MeasuredBodies:
+    """The bodies with short gaps bridged and the joints that hold pinned."""
     poses, observed = bridged(bodies.poses)
     gap = gaps(poses, np.ones(len(poses.time), dtype=bool))
     held = [joint for joint, each in gap.items() if each.pinned]

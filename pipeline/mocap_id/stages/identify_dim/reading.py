@@ -129,7 +129,10 @@ def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodie
         return (), {"source": "chain", "why": "asked for" if context.settings.motion else "a robot's joint holds"}
     ways = measured_bodies(context, recorded)
     if not ways:
-        return (), {"source": "chain", "why": "a segment has too few markers to show its own pose"}
+        return (), {
+            "source": "chain",
+            "why": "a segment shows its own pose too seldom: too few of its markers are seen",
+        }
     gap = gap_facts(ways[0], joint_names(context))
     if ways[0].loosest <= GIVES_WAY:
         return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
@@ -139,9 +142,13 @@ def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodie
 def gap_facts(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:
     """JSON of the gaps: by the names of the joints between two bodies."""
     return {
-        names[joint]: {"gap_m": gap.size, "acceleration_m_s2": gap.acceleration, "pinned": gap.pinned}
+        names[joint]: {"gap_m": _known(gap.size), "acceleration_m_s2": _known(gap.acceleration), "pinned": gap.pinned}
         for joint, gap in bodies.gap.items()
     }
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _mass(context: Context, recorded: Recorded) -> float:

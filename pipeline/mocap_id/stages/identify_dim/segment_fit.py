@@ -29,7 +29,7 @@ from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, chosen_
 from mocap_id.stages.identify_dim.rivals import Rivals
 from mocap_id.stages.identify_dim.validation import Validation
 
-_MEMORY = 0.12  # s, over which residuals on measured poses stay correlated
+_CORRELATED = 0.12  # s, over which residuals on measured poses stay correlated
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class SegmentFit:
             measured = self.prepared.measured(found.fit.offset) - (found.plate_bias or 0.0) * np.array([1.0, 0.0, 0.0])
             residual = self._on_fit(measured - self.prepared.rows @ found.base)
             seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
-            share = len(found.base) / max(3 * seconds / _MEMORY, 1.0)
+            share = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
         return shown_noise(
             self.prepared,
             found,
@@ -307,12 +307,12 @@ def _sliding(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...
 
 
 def _centre_covariance(context: Context, bodies: MeasuredBodies) -> FloatArray:
-    """(n, 2, 2) of the joints' centres, m²: the joint fit's, and the gap where a joint gives way."""
+    """(n, 2, 2) of the joints' centres, m²: the joint fit's, the gap, and where the joint is in bodies that deform."""
     joints: Any = context.tree("chain.h5").data["joints"]
     covariance = np.array(joints["covariance"], dtype=np.float64)
     for joint, gap in bodies.gap.items():
         if np.isfinite(gap.size):
-            covariance[joint] += gap.size**2 * np.eye(2)
+            covariance[joint] += (gap.size**2 / 2 + bodies.poses.place_variance(joint)) * np.eye(2)
     return covariance
 
 
@@ -321,9 +321,9 @@ def _in_chain(
 ) -> tuple[Identification, FloatArray]:
     """The chain's base and full parameters from the bodies', and the prior's share of each base parameter."""
     own, recorded = slice(found.fit.base), prepared.recorded
-    base, covariance = in_base(folded, prepared.base, found.full, found.covariance)
-    _, residual = in_base(folded, prepared.base, found.full, found.residual_covariance)
-    chain = folded.matrix @ found.full + folded.constant
+    covariance = in_base(folded, prepared.base, found.covariance)
+    residual = in_base(folded, prepared.base, found.residual_covariance)
+    chain = folded.chain(found.full)
     mean = np.nanmean(recorded.q[found.fit.in_fit], axis=0)
     moved = centre_response(prepared.base, recorded.centres, mean, chain)
     covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centres, moved)
@@ -334,11 +334,11 @@ def _in_chain(
     share = np.einsum("bp,pq,bq->b", rows, by_prior, rows) / np.einsum("bp,pq,bq->b", rows, gained[own, own], rows)
     in_chain = replace(
         pinned,
-        base=base,
+        base=prepared.base.regrouping @ chain,
         base_sd=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         residual_covariance=residual,
-        full=folded.chain(found.full),
+        full=chain,
         masses=np.full(len(pinned.masses), np.nan),
     )
     return in_chain, np.clip(share, 0.0, 1.0)

@@ -57,10 +57,10 @@ def measured_poses(
         )
         pose = measure_cluster(points, _in_body_frame(chain, local, numbers, angles)[own])
         if pose is not None:
-            found.append((name, numbers, [labels[k] for k in own], pose))
+            found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
     others = measure_cluster(_complex(view.without_bursts(free))) if len(free) > 1 else None
     if others is not None:
-        found.append((OTHERS, [], [view.labels[k] for k in free], others))
+        found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
     return Table(POSES, _frame(view, [pose for *_, pose in found]), {"bodies": [_fact(*each) for each in found]})
 
 

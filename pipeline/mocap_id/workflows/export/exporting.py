@@ -10,6 +10,7 @@ from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.export.forces import forces
+from mocap_id.workflows.export.free_bodies import free_model, free_poses, free_states
 from mocap_id.workflows.export.markers import markers
 from mocap_id.workflows.export.motions import angles, states, torques
 from mocap_id.workflows.export.opensim import opensim
@@ -19,10 +20,10 @@ from mocap_id.workflows.run_folder import RunFolder, open_run
 
 FORMATS: Mapping[str, tuple[Callable[[RunFolder], Parts], ...]] = {
     "trc": (markers,),
-    "mot": (angles, forces),
-    "sto": (states, torques),
+    "mot": (angles, forces, free_poses),
+    "sto": (states, torques, free_states),
     "csv": (spreadsheets,),
-    "osim": (opensim,),
+    "osim": (opensim, free_model),
 }
 """What makes the files of each format."""
 

@@ -92,7 +92,15 @@ def _identified(run: RunFolder) -> str:
     base: Any = tree.data["base"]
     verdicts = [str(verdict) for verdict in base["verdict"]]
     names = [str(name) for name in base["name"]]
-    table = run.facts("dynamics.h5").get("reference_table")
+    facts = run.facts("dynamics.h5")
+    table, motion = facts.get("reference_table"), facts.get("motion") or {}
+    if motion.get("used"):
+        return (
+            f"those of {', '.join(motion['bodies'])}, identified on their measured poses and put on the chain of pins. "
+            f"What the recording leaves open follows {motion['prior'] if table is None else _table(run)}; a single "
+            "segment's mass is not to be read off. Torques and modelled wrench of the run are those of the bodies, not "
+            "of this chain"
+        )
     rest = "one of the bodies that can exist" if table is None else _table(run)
     return (
         f"the {len(names)} base parameters ({_counted(verdicts)}) are identified; how they are shared between m, "

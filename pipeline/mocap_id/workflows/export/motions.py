@@ -28,7 +28,7 @@ def angles(run: RunFolder) -> Parts:
         return found
     skeleton, motion = found
     values = np.degrees(motion.angles)
-    return _table(
+    return sampled(
         angles_file(run), "joint angles", coordinate_names(skeleton), values, time=motion.time, in_degrees=True
     )
 
@@ -48,14 +48,19 @@ def states(run: RunFolder) -> Parts:
     ]
     columns = [*(f"{path}/value" for path in paths), *(f"{path}/speed" for path in paths)]
     values = np.column_stack([motion.mean[..., 0], motion.mean[..., 1]])
-    kinematics = _table(f"{run.name}_states.sto", "joint states", columns, values, time=motion.time)
-    return kinematics + _table(
+    kinematics = sampled(f"{run.name}_states.sto", "joint states", columns, values, time=motion.time)
+    return kinematics + sampled(
         f"{run.name}_accelerations.sto",
         "joint accelerations",
         coordinate_names(skeleton),
         motion.mean[..., 2],
         time=motion.time,
     )
+
+
+def torques_file(run: RunFolder) -> str:
+    """Name of the joint torques' file."""
+    return f"{run.name}_torques.sto"
 
 
 def torques(run: RunFolder) -> Parts:
@@ -68,11 +73,11 @@ def torques(run: RunFolder) -> Parts:
     notes: tuple[str, ...] = ()
     parts = Parts()
     if columns:
-        parts += _table(f"{run.name}_wrench.sto", "wrench", columns, frame[columns].to_numpy(np.float64), time=time)
+        parts += sampled(f"{run.name}_wrench.sto", "wrench", columns, frame[columns].to_numpy(np.float64), time=time)
     values = frame[[f"tau_{j}" for j in range(1, len(skeleton.joints) + 1)]].to_numpy(dtype=np.float64)
     if np.isfinite(values).any():
         names = [f"{name}_moment" for name in coordinate_names(skeleton)]
-        parts += _table(f"{run.name}_torques.sto", "joint torques", names, values, time=time)
+        parts += sampled(torques_file(run), "joint torques", names, values, time=time)
     else:
         notes = (f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}",)
     return parts + Parts(notes=notes)
@@ -95,11 +100,17 @@ def known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...
     return known, tuple(said)
 
 
-def _table(
+def sampled(
     file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> Parts:
+    """A table of the columns that say anything, and of the rows in which all of these are known."""
+    said: BoolArray = np.asarray(np.isfinite(values).any(axis=0))
+    silent = [name for name, any_known in zip(columns, said, strict=True) if not any_known]
+    labels, values = [name for name in columns if name not in silent], values[:, said]
     known, notes = known_rows(file, values)
-    text = motion_text(title, columns, values[known], time=time[known], in_degrees=in_degrees)
+    if silent:
+        notes = (f"{file}: columns left out, because nothing in them is known: {', '.join(silent)}", *notes)
+    text = motion_text(title, labels, values[known], time=time[known], in_degrees=in_degrees)
     return Parts({file: text.encode()}, notes)
 
 

@@ -39,6 +39,11 @@ def spreadsheets(run: RunFolder) -> Parts:
     sources = {"markers": "planar.parquet", "states": "states.parquet", "skeleton": "chain.h5"}
     missing = [name for name, table in tables.items() if table is None]
     notes = tuple(f"csv: no {name}: {run.why_missing(sources.get(name, 'dynamics.h5'))}" for name in missing)
+    if (run.facts("dynamics.h5").get("motion") or {}).get("used"):
+        notes += (
+            "csv: torques and modelled wrench are those of bodies on their measured poses; states and base parameters "
+            "are those of the chain",
+        )
     files = {
         f"{run.name}_{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
         for name, table in tables.items()

@@ -164,8 +164,7 @@ def reference_series(one: Case, found: Obtained) -> tuple[FloatArray, FloatArray
     base = found.gauge.into_plane(np.array([one.reference[name] for name in PARAMETERS]))
     tree: Any = Folder(done.source).read("dynamics.h5")
     full = np.linalg.pinv(np.asarray(tree.data["base"]["regrouping"], dtype=np.float64)) @ base
-    regressor = done.regressor()
-    return regressor @ full, (done.torque_regressor(regressor) @ full)[:, 0]
+    return done.chain.regressor @ full, (done.chain.torque_regressor @ full)[:, 0]
 
 
 def _torque(one: Case, found: Obtained, torque: FloatArray) -> Errors:

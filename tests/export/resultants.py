@@ -1,0 +1,74 @@
+"""What free bodies need together about a point: the sums that make joint torques and the ground's wrench of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.recording.tables import MotionTable
+
+COMPONENTS = ("Fx", "Fy", "tauz")
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Exported poses of free bodies, and their frames' origins (T, K, 2), m, and angles (T, K), rad."""
+
+    names: tuple[str, ...]
+    origin: np.ndarray
+    angle: np.ndarray
+
+    @staticmethod
+    def of(states: MotionTable, names: tuple[str, ...], time: np.ndarray) -> Poses:
+        """At the given times."""
+
+        def column(name: str, coordinate: str) -> np.ndarray:
+            return np.interp(time, states.time, states[f"/jointset/{name}_pose/{name}_{coordinate}/value"])
+
+        place = [np.stack([column(name, "tx"), column(name, "ty")], axis=-1) for name in names]
+        return Poses(names, np.stack(place, axis=1), np.stack([column(name, "rz") for name in names], axis=1))
+
+    def joint(self, joint: int, centres: np.ndarray) -> np.ndarray:
+        """(T, 2) centre of a joint, from 0, between neighbouring bodies: the mean of those on its two sides."""
+        c, s, (x, y) = np.cos(self.angle[:, joint]), np.sin(self.angle[:, joint]), centres[joint]
+        near = self.origin[:, joint] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        return (near + self.origin[:, joint + 1]) / 2
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Forces (T, K, 2), N, at the origins of the bodies' frames, and moments (T, K) about these, N·m."""
+
+    poses: Poses
+    force: np.ndarray
+    moment: np.ndarray
+
+    @staticmethod
+    def of(poses: Poses, column: Callable[[str, str], np.ndarray]) -> Needs:
+        """By ``column(body, coordinate)``."""
+        force = [np.stack([column(name, "tx"), column(name, "ty")], axis=-1) for name in poses.names]
+        return Needs(
+            poses, np.stack(force, axis=1), np.stack([np.asarray(column(name, "rz")) for name in poses.names], axis=1)
+        )
+
+    def about(self, point: np.ndarray, first: int = 0) -> np.ndarray:
+        """(T,) moment about points (T, 2) of what the bodies from ``first`` on need together."""
+        arm, force = (self.poses.origin - point[:, None])[:, first:], self.force[:, first:]
+        turning = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
+        return np.asarray((self.moment[:, first:] + turning).sum(axis=1))
+
+    def errors(self, time: np.ndarray, dynamics: pd.DataFrame, centres: np.ndarray) -> dict[str, np.ndarray]:
+        """Torques and the whole wrench, less those of a table with tau_1 … and *_model, by column.
+
+        The last of the bodies may be one of no segment; it is beyond every joint.
+        """
+        ground = self.about(np.zeros((len(time), 2)))
+        ours = dict(zip(COMPONENTS, (*self.force.sum(axis=1).T, ground), strict=True))
+        found = {f"{name}_model": values for name, values in ours.items()}
+        for joint in range(len(centres)):
+            if dynamics[f"tau_{joint + 1}"].notna().any():
+                found[f"tau_{joint + 1}"] = self.about(self.poses.joint(joint, centres), joint + 1)
+        return {name: values - np.interp(time, dynamics["time"], dynamics[name]) for name, values in found.items()}
