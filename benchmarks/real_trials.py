@@ -28,9 +28,10 @@ from mocap_id.protocols.reference_body import no_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, read_bodies
+from mocap_id.stages.identify_dim.pins import held_pinned
 from mocap_id.stages.identify_dim.reading import fit_chain, read_trial
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments, held_pinned
+from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.store import Folder
 from mocap_id.workflows.finished import Finished, finished
 from mocap_id.workflows.transfer import CARRIED, HELD_OUT, OWN, SERIES, apply, rms
@@ -75,8 +76,9 @@ chosen anew for each row.
 
 On `STS1` the new fit takes half of the CoP's error, and the open hip most of Fy's. On `squats1` the body of other
 markers takes most, and the open hip much of the rest. Ankle and knee may stay pinned or open: open is a little worse
-here. The table's prior helps on `STS1` and changes nothing on `squats1`. The tables' own bodies gain from the measured
-poses too: Winter's is better than the pinned chain in Fy on both trials.
+here. Without the table, on an even prior, the wrench is predicted about as well: the
+[prior](dynamics.md#the-loose-prior) is there for what the wrench does not show. The tables' own bodies gain from the
+measured poses too: Winter's is better than the pinned chain in Fy on both trials.
 
 ## Gaps at the joints
 

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from mocap_id.dynamics.base import structural_base
 from mocap_id.dynamics.clock import profile_offset
 from mocap_id.dynamics.fit import Fit, determined, fit
-from mocap_id.dynamics.fold import fold, in_base
+from mocap_id.dynamics.fold import fold
 from mocap_id.dynamics.held_out import hold_out, parts
 from mocap_id.dynamics.loose_prior import BodyPrior, table_prior
 from mocap_id.dynamics.measured_motion import BodyPoses
@@ -131,7 +131,7 @@ def test_on_an_exact_chain_it_says_what_the_chain_s_fit_says(wide: bool) -> None
     found = fit(prepared, EVERYTHING)
     base = structural_base(CENTRES)
     folded = fold(poses, q, found.in_fit, np.full(16, np.nan), np.full(16, np.nan))
-    value, _ = in_base(folded, base, found.problem.free_solution()[:16], found.covariance[:16, :16])
+    value = base.regrouping @ folded.chain(found.problem.free_solution()[:16])
     chain = fit(prepare(replace(recorded, measured=None), FitSettings(cutoff=5.0)), EVERYTHING)
     own = chain.problem.free_solution()[:11]
     np.testing.assert_allclose(own, base.regrouping @ BODY.ravel(), rtol=1e-5, atol=1e-5)

@@ -45,8 +45,8 @@ class Solution:
     answer : Answer
         The one that was taken, checked on the whole problem.
     other : Answer
-        The solver that was asked too: for the grid the other of OSQP and non-negative least squares, for the cone the
-        better of the two on the grid, which lies within the cone.
+        The solver that was asked too: for the grid the other of OSQP and non-negative least squares, for the cone
+        non-negative least squares on the grid, which lies within the cone.
     disagreement : float
         How far the other's cost is above the answer's, relative to it.
     price : float
@@ -99,18 +99,24 @@ def fit_consistent(
     """
     small, full_moments = problem.over(len(regrouping)), grid.moments()
     moments = regrouping @ full_moments
-    answer, other = _choice(solve_osqp(small, moments), solve_nnls(small, moments))
-    masses = spread_masses(moments, answer.body, full_moments, reference, deviations(reference, relative_sd))
-    full = full_moments @ masses
-    bodies = _bodies(regrouping, grid, consistency)
+    bodies, masses = _bodies(regrouping, grid, consistency), solve_nnls(small, moments)
+
+    def spread(answer: Answer) -> FloatArray:
+        return spread_masses(moments, answer.body, full_moments, reference, deviations(reference, relative_sd))
+
     if isinstance(bodies, ConeBodies):
         links = solve_links(small, bodies)
-        if links.optimality.proven and links.cost - answer.cost <= PROVEN * small.floor(answer.cost):
-            aim = np.where(np.isfinite(reference), reference, full)
+        if links.optimality.proven and links.cost - masses.cost <= PROVEN * small.floor(masses.cost):
+            known = np.isfinite(reference).all()
+            aim = reference if known else np.where(np.isfinite(reference), reference, full_moments @ spread(masses))
             full = closest_links(bodies, links.body, aim, deviations(aim, relative_sd))
-            nowhere = np.full(len(masses), np.nan)
-            return _solution(problem, bodies, (consistency, consistency), (full, nowhere), (links, answer))
-    return _solution(problem, GridBodies(moments), (consistency, "grid"), (full, masses), (answer, other))
+            nowhere = np.full(full_moments.shape[1], np.nan)
+            return _solution(problem, bodies, (consistency, consistency), (full, nowhere), (links, masses))
+    answer, other = _choice(solve_osqp(small, moments), masses)
+    found = spread(answer)
+    return _solution(
+        problem, GridBodies(moments), (consistency, "grid"), (full_moments @ found, found), (answer, other)
+    )
 
 
 def fit_quickly(problem: Compressed, regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -> FloatArray:

@@ -69,6 +69,19 @@ class BodyPoses:
         """Joints, from 0, whose two sides are different bodies."""
         return [j for j in range(len(self.centres)) if self.body[j] != self.body[j + 1]]
 
+    def one(self, body: int) -> BodyPoses:
+        """One of the bodies by itself, without joints."""
+        own = slice(body, body + 1)
+        return BodyPoses(
+            time=self.time,
+            position=self.position[:, own],
+            angle=self.angle[:, own],
+            centroid=self.centroid[own],
+            information=self.information[own],
+            body=np.zeros(1, dtype=np.int64),
+            centres=np.zeros((0, 2)),
+        )
+
     @property
     def origin(self) -> FloatArray:
         """(T, K, 2) origins of the bodies' frames, m."""
@@ -234,15 +247,10 @@ class PoseFilter:
         arm = planar.rotate(angle, -poses.centroid)  # from the centroid to the frame's origin
         origin = np.stack([x, y], axis=-1) + arm
         acceleration = np.stack([ddx, ddy], axis=-1) + point_acceleration(arm, omega, alpha)
-        joint = np.full((len(angle), len(poses.centres), 2), np.nan)
-        for j in poses.joints:
-            before, after = int(poses.body[j]), int(poses.body[j + 1])
-            near = origin[:, before] + planar.rotate(angle[:, before], poses.centres[j])
-            joint[:, j] = (near + origin[:, after]) / 2
         place = np.full(angle.shape[1], len(poses.body))  # bodies of no segment are beyond every joint
         place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
         beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
-        return Motion(angle, omega, alpha, origin, acceleration, joint, beyond)
+        return Motion(angle, omega, alpha, origin, acceleration, joint_centres(poses, angle, origin), beyond)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One coordinate of all bodies (T, K) and its two derivatives."""
@@ -253,6 +261,24 @@ class PoseFilter:
             smooth = np.stack([lowpass(column) for column in columns], axis=1)
             self._known[key] = (smooth, *_derivatives(smooth, self._poses.rate))
         return self._known[key]
+
+
+def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
+    """(T, n, 2) means of the joints' places on their two sides, m; NaN where both sides are one body.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+        How the joints lie in the bodies.
+    angle, origin : (T, K) and (T, K, 2) arrays
+        Of the bodies' frames, rad and m.
+    """
+    joint = np.full((len(angle), len(poses.centres), 2), np.nan)
+    for j in poses.joints:
+        before, after = int(poses.body[j]), int(poses.body[j + 1])
+        near = origin[:, before] + planar.rotate(angle[:, before], poses.centres[j])
+        joint[:, j] = (near + origin[:, after]) / 2
+    return joint
 
 
 def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Motion:

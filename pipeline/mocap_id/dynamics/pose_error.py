@@ -18,7 +18,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
+from mocap_id.dynamics.measured_motion import BodyPoses, joint_centres, measured_motion
 from mocap_id.dynamics.motion import Motion
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.regressor import wrench_regressor
@@ -151,18 +151,20 @@ class _Trace:
 
         The errors have the shape (t,), in the body's frame.
         """
-        poses, wrench, torque = self.poses, [], []
+        poses, base, wrench, torque = self.poses.one(body), self.motion, [], []
         for axis in range(3):
-            position, angle = poses.position.copy(), poses.angle.copy()
+            position, turned = poses.position.copy(), poses.angle.copy()
             if axis < 2:
-                position[:, body] += planar.rotate(poses.angle[:, body], _STEP * np.eye(2)[axis]) * shape[:, None]
+                position[:, 0] += planar.rotate(poses.angle[:, 0], _STEP * np.eye(2)[axis]) * shape[:, None]
             else:
-                angle[:, body] += _STEP * shape
-            moved = measured_motion(replace(poses, position=position, angle=angle), self.bands)
-            after = self.wrenches.copy()
-            after[:, body] = _wrenches(_one(moved, body), self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+                turned[:, 0] += _STEP * shape
+            moved = measured_motion(replace(poses, position=position, angle=turned), self.bands)
+            after, angle, origin = self.wrenches.copy(), base.angle.copy(), base.origin.copy()
+            after[:, body] = _wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+            angle[:, body], origin[:, body] = moved.angle[:, 0], moved.origin[:, 0]
+            there = replace(base, joint=joint_centres(self.poses, angle, origin))
             wrench.append((after[:, body] - self.wrenches[:, body]) / _STEP)
-            torque.append((_torques(moved, after) - _torques(self.motion, self.wrenches)) / _STEP)
+            torque.append((_torques(there, after) - _torques(base, self.wrenches)) / _STEP)
         return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
 
 
@@ -171,19 +173,6 @@ def _shapes(q: FloatArray, samples: BoolArray) -> FloatArray:
     own = q[samples]
     spread = np.nanstd(own, axis=0)
     return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
-
-
-def _one(motion: Motion, body: int) -> Motion:
-    own = slice(body, body + 1)
-    return replace(
-        motion,
-        angle=motion.angle[:, own],
-        omega=motion.omega[:, own],
-        alpha=motion.alpha[:, own],
-        origin=motion.origin[:, own],
-        acceleration=motion.acceleration[:, own],
-        beyond=motion.beyond[:, own],
-    )
 
 
 def _wrenches(motion: Motion, full: FloatArray, gravity: float) -> FloatArray:

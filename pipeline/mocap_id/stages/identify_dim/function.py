@@ -20,10 +20,11 @@ from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim import surroundings, validation
 from mocap_id.stages.identify_dim.encoder_torque import torque_facts
 from mocap_id.stages.identify_dim.motion_reasons import motion_reasons
+from mocap_id.stages.identify_dim.pins import pinned_facts
 from mocap_id.stages.identify_dim.reading import Reading, fit_chain, gap_facts, joint_names, read_trial
 from mocap_id.stages.identify_dim.repetition_averages import averages
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments, pinned_facts
+from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.unknown import Unknown
 from mocap_id.store import Table, Tree

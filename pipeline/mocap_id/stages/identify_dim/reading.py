@@ -24,8 +24,9 @@ from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, measured_bodies, with_prior
+from mocap_id.stages.identify_dim.pins import poses_predict_better
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
-from mocap_id.stages.identify_dim.segment_fit import fit_segments, poses_predict_better
+from mocap_id.stages.identify_dim.segment_fit import fit_segments
 from mocap_id.stages.identify_dim.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Tree
 from mocap_id.verdict import Reason
@@ -73,6 +74,7 @@ class Reading:
 
 
 def read_trial(context: Context) -> Reading:
+    """Read a trial, choose the motion that moves its masses, and find the samples to identify on."""
     settings: IdentifyDimSettings = context.settings
     chain = ChainGeometry.of(context.tree("chain.h5"))
     recorded = _recorded(context, chain)
@@ -160,6 +162,7 @@ def _mass(context: Context, recorded: Recorded) -> float:
 def fit_chain(
     context: Context, prepared: Prepared, movement: Movement, grid: PointGrid, bodies: Rivals
 ) -> Identification:
+    """Identify the pinned chain."""
     settings: IdentifyDimSettings = context.settings
     return identify(
         prepared,
@@ -174,6 +177,7 @@ def fit_chain(
 
 
 def joint_names(context: Context) -> list[str]:
+    """Names of the chain's joints; numbers where it has none."""
     joints: Any = context.tree("chain.h5").data["joints"]
     numbers = [f"joint {j}" for j in range(1, len(joints["centre"]) + 1)]
     return [str(name) for name in joints.get("name", numbers)]

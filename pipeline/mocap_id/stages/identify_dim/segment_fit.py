@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.bands import ChosenBands, series_cost
-from mocap_id.dynamics.comparison import Comparison, compare
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.bands import ChosenBands
 from mocap_id.dynamics.fold import Fold, centre_response, fold, in_base
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.held_out import parts
@@ -145,32 +144,24 @@ def fit_segments(
     tables : Rivals
         Bodies from tables, on the chain.
     """
-    settings, recorded, gate = context.settings, prepared.recorded, movement.free
-    reference = tables.chosen.parameters
+    settings, recorded, gate, reference = context.settings, prepared.recorded, movement.free, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
     bodies, prior, bands = _best_way(ways, prepared, movement, tables.chosen, mass)
     ready = with_prior(bodies, recorded, prepared.settings, prior, bands.bands)
-    grid = bodies.grid(settings.grid)
     found = identify(
         ready,
         gate,
-        grid,
+        grid := bodies.grid(settings.grid),
         prior.mean,
         KinematicError.none(recorded.q.shape[1]),
         consistency=settings.consistency or "cone",
         reference_sd=settings.reference_sd,
     )
-    errors = PoseErrors(bodies.poses, _sliding(context, bodies), bands.bands)
-    effect = pose_effect(ready, found.fit, found.base, errors)
-    found = _with_effect(found, effect)
-    sd = deviations(reference, settings.reference_sd)
-    folded = fold(bodies.poses, recorded.q, found.fit.in_fit, reference, sd)
-    centres = _centre_covariance(context, bodies)
+    effect = pose_effect(ready, found.fit, found.base, PoseErrors(bodies.poses, _sliding(context, bodies), bands.bands))
+    found, centres = _with_effect(found, effect), _centre_covariance(context, bodies)
+    usual = deviations(reference, settings.reference_sd)
+    folded = fold(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
     in_chain, share = _in_chain(prepared, pinned, found, folded, centres)
-    every = tuple(
-        replace(each, parameters=loose_prior(bodies, recorded.q, gate, each, mass).mean) for each in tables.every
-    )
-    known = prior.mean if np.isfinite(reference).all() else np.full(len(prior.mean), np.nan)
     return SegmentFit(
         bodies=bodies,
         prepared=ready,
@@ -178,7 +169,7 @@ def fit_segments(
         in_chain=in_chain,
         prior=prior,
         bands=bands,
-        rivals=Rivals(replace(tables.chosen, parameters=known), every),
+        rivals=_of_bodies(tables, lambda table: loose_prior(bodies, recorded.q, gate, table, mass).mean),
         chain_reference=reference,
         prior_share=share,
         folded=folded,
@@ -187,6 +178,14 @@ def fit_segments(
         centre_sd=np.sqrt(np.einsum("jkk->j", centres) / 2),
         effect=effect,
     )
+
+
+def _of_bodies(tables: Rivals, mean: Callable[[ReferenceBody], FloatArray]) -> Rivals:
+    """Tables of people as parameters of the bodies; NaN where none applies."""
+    every = tuple(replace(each, parameters=mean(each)) for each in tables.every)
+    chosen = mean(tables.chosen)
+    known = np.isfinite(tables.chosen.parameters).all()
+    return Rivals(replace(tables.chosen, parameters=np.where(known, chosen, np.nan)), every)
 
 
 def _best_way(
@@ -198,74 +197,6 @@ def _best_way(
         prior = loose_prior(way, prepared.recorded.q, gate, table, mass)
         tried.append((way, prior, chosen_bands(way, prepared, prior, gate, part)))
     return min(reversed(tried), key=lambda each: each[2].cost)
-
-
-def held_pinned(
-    prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit
-) -> tuple[BoolArray, FloatArray, FloatArray] | None:
-    """Left-out repetitions on the pinned chain: samples (T,), model and measurement (T, 3) after the bodies' low-pass.
-
-    None where no repetition could be left out on both motions; the samples are those that both predicted.
-    """
-    on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
-    on_bodies = segments.validation.held_out
-    if on_chain is None or on_bodies is None:
-        return None
-    both = on_chain.samples & on_bodies.samples
-    lowpass = segments.prepared.lowpass
-    return both, lowpass(on_chain.wrench), lowpass(on_chain.measured)
-
-
-def poses_predict_better(prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit) -> bool:
-    """Whether left-out repetitions are predicted better on measured poses than on the pinned chain."""
-    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
-    if chain is None or bodies is None:
-        return True
-    both, model, measured = chain
-    known = both & np.isfinite(model).all(axis=1)
-    return series_cost(bodies.filtered[known], bodies.filtered_measured[known]) < series_cost(
-        model[known], measured[known]
-    )
-
-
-def pinned_facts(
-    prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit, threshold: float
-) -> dict[str, Any]:
-    """What pins would cost: the pinned chain and the measured poses on the same samples, after the same low-pass.
-
-    Parameters
-    ----------
-    prepared, pinned
-        The pinned chain and what was identified on it.
-    movement : Movement
-    segments : SegmentFit
-    threshold : float
-        Vertical force up to which there is no centre of pressure, N.
-    """
-    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
-    if chain is None or bodies is None:
-        why = segments.validation.why
-        return {"why": why, "chain": None, "segments": None, "clock_offset_s": _clock(pinned)}
-    both, model, measured = chain
-    both = both & np.isfinite(model).all(axis=1)
-    return {
-        "why": None,
-        "samples": int(both.sum()),
-        "chain": comparison_facts(compare(model, measured, both, threshold)),
-        "segments": comparison_facts(compare(bodies.filtered, bodies.filtered_measured, both, threshold)),
-        "clock_offset_s": _clock(pinned),
-    }
-
-
-def _clock(found: Identification) -> float | None:
-    """The clock offset that was found, s; None where the trial does not show it."""
-    return found.fit.found if found.fit.offset_known else None
-
-
-def comparison_facts(compared: Comparison) -> dict[str, Any]:
-    """JSON of a comparison."""
-    wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
-    return {"wrench": wrench, "cop_rms_m": compared.cop_rms}
 
 
 def filtered_measured(prepared: Prepared, found: Identification) -> FloatArray:
@@ -331,7 +262,8 @@ def _in_chain(
     design = found.fit.design.reshape(-1, found.fit.design.shape[-1])
     gained = np.linalg.inv(design.T @ design + found.fit.prior_precision)
     by_prior = (gained @ found.fit.prior_precision @ gained)[own, own]
-    share = np.einsum("bp,pq,bq->b", rows, by_prior, rows) / np.einsum("bp,pq,bq->b", rows, gained[own, own], rows)
+    whole = np.einsum("bp,pq,bq->b", rows, gained[own, own], rows)
+    share = np.einsum("bp,pq,bq->b", rows, by_prior, rows) / np.where(whole > 0.0, whole, np.nan)
     in_chain = replace(
         pinned,
         base=prepared.base.regrouping @ chain,
