@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.held_out import HeldOut
 from mocap_id.dynamics.measured_motion import CUTOFFS, USUAL
 
@@ -76,11 +75,6 @@ def held_out_cost(held: HeldOut | None) -> float:
     """Sum of the logarithms of the rms errors of Fx, Fy and tauz within the band; infinite without predictions."""
     if held is None:
         return float("inf")
-    return series_cost(held.filtered[held.samples], held.filtered_measured[held.samples])
-
-
-def series_cost(model: FloatArray, measured: FloatArray) -> float:
-    """The same of predictions (R, 3) and measurements (R, 3)."""
-    off = model - measured
+    off = (held.filtered - held.filtered_measured)[held.samples]
     off = off[np.isfinite(off).all(axis=1)]
     return float(np.sum(np.log(np.sqrt(np.mean(off**2, axis=0)) + 1e-9))) if len(off) else float("inf")

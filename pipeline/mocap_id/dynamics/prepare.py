@@ -17,7 +17,8 @@ from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, know
 from mocap_id.dynamics.motion import Motion, chain_motion
 from mocap_id.dynamics.regressor import wrench_regressor
 
-_MEASURED_CUTOFF = 5.0  # Hz: people move below, and the poses were filtered before
+MEASURED_CUTOFF = 5.0
+"""Hz, of regressor and wrench on measured poses: people move below, and the poses were filtered before."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +263,7 @@ def _cutoff(recorded: Recorded, settings: FitSettings) -> float:
     if settings.cutoff is not None:
         return settings.cutoff
     if recorded.measured is not None:
-        return min(_MEASURED_CUTOFF, recorded.rate / 5)
+        return min(MEASURED_CUTOFF, recorded.rate / 5)
     return cutoff_from_velocity(recorded.dq, recorded.rate)
 
 

@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.bands import Bands, ChosenBands, choose_bands
-from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.bands import Bands
 from mocap_id.dynamics.fold import gather, relative
 from mocap_id.dynamics.grid import PointGrid, segment_grid
-from mocap_id.dynamics.held_out import HeldOut, hold_out
 from mocap_id.dynamics.loose_prior import BodyPrior, even_prior, table_prior, without_others
-from mocap_id.dynamics.lowpass import LowPass, known
-from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, PoseFilter, bridged, gaps, measured_motion, pinned
+from mocap_id.dynamics.lowpass import known
+from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, bridged, gaps, measured_motion, pinned
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
-from mocap_id.dynamics.solve import Compressed
 from mocap_id.kinematics.cluster_poses import LEAST_MARKERS
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
@@ -26,7 +23,6 @@ from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
 _OFTEN = 0.8  # of the samples: a body that is seen less would leave too few to identify on
-_SEARCHED = 50.0  # Hz; cut-offs are chosen on samples that are no denser
 
 
 @dataclass(frozen=True)
@@ -196,47 +192,3 @@ def with_prior(
 ) -> Prepared:
     """The trial made ready on the bodies' motion."""
     return prepare(bodies.recorded(recorded, bands), settings, prior)
-
-
-def chosen_bands(
-    bodies: MeasuredBodies, prepared: Prepared, prior: BodyPrior, gate: BoolArray, part: IntArray
-) -> ChosenBands:
-    """Cut-offs with which left-out repetitions are predicted best, on thinned samples.
-
-    Parameters
-    ----------
-    gate : (T,) bool array
-        Samples where the ground is all that the body touches.
-    part : (T,) int array
-        The repetition of each sample.
-    """
-    recorded = prepared.recorded
-    step = max(1, int(recorded.rate / _SEARCHED))
-    some = slice(None, None, step)
-    smooth = LowPass(_SEARCHED / 4, recorded.rate) if step > 1 else (lambda signal: signal)
-    thin = replace(
-        recorded,
-        time=recorded.time[some],
-        q=recorded.q[some],
-        dq=recorded.dq[some],
-        ddq=recorded.ddq[some],
-        ddq_sd=recorded.ddq_sd[some],
-        observed=recorded.observed[some],
-        wrench=smooth(recorded.wrench)[some],
-        external=tuple(replace(each, wrench=smooth(each.wrench)[some]) for each in recorded.external),
-    )
-    poses = bodies.poses
-    series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)
-    series = np.stack([smooth(series[:, k]) for k in range(series.shape[1])], axis=1)[some]
-    thinned = replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2])
-    filtered, observed = PoseFilter(thinned), bodies.observed[some]
-    first: list[Fit] = []
-
-    def predicted(bands: Bands) -> HeldOut | None:
-        moved = replace(thin, measured=filtered.motion(bands), observed=observed)
-        ready = prepare(moved, prepared.settings, prior)
-        found = fit(ready, gate[some], first[0] if first else None)
-        first.append(found)
-        return hold_out(ready, gate[some], found, part[some], Compressed.free_solution)
-
-    return choose_bands(predicted)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.bands import series_cost
 from mocap_id.dynamics.comparison import Comparison, compare
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.prepare import Prepared
@@ -17,7 +16,7 @@ from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit
 
 
-def held_pinned(
+def _held_pinned(
     prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit
 ) -> tuple[BoolArray, FloatArray, FloatArray] | None:
     """Left-out repetitions on the pinned chain: samples (T,), model and measurement (T, 3) after the bodies' low-pass.
@@ -31,18 +30,6 @@ def held_pinned(
     both = on_chain.samples & on_bodies.samples
     lowpass = segments.prepared.lowpass
     return both, lowpass(on_chain.wrench), lowpass(on_chain.measured)
-
-
-def poses_predict_better(prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit) -> bool:
-    """Whether left-out repetitions are predicted better on measured poses than on the pinned chain."""
-    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
-    if chain is None or bodies is None:
-        return True
-    both, model, measured = chain
-    known = both & np.isfinite(model).all(axis=1)
-    return series_cost(bodies.filtered[known], bodies.filtered_measured[known]) < series_cost(
-        model[known], measured[known]
-    )
 
 
 def pinned_facts(
@@ -59,7 +46,7 @@ def pinned_facts(
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
     """
-    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
+    chain, bodies = _held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
     if chain is None or bodies is None:
         why = segments.validation.why
         return {"why": why, "chain": None, "segments": None, "clock_offset_s": _clock(pinned)}

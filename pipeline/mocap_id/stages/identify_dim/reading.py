@@ -23,10 +23,9 @@ from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, measured_bodies, with_prior
-from mocap_id.stages.identify_dim.pins import poses_predict_better
+from mocap_id.stages.identify_dim.left_out import LeftOut, poses_preferred
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, loose_prior, measured_bodies, with_prior
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
-from mocap_id.stages.identify_dim.segment_fit import fit_segments
 from mocap_id.stages.identify_dim.unknown import Unknown, not_excited, without_wrench
 from mocap_id.store import Tree
 from mocap_id.verdict import Reason
@@ -94,9 +93,9 @@ def read_trial(context: Context) -> Reading:
     freely = replace(read, movement=_movement(context, recorded, felt, of_seat))
     if not_excited(context, prepared, freely.movement) is not None:
         freely = read
-    if ways[0].loosest > SURELY or settings.motion == "segments" or _poses_win(context, freely):
+    if ways[0].loosest > SURELY or settings.motion == "segments" or _poses_win(context, freely, prepared):
         return freely
-    why = "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions better"
+    why = "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions clearly better"
     return replace(read, bodies=(), joints=joints | {"source": "chain", "why": why})
 
 
@@ -115,13 +114,13 @@ def _movement(context: Context, recorded: Recorded, prepared: Prepared | None, o
     return replace(movement, reasons=(*of_seat, *movement.reasons))
 
 
-def _poses_win(context: Context, read: Reading) -> bool:
-    """Whether the bodies' own poses predict left-out repetitions better than the pinned chain."""
-    assert read.prepared is not None
-    tables = rivals(context, read.prepared.recorded, read.movement)
-    found = fit_chain(context, read.prepared, read.movement, read.grid, tables)
-    segments = fit_segments(context, read.bodies, read.prepared, read.movement, pinned=found, tables=tables)
-    return poses_predict_better(read.prepared, found, read.movement, segments)
+def _poses_win(context: Context, read: Reading, prepared: Prepared) -> bool:
+    """Whether the pinned chain does not predict left-out repetitions clearly better than the bodies' own poses."""
+    bodies, recorded = read.bodies[-1], prepared.recorded
+    table = rivals(context, recorded, read.movement).chosen
+    mass = _mass(context, recorded) if table.mass is None else table.mass
+    prior = loose_prior(bodies, recorded.q, read.movement.free, table, mass)
+    return poses_preferred(LeftOut(prepared, read.movement, bodies, prior))
 
 
 def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any]]:

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.bands import ChosenBands
 from mocap_id.dynamics.fold import Fold, centre_response, fold, in_base
 from mocap_id.dynamics.grid import PointGrid
-from mocap_id.dynamics.held_out import parts
 from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.loose_prior import BodyPrior
@@ -24,7 +23,8 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import validation
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, chosen_bands, loose_prior, with_prior
+from mocap_id.stages.identify_dim.left_out import LeftOut, chosen_bands
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, loose_prior, with_prior
 from mocap_id.stages.identify_dim.rivals import Rivals
 from mocap_id.stages.identify_dim.validation import Validation
 
@@ -192,10 +192,10 @@ def _best_way(
     ways: Sequence[MeasuredBodies], prepared: Prepared, movement: Movement, table: ReferenceBody, mass: float
 ) -> tuple[MeasuredBodies, BodyPrior, ChosenBands]:
     """The way to count the bodies that predicts left-out repetitions best, its prior and its cut-offs."""
-    gate, part, tried = movement.free, _parts(prepared, movement), []
+    tried = []
     for way in ways:
-        prior = loose_prior(way, prepared.recorded.q, gate, table, mass)
-        tried.append((way, prior, chosen_bands(way, prepared, prior, gate, part)))
+        prior = loose_prior(way, prepared.recorded.q, movement.free, table, mass)
+        tried.append((way, prior, chosen_bands(LeftOut(prepared, movement, way, prior))))
     return min(reversed(tried), key=lambda each: each[2].cost)
 
 
@@ -206,13 +206,6 @@ def filtered_measured(prepared: Prepared, found: Identification) -> FloatArray:
     out[used] = prepared.filtered_measured(used, prepared.recorded.time[used] - found.fit.offset)
     out[:, 0] -= found.plate_bias or 0.0
     return out
-
-
-def _parts(prepared: Prepared, movement: Movement) -> IntArray:
-    """The repetition of each sample, for leaving one out."""
-    spans = validation.spans(movement)
-    time = prepared.recorded.time
-    return parts(time, np.array(spans)) if len(spans) > 1 else np.zeros(len(time), dtype=np.int64)
 
 
 def _with_effect(found: Identification, effect: PoseEffect) -> Identification:
