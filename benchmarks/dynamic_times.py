@@ -36,7 +36,7 @@ def timing(seed: int) -> Mapping[str, tuple[float, float]]:
             run_stage(trial, name)
         folder = Folder(trial.out)
         inputs: Any = {name: folder.read(name) for name in STAGE.inputs}
-    for name in ("states.parquet", "wrench.parquet"):
+    for name in ("states.parquet", "wrench.parquet", "poses.parquet"):
         inputs[name] = replace(inputs[name], frame=inputs[name].frame.iloc[:FRAMES])
     stage = _Timed(STAGE.function)
     with patch.object(identify, "fit_consistent", _Timed(fit_consistent)) as solve:

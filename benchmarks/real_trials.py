@@ -83,7 +83,7 @@ measured poses too: Winter's is better than the pinned chain in Fy on both trial
 ## Gaps at the joints
 
 rms change of the gap between the two sides of a joint, and rms of its acceleration below 3 Hz. A joint is pinned up to
-0.05 m/s². Above 0.1 m/s² it surely gives way. In between left-out repetitions decide.
+0.03 m/s². Above 0.1 m/s² it surely gives way. In between left-out repetitions decide.
 
 {gaps}
 

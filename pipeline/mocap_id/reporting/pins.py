@@ -61,7 +61,7 @@ def joints(material: Material, summary: Summary) -> Grid:
         for name, gap in (motion.joints or {}).items()
     ]
     head = ("joint", "gap (mm)", "acceleration below 3 Hz (m/s²)", "in the dynamics")
-    caption = "Gap between the two sides of each joint, rms; up to 0.1 m/s² it counts as noise and the joint is pinned"
+    caption = "Gap between the two sides of each joint, rms; up to 0.03 m/s² it counts as noise and the joint is pinned"
     return grid(caption, head, rows, (0, 3))
 
 

@@ -16,7 +16,7 @@ from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit
 
 
-def _held_pinned(
+def held_pinned(
     prepared: Prepared, pinned: Identification, movement: Movement, segments: SegmentFit
 ) -> tuple[BoolArray, FloatArray, FloatArray] | None:
     """Left-out repetitions on the pinned chain: samples (T,), model and measurement (T, 3) after the bodies' low-pass.
@@ -46,7 +46,7 @@ def pinned_facts(
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
     """
-    chain, bodies = _held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
+    chain, bodies = held_pinned(prepared, pinned, movement, segments), segments.validation.held_out
     if chain is None or bodies is None:
         why = segments.validation.why
         return {"why": why, "chain": None, "segments": None, "clock_offset_s": _clock(pinned)}
