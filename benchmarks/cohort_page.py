@@ -108,15 +108,15 @@ The same trials with `identify-dim` done otherwise, one thing at a time; own mod
 1. **The models' errors** are tens of times smaller here, and a model carried over from another strategy is as good as
    the own one. That is a property of the bodies first: a simulated person is a chain of four rigid segments, which is
    what the model says, under skin that slides by some millimetres; a person of the thesis has a trunk that bends,
-   arms, and two legs that need not do the same. With people this program's errors are of the thesis's size: on a real
-   sit-to-stand the own model errs by 60 N, 20 N·m and 3.5 cm, Winter's by 55 N, 26 N·m and 4.9 cm ([real
-   trials](real-trials.md): rms, four segments). This page shows what the method loses by itself, to noise, skin and
+   arms, and two legs that need not do the same. On a real sit-to-stand the pinned chain errs by 46 N, 14 N·m and
+   2.8 cm, the measured poses of its segments by 8 N, 5 N·m and 0.7 cm ([real trials](real-trials.md): repetitions left
+   out, below 5 Hz). This page shows what the method loses by itself, to noise, skin and
    the chair; it cannot show how much an individual model gains over a table in people.
 2. **Winter's errors** are a third to a half of the thesis's in tauz and CoP, since the cohort's bodies are drawn
    within 10 % of Winter's. The thesis's bodies lie farther off: by 17 to 26 N·m on average.
 3. **Fy** errs in the thesis by as much with every model, the person's own included, so that the parameters are not at
    fault. Nor are they in the tables above: a body of the right mass, any body, misses Fy by a few newtons. On real
-   trials the chain is ([real trials](real-trials.md)): no body on it explains Fy. What the thesis suspects, samples
+   trials the chain's pins are ([real trials](real-trials.md)): on measured poses Fy errs by 8 N. What the thesis suspects, samples
    in which the chair still carries a part, does it here too, to every model alike, once enough of them are let in
    (`seat_off_share`, the feet's share of the weight: little at 0.5, far more than the thesis's at 0.3). A clock that
    is 5 ms late adds a little, to Fy alone.

@@ -11,11 +11,12 @@ import numpy as np
 from mocap_id import recording
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.bands import held_out_cost
 from mocap_id.dynamics.grid import PointGrid, segment_grid
 from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.loose_prior import even_prior
-from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY
+from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY, USUAL
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.errors import StoreError
@@ -88,12 +89,14 @@ def read_trial(context: Context) -> Reading:
     read = Reading(chain, recorded, prepared, movement, grid, unknown, ways, joints)
     if prepared is None or unknown is not None or not ways:
         return replace(read, bodies=())
-    even = even_prior(_mass(context, recorded), ways[-1].poses.centroid)
-    felt = with_prior(ways[-1], recorded, prepared.settings, even)
+    way = _best_way(context, read, prepared)
+    even = even_prior(_mass(context, recorded), way.poses.centroid)
+    felt = with_prior(way, recorded, prepared.settings, even)
     freely = replace(read, movement=_movement(context, recorded, felt, of_seat))
     if not_excited(context, prepared, freely.movement) is not None:
         freely = read
-    if ways[0].loosest > SURELY or settings.motion == "segments" or _poses_win(context, freely, prepared):
+    surely = ways[0].loosest > SURELY or settings.motion == "segments"
+    if surely or poses_preferred(_left_out(context, freely, prepared, way)):
         return freely
     why = "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions clearly better"
     return replace(read, bodies=(), joints=joints | {"source": "chain", "why": why})
@@ -114,13 +117,23 @@ def _movement(context: Context, recorded: Recorded, prepared: Prepared | None, o
     return replace(movement, reasons=(*of_seat, *movement.reasons))
 
 
-def _poses_win(context: Context, read: Reading, prepared: Prepared) -> bool:
-    """Whether the pinned chain does not predict left-out repetitions clearly better than the bodies' own poses."""
-    bodies, recorded = read.bodies[-1], prepared.recorded
-    table = rivals(context, recorded, read.movement).chosen
-    mass = _mass(context, recorded) if table.mass is None else table.mass
-    prior = loose_prior(bodies, recorded.q, read.movement.free, table, mass)
-    return poses_preferred(LeftOut(prepared, read.movement, bodies, prior))
+def _best_way(context: Context, read: Reading, prepared: Prepared) -> MeasuredBodies:
+    """The way to count the bodies that predicts left-out repetitions best with the usual cut-offs."""
+    if len(read.bodies) == 1:
+        return read.bodies[0]
+
+    def cost(way: MeasuredBodies) -> float:
+        return held_out_cost(_left_out(context, read, prepared, way).on_poses(USUAL))
+
+    return min(reversed(read.bodies), key=cost)
+
+
+def _left_out(context: Context, read: Reading, prepared: Prepared, bodies: MeasuredBodies) -> LeftOut:
+    """Left-out repetitions of the trial with some bodies."""
+    table = rivals(context, prepared.recorded, read.movement).chosen
+    mass = _mass(context, prepared.recorded) if table.mass is None else table.mass
+    prior = loose_prior(bodies, prepared.recorded.q, read.movement.free, table, mass)
+    return LeftOut(prepared, read.movement, bodies, prior)
 
 
 def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any]]:
