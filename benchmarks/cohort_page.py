@@ -116,10 +116,10 @@ The same trials with `identify-dim` done otherwise, one thing at a time; own mod
    within 10 % of Winter's. The thesis's bodies lie farther off: by 17 to 26 N·m on average.
 3. **Fy** errs in the thesis by as much with every model, the person's own included, so that the parameters are not at
    fault. Nor are they in the tables above: a body of the right mass, any body, misses Fy by a few newtons. On real
-   trials the chain's pins are ([real trials](real-trials.md)): on measured poses Fy errs by 8 N. What the thesis suspects, samples
-   in which the chair still carries a part, does it here too, to every model alike, once enough of them are let in
-   (`seat_off_share`, the feet's share of the weight: little at 0.5, far more than the thesis's at 0.3). A clock that
-   is 5 ms late adds a little, to Fy alone.
+   trials the chain's pins are ([real trials](real-trials.md)): on measured poses Fy errs by 8 N. What the thesis
+   suspects, samples in which the chair still carries a part, does it here too, to every model alike, once enough of
+   them are let in (`seat_off_share`, the feet's share of the weight: little at 0.5, far more than the thesis's at
+   0.3). A clock that is 5 ms late adds a little, to Fy alone.
 4. **The gate** at −0.8 rad of the knee cannot have been the angle between shank and thigh as it is here, 0 with the
    leg straight. That one passes −0.8 rad long after the chair is let go: what is left is nearly upright, the
    condition number is several times as high, the fit looks as good and the model is worse (`contact: knee`). The

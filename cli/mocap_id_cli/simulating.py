@@ -41,7 +41,8 @@ PeopleText = Annotated[
     typer.Option(
         metavar="NAME=VALUE,...",
         show_default=False,
-        help="What real people have beside: hip_gap_mm, lumbar_deg, arm_swing_deg, heel_lift_mm, held_mass_kg.",
+        help="What sets the person apart from pinned rigid segments: "
+        "hip_gap_mm, lumbar_deg, arm_swing_deg, heel_lift_mm, held_mass_kg.",
     ),
 ]
 

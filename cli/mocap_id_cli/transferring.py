@@ -68,7 +68,7 @@ def _lines(found: workflow.Transfer) -> Iterator[str]:
 
 
 def _intervals(trial: workflow.Applied) -> Iterator[str]:
-    """What was stated of the transferred body's errors, and how often that held."""
+    """Stated standard deviations of the transferred body, and the shares of samples inside their intervals."""
     known = {name: share for name, share in trial.inside.items() if math.isfinite(share)}
     if known:
         told = ", ".join(

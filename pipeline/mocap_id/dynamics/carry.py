@@ -24,7 +24,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 LEAST_MARKERS = 2
 LEAST_SPREAD = 0.02
-"""m, rms distance of the common markers from their centroid: closer ones do not tell how a body is turned."""
+"""m, rms distance of the common markers from their centroid: closer markers do not show how a body is turned."""
 
 
 @dataclass(frozen=True)

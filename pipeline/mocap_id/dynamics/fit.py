@@ -50,8 +50,8 @@ class Fit:
     applied : bool
         The offset in force is the one that was found.
     weights : (c,) array
-        Inverse residual spread of each component; with a prior times the root of the share of the samples that are
-        independent, so that both count as what they are worth.
+        Inverse residual spread of each component. With a prior, times the square root of the share of independent
+        samples, so that data and prior have their proper weights.
     problem : Compressed
         Weighted rows, b + k columns.
     design : (R, c, b + k + 1) array
@@ -84,7 +84,7 @@ class Fit:
     prior: Rows | None = None
 
     def answer(self, wrench: FloatArray) -> FloatArray:
-        """What least squares makes (b + k + 1, s) of weighted errors (R, c, s) of the wrench."""
+        """Change of the solution (b + k + 1, s) that weighted errors (R, c, s) of the wrench cause."""
         rows = self.design.reshape(-1, self.design.shape[-1])
         seen = wrench.reshape(len(rows), -1)
         both = rows if self.prior is None else np.concatenate([rows, np.pad(self.prior[0], ((0, 0), (0, 1)))])
@@ -128,7 +128,7 @@ def fit(prepared: Prepared, gate: BoolArray, like: Fit | None = None) -> Fit:
     gate : (T,) bool array
         Samples where the ground is all that the body touches.
     like : Fit, optional
-        Of the same trial: its clock offset and weights are used instead of looking for them.
+        A fit of the same trial; its clock offset and weights are used, and not searched for again.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """From bodies on their own poses to the chain: its full parameters and those of eq. 6.1.
 
-The chain has no body of other markers, and may cut in two what is one body here. Arms and head count as carried by the
-chain's last segment, where they are on average. A body that is two segments of the chain is shared between them as the
-table of people would, as far as their sum allows.
+The chain has no body of other markers, and may cut in two what is one body here. Arms and head count as part of the
+chain's last segment, at their mean place. A body that is two segments of the chain is shared between them as the table
+of people would, as far as their sum allows.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def fold(poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatAr
     q : (T, n) array
         The chain's angles, rad.
     samples : (T,) bool array
-        Those over which bodies are where they are on average.
+        Samples that give the bodies' mean place.
     reference, reference_sd : (4(n + 1),) arrays
         Full parameters by a table and their deviations; NaN where no table applies.
     """
@@ -133,8 +133,8 @@ def in_base(folded: Fold, base: BaseSet, own: FloatArray) -> FloatArray:
 def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
     """Change (b, n, 2) of the base parameters with each joint's centre, per metre in the frame of the segment before.
 
-    A joint that is placed elsewhere regroups the masses beyond it there, and is another origin for the segment after
-    it, whose first moments and moment of inertia count from it.
+    A displaced joint changes how the masses beyond it are regrouped. It also moves the origin of the segment after it,
+    about which its first moments and its moment of inertia are taken.
 
     Parameters
     ----------

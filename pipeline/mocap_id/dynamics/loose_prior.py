@@ -1,10 +1,10 @@
 """A loose prior of every body's parameters: what a table of people knows, with wide standard deviations.
 
 The contact wrench hardly shows how the mass is shared between bodies that move alike. Without a prior the fit predicts
-as well, but it leaves feet without mass and torques that are off by 5 to 7 N·m. The prior is loose where the wrench
-speaks: a mass may be off by half, a centre of mass by 10 cm, a moment of inertia by its own size. Arms and head, which
-move with the trunk most of the time, may be off by half of that: tables agree on them within a few per cent of the
-body, and the wrench leaves several kilograms between them and the trunk open.
+equally well, but it gives feet without mass, and torques that are off by 5 to 7 N·m. The prior is loose where the
+wrench speaks: a mass may be off by half, a centre of mass by 10 cm, a moment of inertia by its own size. Arms and head,
+which move with the trunk most of the time, may be off by half of that: tables agree on them within a few per cent of
+the body, and the wrench alone cannot assign several kilograms to them or to the trunk.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.linalg import block_diag, solve_triangular
 from mocap_id.arrays import FloatArray
 
 OTHERS_SHARE = 0.1
-"""Of the body's mass: what arms and head that carry the markers of no segment weigh, roughly."""
+"""Approximate mass of arms and head, whose markers are on no segment, as a share of the body's mass."""
 _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
 _SURE_MASS, _SURE_CENTRE, _SURE_INERTIA = 0.25, 0.05, 0.5  # of arms and head: nothing else tells them from the trunk
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
@@ -44,7 +44,7 @@ class BodyPrior:
     source: str
 
     def rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
-        """Rows (4K, columns) and right-hand side (4K,) of least squares that say the same; free columns come last."""
+        """The prior as rows (4K, columns) and right-hand side (4K,) of least squares; free columns come last."""
         root = np.linalg.cholesky(self.covariance)
         own = solve_triangular(root, np.eye(len(self.mean)), lower=True)
         return np.pad(own, ((0, 0), (0, columns - len(self.mean)))), own @ self.mean
@@ -105,7 +105,7 @@ def without_others(
     Returns
     -------
     torso, others : (4,) arrays
-        Together they are the first, on average over the samples.
+        On average over the samples, the two together are the given torso.
     """
     own = min(OTHERS_SHARE * mass, 0.5 * torso[0])
     others = np.array([own, 0.0, 0.0, own * _GYRATION**2])

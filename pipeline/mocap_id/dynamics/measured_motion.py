@@ -2,7 +2,7 @@
 
 A person's joints give way: hip and pelvis part by a centimetre and more. The measured poses hold that, and with it how
 the mass really moved. Noise is taken out by a zero-phase low-pass of each coordinate of the pose; horizontal
-position, vertical position and angle have a cut-off each, since the wrench needs them to different frequencies.
+position, vertical position and angle have a cut-off each, since the wrench needs them up to different frequencies.
 """
 
 from __future__ import annotations
@@ -98,7 +98,8 @@ class BodyPoses:
     def place_variance(self, joint: int) -> float:
         """Variance of a joint's place in the bodies on its two sides, m² a coordinate.
 
-        Its markers' residuals say how far a body is from rigid: where markers move among each other, a joint does too.
+        The markers' residuals show how far a body is from rigid: where its markers move relative to each other, so does
+        a joint.
         """
         found = 0.0
         for body, point in ((self.body[joint], self.centres[joint]), (self.body[joint + 1], np.zeros(2))):
@@ -186,7 +187,7 @@ def pinned(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
     """Close the gaps of some joints by the smallest change of the poses.
 
     With W the information of the poses, J the gaps' Jacobian and g the gaps, the change is -W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ g; a
-    second step takes out what the turning of the bodies leaves.
+    second step removes the rest, which comes from the bodies' rotation.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class Motion:
 
     @property
     def jacobian(self) -> FloatArray:
-        """(T, 3, n) unit twists (p_y, -p_x, 1) of the joints: their power on a wrench is its moment about them."""
+        """(T, 3, n) unit twists (p_y, -p_x, 1) of the joints: times a wrench, its moment about each joint."""
         x, y = self.joint[..., 0], self.joint[..., 1]
         return np.stack([y, -x, np.ones_like(x)], axis=1)
 

@@ -35,7 +35,7 @@ class SlidingBody:
     Parameters
     ----------
     covariance : (3, 3) array
-        Of the pose's error in x, y (body's frame, m) and angle (rad) for one standard deviation of the shape.
+        Of the pose's error in x, y (body's frame, m) and angle (rad) for one standard deviation of the joint angle.
     joints : tuple of int
         Joints, from 0, whose angles the slides follow.
     """
@@ -149,7 +149,7 @@ class _Trace:
     def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives (t, 3, 3) of the wrench and (t, n, 3) of the torques by errors of one body's x, y and angle.
 
-        The errors have the shape (t,), in the body's frame.
+        The errors follow ``shape`` (t,), in the body's frame.
         """
         poses, base, wrench, torque = self.poses.one(body), self.motion, [], []
         for axis in range(3):

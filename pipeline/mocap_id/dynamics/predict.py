@@ -124,7 +124,7 @@ def chain_noise(prepared: Prepared, found: Identification, correlation: FloatArr
     (:mod:`mocap_id.dynamics.model_error`), which also shows the part of the wrench's error that does not follow it. The
     torques are moments like tauz, and their noise takes its size from that of tauz. The wrench was fitted with this
     geometry, whose errors the parameters make up for: there the covariance from the residuals counts. The torques were
-    not.
+    not fitted.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def shown_noise(
     of_poses : (T, n) array
         Variance of the torques from errors of the poses that repeat with the movement, (N·m)².
     parameters : float
-        Of the residual's squares, the share that fitting has taken away; 0 for repetitions that were left out.
+        Share of the squared residual that the fit has absorbed; 0 for repetitions that were left out.
     """
     recorded, size = prepared.recorded, len(prepared.regressor)
     seen = known(residual)

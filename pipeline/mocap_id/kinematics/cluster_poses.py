@@ -15,7 +15,7 @@ from mocap_id.kinematics.rigid import fit_body, marker_residuals, rigid_poses
 from mocap_id.kinematics.sampling import frames_along_motion
 
 LEAST_MARKERS = 2
-"""Seen in a frame, a pose rests on at least so many."""
+"""Fewest markers that give a pose in a frame."""
 _FRAMES = 600  # enough to find a cluster's shape
 _LEAST_SEEN = 5  # of these; a marker that is seen less has no known place on the body and takes no part
 _LEAST_SPREAD = 0.01  # m, rms distance of the markers from their centroid that still shows an angle

@@ -10,12 +10,12 @@ from mocap_id.reporting.entry import Entry
 class BaseEntry(Entry):
     """A base parameter, and how well it is known.
 
-    ``verdict`` holds the standard deviation against the parameter's size (``relative_sd``); ``excitation`` is the norm
+    ``verdict`` compares the standard deviation with the parameter's size (``relative_sd``); ``excitation`` is the norm
     of the part of its column that no other column can imitate, in standard deviations of the residual for one SI unit,
     ``own_share`` that part's share of the column. ``helps`` is the movement that would tell most more of it, and
-    ``sd_ratio`` the standard deviation with that movement by the present one; 1 where none of those tried does.
-    Both are null where every parameter is known: then none is looked for. ``prior_share`` is how much of the precision
-    comes from the loose prior (0 … 1; 0 on the pinned chain).
+    ``sd_ratio`` the standard deviation with that movement divided by the present one; 1 where none of those tried
+    helps. Both are null where every parameter is known: then no movement is tried. ``prior_share`` is how much of the
+    precision comes from the loose prior (0 … 1; 0 on the pinned chain).
     """
 
     name: str

@@ -75,7 +75,7 @@ def poses(summary: Summary) -> Grid:
         "bodies": motion.bodies,
         **cutoffs,
         "these cut-offs, because": motion.bands_why,
-        "loose prior of the bodies' parameters, about": motion.prior,
+        "mean of the loose prior of the bodies' parameters": motion.prior,
     }
     return facts("Measured poses", values)
 
@@ -91,7 +91,7 @@ def _of_chain(motion: MotionEntry) -> str:
 
 
 def _compared(material: Material, summary: Summary) -> str:
-    """How many times the error of the measured poses the pins give."""
+    """The pinned chain's errors as multiples of those of the measured poses."""
     found, own = summary.dynamics.pins, summary.dynamics.clock_offset_s
     if found.chain is None or found.segments is None:
         return f"What pins would cost is not known: {found.why}."

@@ -75,7 +75,7 @@ def _pose(source: Finished, target: Finished, body: int, markers: IntArray, colu
             f"{target.source}: trial {target.name} does not show how the {wanted.segments[body]} of trial "
             f"{source.name} lies: it has {len(markers)} of that body's {int((wanted.segment == body).sum())} markers; "
             "expected at least two, seen together and a few centimetres apart. Markers are matched by label: markers "
-            "of the same place need the same one"
+            "at the same place need the same label"
         )
     return pose
 

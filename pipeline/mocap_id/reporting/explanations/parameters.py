@@ -122,15 +122,15 @@ PARAMETERS: Mapping[str, Explanation] = {
         "The fitted components do not tell everything",
         "Base parameters from a part of the wrench decide what that part feels. Other components, the centre of "
         "pressure and some torques depend on parameters that stay open, so they are left empty. A joint inside one "
-        "body of measured poses, as between pelvis and trunk, has no torque whatever is fitted.",
-        "Fit Fy and tauz at least, which decide all but the torque inside a body.",
+        "body of measured poses, as between pelvis and trunk, has no torque, whichever components are fitted.",
+        "Fit at least Fy and tauz: they give all torques but the one inside a body.",
     ),
     "reference-assumed": Explanation(
         ("ok",),
         "The reference body rests on assumptions",
         "Height or mass were not given, so the allometric body that the results are compared with uses values from the "
         "recording itself. On the pinned chain the identified parameters depend on it only with `identify-dim: "
-        "{reference_pulls: true}`. On measured poses it is the middle of a loose prior: the table of base parameters "
+        "{reference_pulls: true}`. On measured poses it is the mean of a loose prior: the table of base parameters "
         "shows the prior's share.",
         "Give `subject: {height: …, mass: …, sex: …}`.",
     ),

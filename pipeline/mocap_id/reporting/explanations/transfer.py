@@ -30,10 +30,10 @@ TRANSFER: Mapping[str, Explanation] = {
         ("caution",),
         "A carried model cannot be told from a table",
         "On the motion of the other trial the carried body's moment or centre of pressure differs from those of the "
-        "table's body by less than two of its own standard deviations (rms over the trial). These hold the covariance "
-        "of the bodies' parameters; on a pinned chain that of the base parameters, and of each full parameter 15 % "
-        "(`identify-dim: {reference_sd: …}`) in what the wrench left open. The other trial's forces take no part in "
-        "this.",
+        "table's body by less than two of its own standard deviations (rms over the trial). These come from the "
+        "covariance of the bodies' parameters; on a pinned chain from that of the base parameters, and from 15 % "
+        "(`identify-dim: {reference_sd: …}`) of each full parameter in what the wrench does not determine. The other "
+        "trial's forces are not used for this.",
         "Record the model's trial with the movement that is to be predicted in it, more repetitions, or a larger "
         "range; or use the table's body.",
     ),
@@ -42,11 +42,11 @@ TRANSFER: Mapping[str, Explanation] = {
         "A carried model is off by more than it states",
         "`mocap-id transfer` states a standard deviation for what the carried body predicts: from the covariance of "
         "its parameters and from its error on repetitions of its own trial that were left out, times 1.4 for another "
-        "movement. Of the measured samples 95 % should lie inside the intervals; for the quantities that are named it "
-        "is less than 80 %. The two trials differ in something that the model's trial does not show: how the arms are "
+        "movement. Of the measured samples 95 % should lie inside the intervals; for the named quantities it is less "
+        "than 80 %. The two trials differ in something that the model's trial does not show: how the arms are "
         "held, markers that were placed anew, a plate's zero.",
         "Do not rely on the stated standard deviations here. Compare how the arms are held and where the markers are "
-        "in both trials, and record the model's trial with the movement that is to be predicted in it.",
+        "in both trials, and include the movement to be predicted when you record the model's trial.",
     ),
     "transfer-joints": Explanation(
         ("caution",),

@@ -12,11 +12,11 @@ _OF_POSES: Mapping[str, str] = {
     "wrench": "The measured wrench is not filtered.",
     "phases": "The measured wrench is not filtered.",
     "parameters": "The parameters are the chain's, computed from the bodies that were fitted with a loose prior.",
-    "point_masses": "A panel is a body of the fit; for one that is no segment of the chain the origin is the middle of "
-    "its markers.",
+    "point_masses": "A panel is a body of the fit. If it is no segment of the chain, its origin is the centroid of its "
+    "markers.",
 }
 _OF_CHAIN: Mapping[str, str] = {
-    "parameters": "What the wrench tells about the body is in these numbers and in no others.",
+    "parameters": "These numbers hold all that the wrench shows about the body.",
 }
 
 

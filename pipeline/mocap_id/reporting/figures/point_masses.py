@@ -25,8 +25,8 @@ def draw(material: Material) -> Figure | str:
         why = facts.get("why") or material.why_missing("dynamics.h5")
         if facts.get("consistency") in ("cone", "bounded-cone"):
             why = (
-                "the fit finds mass, first moments and inertia of every body within the exact limits of what can "
-                "exist, and no points of mass"
+                "the fit finds mass, first moments and inertia of every body within the exact cone of bodies that "
+                "can exist, but no point masses"
             )
         return f"No point masses: {why}."
     segments = np.unique(dynamics.grid_segment).tolist()

@@ -147,7 +147,7 @@ def _held_out(result: Identified) -> dict[str, FloatArray]:
 
 
 def _full_covariance(result: Identified) -> FloatArray:
-    """Of the bodies' full parameters; with the pinned chain what its base parameters leave open is the reference's."""
+    """Covariance (4K, 4K) of the bodies' full parameters; NaN for the pinned chain, which has none."""
     found = result.found
     return found.covariance if result.measured_poses else np.full((len(found.full), len(found.full)), np.nan)
 

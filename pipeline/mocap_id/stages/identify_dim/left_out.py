@@ -65,7 +65,7 @@ class LeftOut:
         self._first: Fit | None = None
 
     def on_poses(self, bands: Bands) -> HeldOut | None:
-        """Predictions on the measured poses with some cut-offs; the first ones find clock and weights for all."""
+        """Predictions on the measured poses with some cut-offs; later calls use clock and weights of the first."""
         moved = replace(self._recorded, measured=self._poses.motion(bands), observed=self._seen)
         ready = prepare(moved, self._settings, self._prior)
         found = fit(ready, self._gate, self._first)

@@ -157,7 +157,7 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
 def loose_prior(
     bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, table: ReferenceBody, mass: float
 ) -> BodyPrior:
-    """The prior of the bodies: about the table's where one applies, else with an even share of the mass.
+    """The prior of the bodies: around the table's body where one applies, else around an even share of the mass.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def loose_prior(
     q : (T, n) array
         The chain's angles, rad.
     samples : (T,) bool array
-        Those over which the bodies are where they are on average.
+        Samples that give the bodies' mean place.
     table : ReferenceBody
         On the chain; NaN where none applies.
     mass : float

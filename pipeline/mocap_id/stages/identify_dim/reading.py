@@ -89,17 +89,16 @@ def read_trial(context: Context) -> Reading:
     read = Reading(chain, recorded, prepared, movement, grid, unknown, ways, joints)
     if prepared is None or unknown is not None or not ways:
         return replace(read, bodies=())
-    way = _best_way(context, read, prepared)
+    way, surely = _best_way(context, read, prepared), ways[0].loosest > SURELY or settings.motion == "segments"
+    if not (surely or poses_preferred(_left_out(context, read, prepared, way))):
+        why = (
+            "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions clearly better"
+        )
+        return replace(read, bodies=(), joints=joints | {"source": "chain", "why": why})
     even = even_prior(_mass(context, recorded), way.poses.centroid)
     felt = with_prior(way, recorded, prepared.settings, even)
     freely = replace(read, movement=_movement(context, recorded, felt, of_seat))
-    if not_excited(context, prepared, freely.movement) is not None:
-        freely = read
-    surely = ways[0].loosest > SURELY or settings.motion == "segments"
-    if surely or poses_preferred(_left_out(context, freely, prepared, way)):
-        return freely
-    why = "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions clearly better"
-    return replace(read, bodies=(), joints=joints | {"source": "chain", "why": why})
+    return read if not_excited(context, prepared, freely.movement) is not None else freely
 
 
 def _movement(context: Context, recorded: Recorded, prepared: Prepared | None, of_seat: tuple[Reason, ...]) -> Movement:

@@ -58,7 +58,7 @@ class SegmentFit:
     centre_sd : (n,) array
         Standard deviation of each joint's centre in one direction, m; its gap is a part of it.
     effect : PoseEffect
-        What the poses' errors that repeat with the movement do.
+        Effect of those errors of the poses that repeat with the movement.
     """
 
     bodies: MeasuredBodies
@@ -209,7 +209,7 @@ def filtered_measured(prepared: Prepared, found: Identification) -> FloatArray:
 
 
 def _with_effect(found: Identification, effect: PoseEffect) -> Identification:
-    """The identification with what errors of the poses do to its parameters."""
+    """The identification with the errors of the poses added to its covariance."""
     own = slice(found.fit.base)
     covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
     return replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))

@@ -88,7 +88,7 @@ def facts(
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
     filtered : bool
-        These arrays went through the fit's low-pass, and so do the predictions; ``unfiltered`` is then beside them.
+        These arrays went through the fit's low-pass, and so do the predictions; ``unfiltered`` is then added.
     """
     held = validation.held_out
     if held is None:

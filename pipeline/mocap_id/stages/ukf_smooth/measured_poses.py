@@ -16,7 +16,7 @@ from mocap_id.store.schemas import POSES
 
 OTHERS = "others"
 """Name of the body of all markers that are on no segment: arms, head."""
-_ONE_BODY = ("pelvis", "trunk")  # each alone has few markers, so their common pose is there to choose as well
+_ONE_BODY = ("pelvis", "trunk")  # each alone has few markers, so their common pose is an alternative
 
 
 def measured_poses(

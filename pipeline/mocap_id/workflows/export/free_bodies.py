@@ -1,8 +1,8 @@
 """The bodies of a trial that was identified on measured poses: a second OpenSim model, and how they move.
 
-The chain's model cannot show them: its joints are pins, and the bodies part at theirs. Here every body has a planar
-joint to the ground and none to another. Inverse dynamics then tells the force and the moment that each body needs; a
-joint's torque is the moment about its centre of what the bodies beyond it need.
+The chain's model cannot show them: its joints are pins, and these bodies part at the joints. Here every body has a
+planar joint to the ground and none to another. Inverse dynamics then gives the force and the moment that each body
+needs; a joint's torque is the moment about its centre of what the bodies beyond it need.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def free_poses(run: RunFolder) -> Parts:
 def free_states(run: RunFolder) -> Parts:
     """``<trial>_free_states.sto``, ``_free_accelerations.sto`` and, with the joints' centres, ``_free_joints.sto``.
 
-    The torques' and the wrench's files rest on these, and that is said.
+    A note says that the files of torques and wrench rest on these.
     """
     bodies = free_bodies(run)
     if bodies is None:
@@ -182,7 +182,7 @@ def _model(run: RunFolder, bodies: FreeBodies) -> bytes:
         remark(f"Made by mocap-id {__version__} from the trial {run.name}. Ground is the plane frame."),
         remark(
             "The bodies on which the trial was identified. Nothing joins them: each moves as its markers were "
-            "measured. Inverse dynamics tells the force (tx, ty) and the moment about the origin of its frame (rz) "
+            "measured. Inverse dynamics gives the force (tx, ty) and the moment about the origin of its frame (rz) "
             "that each needs."
         ),
         *(remark(text) for text in _torques(run, bodies)),

@@ -76,7 +76,7 @@ def object_set(tag: str, objects: Iterable[Element]) -> Element:
 
 
 def gravity(run: RunFolder) -> float:
-    """What the identification counted with, m/s²."""
+    """Gravity that the identification used, m/s²."""
     about = run.provenance.get("dynamics.h5")
     asked = {} if about is None else about.origin.parameters.get("identify-dim") or {}
     return float(asked.get("gravity", 9.81))

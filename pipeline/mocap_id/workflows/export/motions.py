@@ -103,7 +103,7 @@ def known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...
 def sampled(
     file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> Parts:
-    """A table of the columns that say anything, and of the rows in which all of these are known."""
+    """A table of the columns that have values, and of the rows in which all of these are known."""
     said: BoolArray = np.asarray(np.isfinite(values).any(axis=0))
     silent = [name for name, any_known in zip(columns, said, strict=True) if not any_known]
     labels, values = [name for name in columns if name not in silent], values[:, said]

@@ -142,7 +142,7 @@ class LooseBody:
 
 
 def loosen(rng: np.random.Generator, body: Body, held: float) -> tuple[LooseBody, Body]:
-    """Take a person apart, shares and places off by up to 10 %; and the pinned chain that holds the weight as well.
+    """Divide a person into bodies, shares and places varied by up to 10 %; the chain returned holds the weight too.
 
     Parameters
     ----------

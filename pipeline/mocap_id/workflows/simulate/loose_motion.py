@@ -46,7 +46,7 @@ class Habit:
 
 
 def draw_habit(rng: np.random.Generator) -> Habit:
-    """A person's."""
+    """Draw the habit of a person."""
     return Habit(
         sink=float(rng.uniform(-0.3, 0.3)),
         ripple=rng.uniform(1.0, 1.8, 2),
@@ -79,7 +79,7 @@ class Occasion:
     phase: FloatArray
 
     def drift(self, which: str, time: FloatArray) -> FloatArray:
-        """(T,) of unit variance."""
+        """Drift (T,) of one coordinate, of unit variance."""
         i = DRIFTS.index(which)
         waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
         total: FloatArray = waves.sum(axis=1) * np.sqrt(2 / WAVES)
@@ -87,7 +87,7 @@ class Occasion:
 
 
 def draw_occasion(rng: np.random.Generator, repetitions: int) -> Occasion:
-    """A trial's."""
+    """Draw what a trial adds."""
     shape = (len(DRIFTS), WAVES)
     return Occasion(
         swing=rng.uniform(0.75, 1.25, (repetitions, 3)),

@@ -11,7 +11,7 @@ from mocap_id.errors import ConfigError
 class People:
     """How far a simulated person differs from four rigid segments on pins; all zero is no difference.
 
-    Ranges are about those over a sit-to-stand: what is drawn with the seed makes some repetitions wider than others.
+    Ranges hold approximately for a sit-to-stand: the seed makes some repetitions wider than others.
 
     Parameters
     ----------
