@@ -153,8 +153,8 @@ JUDGED: Mapping[str, tuple[str, str]] = {
     ),
     "joint-gives-way": (
         "identify-dim",
-        "Acceleration of the gap between a joint's two sides below 3 Hz, m/s² rms; limit 0.03. The value is the largest "
-        "gap, m rms.",
+        "Acceleration of the gap between a joint's two sides below 3 Hz, m/s² rms; limit 0.03. The value is the "
+        "largest gap, m rms.",
     ),
     "parameters-bounded": (
         "identify-dim",
