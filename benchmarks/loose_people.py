@@ -65,9 +65,9 @@ Share of the samples off the seat with the truth inside the stated 95 % interval
 The program chose measured poses in {chosen} of {all} trials. Where it did not, the pinned chain predicted left-out
 repetitions clearly better.
 
-The hip's torque is outside its interval too often where the lumbar spine bends. The joint fit then finds a hip centre
-that is off by about a centimetre: the torso's markers turn with the trunk, not with the pelvis, and no marker shows the
-difference. Read a hip torque as uncertain by the force through the joint times a centimetre.
+Where the lumbar spine bends, the joint fit finds a hip centre that is off by about a centimetre: the torso's markers
+turn with the trunk, not with the pelvis, and no marker shows the difference. The stated deviation of a hip that gives
+way therefore has a centimetre more, times the force through the joint. It is too wide where the spine does not bend.
 """
 
 

@@ -69,7 +69,7 @@ def test_torques_are_the_simulators_off_the_seat(identified: Callable[..., Ident
 def test_their_standard_deviations_hold_the_errors(identified: Callable[..., Identified]) -> None:
     _, error, sd = identified("chosen")
     assert (rms(error / sd) < 1.5).all()
-    assert (rms(sd) < 3.0).all(), "and are no larger than they need be"
+    assert (rms(sd) < [3.0, 3.0, 6.0]).all(), "and are no larger than a hip needs whose centre is known to a centimetre"
 
 
 def test_pins_would_cost_more_at_every_joint(identified: Callable[..., Identified]) -> None:
