@@ -1,4 +1,4 @@
-"""What is told and measured of a person of several bodies: markers, files, cohorts and commands."""
+"""A simulated person of several bodies on disk: markers, files, cohorts and commands."""
 
 from __future__ import annotations
 

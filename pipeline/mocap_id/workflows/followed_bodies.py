@@ -26,7 +26,7 @@ from mocap_id.workflows.moving_bodies import MovingBodies
 def followed(source: Finished, target: Finished) -> MovingBodies:
     """The bodies of the source's model on their measured poses in the target.
 
-    No joint is pinned. Joint torques are about the target's own joints, NaN about those that the source does not have.
+    No joint is pinned. Joint torques are about the target's own joints, NaN about joints that the source lacks.
 
     Raises
     ------

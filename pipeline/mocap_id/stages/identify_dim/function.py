@@ -46,7 +46,7 @@ def identify_dim(context: Context) -> Outputs:
 
 
 def identification(context: Context) -> tuple[Prepared, Movement, Identification] | Unknown:
-    """What stands behind the artefacts: the trial made ready, read through its protocol, and what was identified.
+    """The trial made ready, its movement and its identification, from which the artefacts are made.
 
     On the pinned chain, and for a trial on measured poses with the base parameters that these gave.
     """

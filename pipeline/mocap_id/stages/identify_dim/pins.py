@@ -21,7 +21,7 @@ def held_pinned(
 ) -> tuple[BoolArray, FloatArray, FloatArray] | None:
     """Left-out repetitions on the pinned chain: samples (T,), model and measurement (T, 3) after the bodies' low-pass.
 
-    None where no repetition could be left out on both motions; the samples are those that both predicted.
+    None where no repetition could be left out on both motions. The samples are predicted on both.
     """
     on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
     on_bodies = segments.validation.held_out

@@ -59,8 +59,8 @@ class ChainGeometry:
 class Reading:
     """A trial read through its protocol; ``unknown`` says why nothing can be identified from it.
 
-    ``bodies`` are those that move on their own measured poses, in every way to count them; empty where the pinned
-    chain moves the masses.
+    ``bodies`` move on their own measured poses; there is one entry for each way to count them, and none where the
+    pinned chain moves the masses.
     """
 
     chain: ChainGeometry
