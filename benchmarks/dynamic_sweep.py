@@ -45,7 +45,7 @@ from mocap_id.runner import run_stage
 from mocap_id.workflows.simulate import Options, simulate
 from mocap_id.workflows.simulate.schedule import Strategy
 
-FRESH = 940_000  # the first seed; nothing was tuned on these
+FRESH = 980_000  # the first seed; nothing was tuned on these
 ANALOG = 1000.0  # Hz
 ROWS: Mapping[str, Options] = {
     "clean": replace(KINEMATIC["clean"], analog_rate=ANALOG, plate_noise=0),
