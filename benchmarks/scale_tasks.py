@@ -23,7 +23,7 @@ from scale_trial import memory
 
 from mocap_id.config import Trial, load, load_study
 from mocap_id.store import Table
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import arrow
 from mocap_id.workflows.batch import BATCH, find
 from mocap_id.workflows.batch.table import row
 from mocap_id.workflows.performing import Dask, Engine, Here, Performed, perform_all
@@ -65,7 +65,7 @@ def table(count: int) -> dict[str, float]:
         asked = [replace(one, out=summary.parent) for one in trials(count)]
         start = perf_counter()
         rows = [row(one, nothing(one), Path(place)) for one in asked]
-        content = parquet(conform(Table(BATCH, frame(BATCH, rows))), BATCH, "batch")
+        content = parquet(arrow(Table.from_frame(BATCH, frame(BATCH, rows))), BATCH, "batch")
     return {"seconds": perf_counter() - start, "bytes": len(content)}
 
 

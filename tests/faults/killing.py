@@ -25,10 +25,10 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.config import load
-from mocap_id.reporting.contents import FILES, SUMMARY_FILE
+from mocap_id.reporting.contents import SUMMARY_FILE
 from mocap_id.runner import run
 from mocap_id.stages import STAGES
-from mocap_id.store import Folder, hash_bytes
+from mocap_id.store import Artefact, Folder, Origin, Tree, hash_bytes, hdf5, parquet
 from mocap_id.store.schemas import SCHEMAS
 
 
@@ -42,12 +42,17 @@ class Round:
 
 
 def contents(out: Path) -> dict[str, str]:
-    """Content of everything that the stages write, but for the time that they took: artefacts by their own hash."""
+    """Hash of everything that the stages write, but for the time that they took."""
     folder = Folder(out)
     summary = json.loads((out / SUMMARY_FILE).read_text("utf-8")) | {"time_s": None}
-    figures = {file: hash_bytes((out / file).read_bytes()) for file in FILES if file.startswith("figures/")}
-    artefacts = {file: folder.provenance(file).content for file in SCHEMAS}
-    return artefacts | figures | {SUMMARY_FILE: json.dumps(summary)}
+    artefacts = {file: hash_bytes(encoded(folder.read(file))) for file in SCHEMAS}
+    return artefacts | {SUMMARY_FILE: json.dumps(summary)}
+
+
+def encoded(artefact: Artefact) -> bytes:
+    """An artefact as it would be written by a stage that always takes the same time."""
+    origin = Origin("any", 1, {}, {}, "", 0.0)
+    return hdf5.encode(artefact, origin) if isinstance(artefact, Tree) else parquet.encode(artefact, origin)
 
 
 class Killing:

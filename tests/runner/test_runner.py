@@ -7,9 +7,11 @@ import json
 import logging
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -19,7 +21,7 @@ from mocap_id.config import load
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused, StoreError
 from mocap_id.runner import LOG_FILE, RUN_LOG, Outcome, make_rules, run, run_stage, run_to
 from mocap_id.stages.base import Context, Outputs, Stage
-from mocap_id.store import Folder, Table
+from mocap_id.store import Artefact, Folder, Origin, Table
 from mocap_id.store.schemas import SEGMENTS
 
 
@@ -110,12 +112,18 @@ def test_a_setting_concerns_its_stage_and_those_behind_it(bench: Bench) -> None:
     bench.say(cut={"length": 3})
     assert actions(bench.run()) == ["reused", "computed", "computed"]
     bench.say(cut={"length": 3}, window=[0, 1])
-    assert actions(bench.run()) == ["computed", "reused", "computed"]
+    assert actions(bench.run()) == ["computed", "computed", "computed"]
 
 
-def test_the_same_content_is_not_worked_on_again(bench: Bench) -> None:
+def test_a_setting_counts_even_where_it_changes_no_result(bench: Bench) -> None:
     bench.run()
     bench.say(read={"unused": 5})
+    assert actions(bench.run()) == ["computed", "computed", "computed"]
+
+
+def test_a_lost_file_that_is_made_again_concerns_nobody_else(bench: Bench) -> None:
+    bench.run()
+    (bench.out / "events.parquet").unlink()
     assert actions(bench.run()) == ["computed", "reused", "reused"]
 
 
@@ -145,7 +153,7 @@ def test_a_moved_trial_stays_up_to_date(bench: Bench, tmp_path: Path) -> None:
 
 def test_a_new_version_of_a_stage_is_another_stage(bench: Bench) -> None:
     bench.run()
-    assert actions(bench.run(instead("cut", cut, version=2))) == ["reused", "computed", "reused"]
+    assert actions(bench.run(instead("cut", cut, version=2))) == ["reused", "computed", "computed"]
 
 
 @pytest.mark.parametrize("spoil", ["delete", "truncate"])
@@ -363,19 +371,78 @@ def test_a_second_run_waits_for_nobody(bench: Bench) -> None:
 
 def test_a_stage_cannot_spoil_the_next_ones_input(bench: Bench) -> None:
     def careless(context: Context) -> Outputs:
-        outputs = cut(context)
-        context.table("events.parquet").frame["start"] = -1.0
-        return outputs
+        context.table("events.parquet").facts["count"] = -1  # its own copy
+        with pytest.raises(ValueError, match="read-only"):
+            context.table("events.parquet")["start"][:] = -1.0
+        return cut(context)
 
     seen: list[float] = []
 
     def look(context: Context) -> Outputs:
-        seen.extend(context.table("events.parquet").frame["start"])
+        seen.extend([*context.table("events.parquet")["start"], context.table("events.parquet").facts["count"]])
         return tell(context)
 
     stages = tuple(dataclasses.replace(s, function=look) if s.name == "tell" else s for s in instead("cut", careless))
     bench.run(stages)
-    assert seen == [1.0, 2.0, 3.0]
+    assert seen == [1.0, 2.0, 3.0, 3]
+
+
+def test_what_is_handed_on_is_what_the_files_hold(bench: Bench) -> None:
+    seen: list[dict[str, Artefact]] = []
+
+    def look(context: Context) -> Outputs:
+        seen.append(dict(context.inputs))
+        return tell(context)
+
+    stages = instead("tell", look)
+    bench.run(stages)
+    (bench.out / "summary.json").unlink()
+    bench.run(stages)
+    handed, read = seen
+    for file, artefact in handed.items():
+        assert (artefact.facts, artefact.reasons) == (read[file].facts, read[file].reasons)
+        pd.testing.assert_frame_equal(artefact.frame, read[file].frame)
+
+
+def test_a_run_computes_on_while_it_writes_and_ends_when_all_is_written(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, told = threading.Event(), []
+    store = Folder.store
+
+    def slowly(folder: Folder, outputs: Any, origin: Origin) -> None:
+        if origin.stage == "read":
+            assert began.wait(10)  # the next stage computes before this one is on the disk
+        store(folder, outputs, origin)
+        told.append(origin.stage)
+
+    def cuts(context: Context) -> Outputs:
+        began.set()
+        return cut(context)
+
+    monkeypatch.setattr(Folder, "store", slowly)
+    assert actions(bench.run(instead("cut", cuts))) == ["computed"] * 3
+    assert told == ["read", "cut", "tell"]
+    assert actions(bench.run()) == ["reused"] * 3
+
+
+def test_what_cannot_be_written_ends_the_run_and_nothing_after_it_is_written(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Folder.store
+
+    def full(folder: Folder, outputs: Any, origin: Origin) -> None:
+        if origin.stage == "read":
+            raise StoreError("the disk is full")
+        store(folder, outputs, origin)
+
+    monkeypatch.setattr(Folder, "store", full)
+    with pytest.raises(StoreError, match="the disk is full") as caught:
+        bench.run()
+    assert caught.value.__notes__ == ["trial toy, stage read"]
+    assert not list(bench.out.glob("*.parquet"))
+    monkeypatch.undo()
+    assert actions(bench.run()) == ["computed"] * 3
 
 
 def test_provenance_names_files_without_their_folders(bench: Bench) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
 from mocap_id.store import Document, Table
@@ -25,16 +24,17 @@ class CutSettings(Settings):
 def read(context: Context) -> Outputs:
     """Numbers of a text file, one a line."""
     numbers = np.array([float(line) for line in context.trial.recording.markers.read_text().split()])
-    frame = pd.DataFrame({c.name: context.settings.gain * numbers for c in EVENTS.columns[:5]})
+    columns = {c.name: context.settings.gain * numbers for c in EVENTS.columns[:5]}
+    beside = {"complete": np.ones(len(numbers), dtype=bool), "why": np.full(len(numbers), "", dtype=object)}
     note = Reason("noted", "a note from the first stage", level="ok")
-    return (Table(EVENTS, frame.assign(complete=True, why=""), {"count": len(numbers)}, (note,)),)
+    return (Table(EVENTS, columns | beside, {"count": len(numbers)}, (note,)),)
 
 
 def cut(context: Context) -> Outputs:
-    kept = context.table("events.parquet").frame["start"].iloc[: context.settings.length]
-    labels = [f"M{k}" for k in range(len(kept))]
-    frame = pd.DataFrame({"marker": labels, "segment": pd.array([1] * len(kept), "Int64"), "residual": kept})
-    return (Table(SEGMENTS, frame.assign(reason="")),)
+    kept = context.table("events.parquet")["start"][: context.settings.length]
+    labels = np.array([f"M{k}" for k in range(len(kept))], dtype=object)
+    segment, reason = np.ones(len(kept), dtype=np.int64), np.full(len(kept), "", dtype=object)
+    return (Table(SEGMENTS, {"marker": labels, "segment": segment, "residual": kept, "reason": reason}),)
 
 
 def tell(context: Context) -> Outputs:

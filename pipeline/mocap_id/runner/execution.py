@@ -1,8 +1,8 @@
 """Running stages: what is up to date is reused, what is not is computed, a refusal is reported, a failure explained.
 
-A stage's outputs are reused when they were made by the same version of the stage, with the same settings, from the
-same content (not from files of the same age). Whoever runs a stage, ``run`` or a stage's own command, finds what the
-other left.
+A stage's outputs are reused when they were made by the same version of the stage, with the same settings, from inputs
+that were made alike (not from files of the same age). Whoever runs a stage, ``run`` or a stage's own command, finds
+what the other left. Within a run, stages hand on their results in memory; a thread writes them behind the computation.
 """
 
 from __future__ import annotations
@@ -14,17 +14,19 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
+from mocap_id.runner.behind import Behind
 from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, user_files
 from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
 from mocap_id.runner.refusals import remember, remembered
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.store import Document, Folder, Origin
+from mocap_id.store import Artefact, Document, Folder, Origin
 from mocap_id.store.atomic import replace_together
 
 LOG_FILE = "failure.log"
@@ -128,7 +130,7 @@ def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[
     for role, path in files.items():
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this.folder.locked(), run_log(trial.out, trial.name, files) as log:
+    with this.folder.locked(), run_log(trial.out, trial.name, files) as log, this.behind:
         this.log = log
         yield this
 
@@ -141,12 +143,14 @@ class _Run:
         self.folder = Folder(trial.out)
         self.files = FileHashes(trial)
         self.log = _log
+        self.behind = Behind()
         self._steps: list[Step] = []
+        self._origins: dict[str, Origin] = {}
 
     def go(self, stages: Sequence[Stage]) -> Outcome:
         """Take these stages in their order."""
         refused = None
-        for stage in stages:
+        for number, stage in enumerate(stages):
             try:
                 with _named(self.trial, stage):
                     self.step(stage)
@@ -154,6 +158,9 @@ class _Run:
                 refused = error
                 self.refuse(stage, refused)
                 break
+            wanted = {file for later in stages[number + 1 :] for file in later.inputs}
+            self.folder.release({file for earlier in self.stages for file in earlier.outputs} - wanted)
+        self.behind.settle()
         self.folder.remove([LOG_FILE])
         self.log.info(verdict_line(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
@@ -164,8 +171,9 @@ class _Run:
         origin = self.current(stage, hashes)
         action: Literal["computed", "reused"] = "computed" if origin is None else "reused"
         origin = origin or self.compute_or_refuse(stage, hashes)
+        self._origins[stage.name] = origin
         made_from = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
-        self.folder.freshen(stage.outputs, [self.trial.file, *made_from])
+        self.behind.do(partial(self.folder.freshen, stage.outputs, [self.trial.file, *made_from]))
         self.took(Step(stage.name, action, origin.seconds))
 
     def compute_or_refuse(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
@@ -189,7 +197,7 @@ class _Run:
         self.progress(step)
 
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:
-        """Run a stage's function and write what it gives."""
+        """Run a stage's function and have written what it gives."""
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
         settings = self.trial.settings[stage.name]
         context = Context(self.trial.keys, settings, inputs, refused, self.seconds_before(stage))
@@ -201,7 +209,7 @@ class _Run:
             self.files.unchanged(stage)
             origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
             _check_names(stage, outputs)
-            self.folder.write(outputs, origin)
+            kept = self.folder.keep(outputs, origin)
         except NumericalError:
             self.forget_from(stage)
             raise
@@ -210,14 +218,26 @@ class _Run:
         except Exception as error:
             self.forget_from(stage)
             raise self.unforeseen(error) from error
+        self.behind.do(partial(self.write, stage, kept, origin))
         return origin
+
+    def write(self, stage: Stage, outputs: Sequence[Artefact | Document], origin: Origin) -> None:
+        """Write what a stage gave."""
+        with _named(self.trial, stage):
+            try:
+                self.folder.store(outputs, origin)
+            except MocapIdError:
+                raise
+            except Exception as error:
+                raise self.unforeseen(error) from error
 
     def refuse(self, stage: Stage, refused: Refused) -> None:
         """Remove what no longer holds, and make the report of what does, unless that is what stands there."""
         report = self.stages[-1]
+        self.behind.settle()
         self.forget_from(stage, but=report)
         self.took(Step(stage.name, "refused", 0.0))
-        hashes = {file: self.folder.content(file) for file in report.inputs if self.folder.exists(file)}
+        hashes = {file: self.folder.key(file) for file in report.inputs if self.folder.exists(file)}
         with _named(self.trial, report):
             standing = self.current(report, hashes, refused)
             if standing is None:
@@ -274,8 +294,8 @@ class _Run:
         return found
 
     def hashes(self, stage: Stage) -> dict[str, str]:
-        """Content hash of every file of the user's and every artefact that a stage reads."""
-        return self.files.of(stage) | {file: self.folder.content(file) for file in stage.inputs}
+        """Hash of every file of the user's and key of every artefact that a stage reads."""
+        return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}
 
     def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
         """Cache key that the stage's outputs would have."""
@@ -295,8 +315,9 @@ class _Run:
         """Computation times of the stages before this one, as far as their outputs stand."""
         seconds: dict[str, float] = {}
         for earlier in self.stages[: self.stages.index(stage)]:
+            origin = self._origins.get(earlier.name)
             try:
-                origin = self.folder.origin(earlier.name, earlier.outputs)
+                origin = origin or self.folder.origin(earlier.name, earlier.outputs)
             except StoreError:
                 continue  # a damaged output that this stage does not read is for its own stage to mend
             if origin is not None:
@@ -310,6 +331,8 @@ def _named(trial: Trial, stage: Stage) -> Iterator[None]:
     try:
         yield
     except MocapIdError as error:
+        if getattr(error, "__notes__", None):
+            raise  # the writer's: it names the stage that it wrote for
         error.add_note(f"trial {trial.name}, stage {stage.name}")
         raise
 

@@ -124,7 +124,7 @@ def _standings(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterato
 
 def _standing(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -> Standing:
     try:
-        hashes = files.of(stage) | {file: folder.content(file) for file in stage.inputs}
+        hashes = files.of(stage) | {file: folder.key(file) for file in stage.inputs}
     except MocapIdError as error:
         return Standing(stage.name, "missing", str(error))
     wanted = parameters(trial, stage)

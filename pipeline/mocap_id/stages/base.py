@@ -146,6 +146,12 @@ class Context:
         assert isinstance(artefact, Table)
         return artefact
 
+    def long(self, file: str) -> LongTable:
+        """The Parquet input of this name, which has a row for every frame and marker."""
+        artefact = self.inputs[file]
+        assert isinstance(artefact, LongTable)
+        return artefact
+
     def tree(self, file: str) -> Tree:
         """The HDF5 input of this name."""
         artefact = self.inputs[file]
@@ -158,7 +164,7 @@ class Context:
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
 
 
-Outputs: TypeAlias = tuple[Artefact | LongTable | Document, ...]
+Outputs: TypeAlias = tuple[Artefact | Document, ...]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Facts: TypeAlias = Mapping[str, Any]
 """Numbers and choices beside the data, JSON values only; None where a quantity could not be determined."""
+
+Values: TypeAlias = "np.ndarray[Any, Any]"
+"""A column of a table."""
 
 Node: TypeAlias = "np.ndarray[Any, Any] | str | float | int | Mapping[str, Node]"
 
@@ -36,7 +39,7 @@ class TableSchema:
 
     ``repeated`` columns carry ``{k}`` in their name and come once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
     in the order of ``k`` first, k = 1, 2, … ``optional`` groups are there as a whole or not at all; with ``{k}``, once
-    for every k.
+    for every k. A ``long`` table has a row for every frame and marker, and is a :class:`LongTable` in memory.
     """
 
     file: str
@@ -44,6 +47,7 @@ class TableSchema:
     columns: tuple[Column, ...]
     repeated: tuple[Column, ...] = ()
     optional: tuple[tuple[Column, ...], ...] = ()
+    long: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,36 +61,67 @@ class TreeSchema:
 
 @dataclass(frozen=True)
 class Table:
-    """A Parquet artefact in memory."""
-
-    schema: TableSchema
-    frame: pd.DataFrame
-    facts: Facts = field(default_factory=dict)
-    reasons: tuple[Reason, ...] = ()
-
-    @property
-    def length(self) -> int:
-        """Number of rows."""
-        return len(self.frame)
-
-    @property
-    def names(self) -> list[str]:
-        """The columns'."""
-        return [str(name) for name in self.frame.columns]
-
-    def column(self, name: str, rows: slice = slice(None)) -> pd.Series[Any]:
-        """A column, or some rows of it."""
-        return self.frame[name].iloc[rows]
-
-
-@dataclass(frozen=True)
-class LongTable:
-    """A Parquet artefact in memory with a row for every frame and marker, in this order, whose labels take no room.
+    """A Parquet artefact in memory: its columns as arrays.
 
     Parameters
     ----------
     schema : TableSchema
-        With the columns ``frame``, ``time`` and ``marker``.
+    columns : mapping of str to (n,) array
+        Numbers and truth values by their numpy types. Texts are object arrays of str. A nullable integer is int64
+        with -1 where the file holds null.
+    """
+
+    schema: TableSchema
+    columns: Mapping[str, Values]
+    facts: Facts = field(default_factory=dict)
+    reasons: tuple[Reason, ...] = ()
+
+    @classmethod
+    def from_frame(
+        cls, schema: TableSchema, frame: pd.DataFrame, facts: Facts | None = None, reasons: tuple[Reason, ...] = ()
+    ) -> Table:
+        """A table of a data frame's columns; missing integers become -1, missing texts None."""
+        return cls(schema, {str(name): _values(frame[name]) for name in frame.columns}, facts or {}, reasons)
+
+    @property
+    def length(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return list(self.columns)
+
+    def __getitem__(self, name: str) -> Values:
+        return self.columns[name]
+
+    def stack(self, names: Sequence[str]) -> FloatArray:
+        """Some columns of numbers side by side, (n, len(names))."""
+        return np.stack([self.columns[name] for name in names], axis=1).astype(np.float64, copy=False)
+
+    def column(self, name: str, rows: slice = slice(None)) -> Values:
+        """A column, or some rows of it."""
+        return self.columns[name][rows]
+
+    def having(self, **columns: Values) -> Table:
+        """The same with these columns replaced or added."""
+        return replace(self, columns={**self.columns, **columns})
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """All of it as a data frame."""
+        return _frame(self)
+
+
+@dataclass(frozen=True)
+class LongTable:
+    """A Parquet artefact in memory with a row for every frame and marker, in this order.
+
+    Parameters
+    ----------
+    schema : TableSchema
+        ``long``, with the columns ``frame``, ``time`` and ``marker``.
     frames : (F,) int array
     time : (F,) array
         s.
@@ -103,6 +138,19 @@ class LongTable:
     facts: Facts = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
 
+    @classmethod
+    def from_frame(
+        cls, schema: TableSchema, frame: pd.DataFrame, facts: Facts | None = None, reasons: tuple[Reason, ...] = ()
+    ) -> LongTable:
+        """A long table of a data frame that is sorted by frame, every frame holding the same markers in one order."""
+        frames = frame["frame"].to_numpy()
+        count = len(np.unique(frames))
+        labels = tuple(map(str, frame["marker"].iloc[: len(frames) // max(count, 1)]))
+        each = slice(None, None, max(len(labels), 1))
+        columns = [name for name in frame.columns if name not in ("frame", "time", "marker")]
+        values = {str(name): frame[name].to_numpy().reshape(count, len(labels)) for name in columns}
+        return cls(schema, frames[each], frame["time"].to_numpy()[each], labels, values, facts or {}, reasons)
+
     @property
     def length(self) -> int:
         """Number of rows."""
@@ -110,31 +158,68 @@ class LongTable:
 
     @property
     def names(self) -> list[str]:
-        """The columns'."""
+        """Names of the columns."""
         return ["frame", "time", "marker", *self.values]
 
-    def column(self, name: str, rows: slice = slice(None)) -> pd.Series[Any]:
+    def column(self, name: str, rows: slice = slice(None)) -> Values:
         """A column, or some rows of it."""
-        import pandas as pd  # noqa: PLC0415  most who know what an artefact is make none
-
+        if name == "marker":
+            return np.array(self.labels, dtype=object)[self.codes(rows)]
         if name in self.values:
-            return pd.Series(self.values[name].reshape(-1)[rows], name=name, copy=False)
+            return self.values[name].reshape(-1)[rows]
+        first, last, own = self._frames(rows)
+        return np.repeat({"frame": self.frames, "time": self.time}[name][first:last], len(self.labels))[own]
+
+    def codes(self, rows: slice = slice(None)) -> Values:
+        """Which label stands in each row, int32."""
+        first, last, own = self._frames(rows)
+        return np.tile(np.arange(len(self.labels), dtype=np.int32), last - first)[own]
+
+    def _frames(self, rows: slice) -> tuple[int, int, slice]:
+        """The frames that hold some rows, from the first to before the last, and the rows within these."""
         start, stop, _ = rows.indices(self.length)
         markers = max(len(self.labels), 1)
-        first, last = start // markers, -(-stop // markers)  # frames
-        own = slice(start - first * markers, stop - first * markers)
-        if name == "marker":
-            codes = np.tile(np.arange(markers, dtype=np.int32), last - first)[own]
-            return pd.Series(pd.Categorical.from_codes(codes, categories=pd.Index(self.labels)), name=name)
-        each = {"frame": self.frames, "time": self.time}[name]
-        return pd.Series(np.repeat(each[first:last], markers)[own], name=name, copy=False)
+        first, last = start // markers, -(-stop // markers)
+        return first, last, slice(start - first * markers, stop - first * markers)
 
     @property
     def frame(self) -> pd.DataFrame:
-        """All of it, with all its labels."""
-        import pandas as pd  # noqa: PLC0415
+        """All of it as a data frame, with a label in every row."""
+        return _frame(self)
 
-        return pd.DataFrame({name: self.column(name) for name in self.names})
+
+def _values(series: pd.Series[Any]) -> Values:
+    """A data frame's column as an array."""
+    kind = str(series.dtype)
+    if kind in ("category", "str", "object", "string"):
+        texts = series.astype(object)
+        return np.asarray(texts.where(texts.notna(), None), dtype=object)
+    if kind == "Int64":
+        return np.asarray(series.fillna(-1), dtype=np.int64)
+    return np.asarray(series)
+
+
+def _frame(table: Table | LongTable) -> pd.DataFrame:
+    """A data frame with the types of the schema: texts that repeat as categories, -1 of a nullable integer as NA."""
+    import pandas as pd  # noqa: PLC0415  a run does without data frames
+
+    kinds = {column.name: column.dtype for column in table.schema.columns}
+    series: dict[str, Any] = {}
+    for name in table.names:
+        if name == "marker" and isinstance(table, LongTable):
+            labels, ranks = np.unique(np.array(table.labels, dtype=str), return_inverse=True)
+            series[name] = pd.Categorical.from_codes(ranks[table.codes()], pd.Index(labels, dtype="str"))
+            continue
+        values, kind = table.column(name), kinds.get(name)
+        if kind == "category":
+            series[name] = pd.Categorical(values)
+        elif kind == "str":
+            series[name] = pd.array(values, dtype="str")
+        elif kind == "Int64":
+            series[name] = pd.arrays.IntegerArray(np.asarray(values), np.asarray(values) < 0)
+        else:
+            series[name] = values
+    return pd.DataFrame(series)
 
 
 @dataclass(frozen=True)
@@ -155,4 +240,4 @@ class Document:
     content: bytes
 
 
-Artefact: TypeAlias = Table | Tree
+Artefact: TypeAlias = Table | LongTable | Tree

@@ -41,7 +41,7 @@ Content: TypeAlias = bytes | Callable[[BinaryIO], None]
 """What a file is to hold, or what writes it."""
 
 
-def replace_together(folder: Path, contents: Mapping[str, Content]) -> None:
+def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:
     """Write several files of one folder: either all of them appear, complete, or none does.
 
     Parameters
@@ -50,6 +50,9 @@ def replace_together(folder: Path, contents: Mapping[str, Content]) -> None:
         An existing folder.
     contents : mapping
         File name, ``/`` for a sub-folder → content.
+    void : str, optional
+        The file of these that vouches for the others. It is deleted before the first replacement, so that a power cut
+        between two of them leaves files that nothing vouches for.
 
     Raises
     ------
@@ -67,6 +70,8 @@ def replace_together(folder: Path, contents: Mapping[str, Content]) -> None:
                 if path.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with _uninterrupted():
+            if void is not None:
+                within(folder, void).unlink(missing_ok=True)
             for path, written in temporary.items():
                 with explained(path):
                     written.replace(path)

@@ -10,8 +10,9 @@ from dataclasses import replace
 from functools import partial
 from os import utime
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+import numpy as np
 from filelock import SoftFileLock, Timeout
 
 from mocap_id import plain_files
@@ -20,7 +21,7 @@ from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, Table
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
 from mocap_id.store.digest import HashedStream, hash_bytes, hash_file
 from mocap_id.store.locking import LOCK, MARKER, lock_in
-from mocap_id.store.provenance import Origin, Provenance
+from mocap_id.store.provenance import Origin, Provenance, settled
 from mocap_id.store.record import UNREADABLE, Record, Seal
 from mocap_id.store.schemas import SCHEMAS
 
@@ -30,8 +31,9 @@ _HIDDEN = ".mocap-id"
 class Folder:
     """A trial's run folder.
 
-    Artefacts are read once and kept; what a stage reads is always what stands on the disk, so that a stage run alone
-    and the same stage within a whole run see the same.
+    Artefacts are read once and kept. What a stage gave is handed on as it would be read from its file: typed by its
+    schema, facts as JSON, arrays that nobody can write to. A stage run alone and the same stage within a whole run
+    therefore see the same.
 
     Parameters
     ----------
@@ -85,36 +87,62 @@ class Folder:
             raise StoreError(message) from error
 
     def read(self, file: str) -> Artefact:
-        """An artefact, checked, for its reader alone; StoreError where it is missing or damaged."""
+        """An artefact, checked, whose arrays are read-only; StoreError where it is missing or damaged."""
         artefact = self._load(file)[0]
-        facts = copy.deepcopy(artefact.facts)
-        if isinstance(artefact, Table):  # pandas copies on writing
-            return replace(artefact, frame=artefact.frame.copy(deep=False), facts=facts)
-        assert isinstance(artefact, Tree)  # a long table is read as a plain one
-        return replace(artefact, data=copy.deepcopy(artefact.data), facts=facts)
+        return replace(artefact, facts=copy.deepcopy(artefact.facts))
 
     def provenance(self, file: str) -> Provenance:
         """What an artefact says about itself; StoreError where it is missing or damaged."""
         return self._load(file)[1]
 
-    def content(self, file: str) -> str:
-        """Content hash of an artefact; StoreError where it is missing or damaged."""
-        record = self._as_written(file)
-        return self.provenance(file).content if record is None else record.artefacts[file].content
+    def key(self, file: str) -> str:
+        """Key of the computation that an artefact comes from; StoreError where it is missing or damaged."""
+        record = None if file in self._read else self._as_written(file)
+        return self.provenance(file).origin.key if record is None else record.origin.key
 
     def exists(self, file: str) -> bool:
         """Whether there is such a file, sound or not."""
-        return (self.path / file).is_file()
+        return file in self._read or (self.path / file).is_file()
 
-    def write(self, outputs: Iterable[Artefact | LongTable | Document], origin: Origin) -> None:
-        """Write what a stage gave: all of it appears together, and its documents of an earlier run that are no more go.
+    def keep(self, outputs: Iterable[Artefact | Document], origin: Origin) -> list[Artefact | Document]:
+        """Hold what a stage gave in memory, as it would be read from its files; the outputs for :meth:`store`.
+
+        Raises
+        ------
+        ValueError
+            An artefact breaks its schema.
+        """
+        kept = [output if isinstance(output, Document) else _conformed(output) for output in outputs]
+        for output in kept:
+            if not isinstance(output, Document):
+                schema = output.schema
+                told = Provenance(schema.file, schema.version, origin, output.facts, output.reasons)
+                self._read[schema.file] = output, told
+        return kept
+
+    def release(self, files: Iterable[str]) -> None:
+        """Let go of artefacts in memory; who asks for one again gets it from the disk."""
+        for file in files:
+            self._read.pop(file, None)
+
+    def write(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
+        """:meth:`keep` and :meth:`store` in one."""
+        kept = self.keep(outputs, origin)
+        try:
+            self.store(kept, origin)
+        except BaseException:
+            self.release(output.schema.file for output in kept if not isinstance(output, Document))
+            raise
+
+    def store(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
+        """Write what :meth:`keep` gave: all of it appears together.
+
+        Documents of an earlier run of the stage that this one did not make are deleted.
 
         Raises
         ------
         StoreError
             The folder cannot be written.
-        ValueError
-            An artefact breaks its schema.
         """
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
@@ -128,10 +156,10 @@ class Folder:
         before = self.documents(origin.stage)
         record = Record(origin, documents, seals)
         contents[_record(origin.stage)] = partial(_write_record, record)  # the last, when the seals are known
-        replace_together(self.path, contents)
+        replace_together(self.path, contents, void=_record(origin.stage))
         self.remove({file for file in self._ours(before) if file not in documents})
         for file in contents:
-            self._forget(file)
+            self._untouched.pop(file, None)
 
     def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
         """Where a stage's outputs come from, if all of them are there, sound and of one and the same computation.
@@ -148,22 +176,16 @@ class Folder:
         StoreError
             One of them is damaged.
         """
-        origins: list[Origin] = []
-        for file in files:
-            if not self.exists(file):
-                return None
-            if file in SCHEMAS:
-                record = self._as_written(file)
-                origins.append(self.provenance(file).origin if record is None else record.origin)
-        if any(file not in SCHEMAS for file in files):
-            told = self._document_origin(stage)
-            if told is None:
-                return None
-            origins.append(told)
-        return origins[0] if all(origin.key == origins[0].key for origin in origins) else None
+        record = self._record(stage)
+        if record is None or not all((self.path / file).is_file() for file in files):
+            return None
+        if any(self._as_written(file) is None for file in files if file in SCHEMAS):
+            return None
+        sound = len(self._ours(record.documents)) == len(record.documents)
+        return record.origin if sound and {*record.artefacts, *record.documents} >= set(files) else None
 
     def documents(self, stage: str) -> Mapping[str, str]:
-        """Documents that a stage wrote last, with their content hashes; none where there is no readable record."""
+        """Documents that a stage wrote last, with the hashes of their bytes; none where there is no readable record."""
         record = self._record(stage)
         return record.documents if record else {}
 
@@ -208,14 +230,25 @@ class Folder:
                     folder.rmdir()
 
     def _as_written(self, file: str) -> Record | None:
-        """The record that knows an artefact, if the file still holds the very bytes that were written."""
-        if file not in self._untouched:
-            version, digest = SCHEMAS[file].version, self._hash(file)
+        """The record of an artefact; None without one, or where it is of another version of the schema.
+
+        Raises
+        ------
+        StoreError
+            The file does not hold the bytes that its record says were written.
+        """
+        if file not in self._untouched and (self.path / file).exists():
             for place in sorted((self.path / _HIDDEN).glob("*.json")):
                 record = self._record(place.stem)
                 seal = None if record is None else record.artefacts.get(file)
-                if record and seal and (seal.schema_version, seal.digest) == (version, digest):
-                    self._untouched[file] = record
+                if record is None or seal is None or seal.schema_version != SCHEMAS[file].version:
+                    continue
+                if self._hash(file) != seal.digest:
+                    raise StoreError(
+                        f"{self.path / file} is damaged or was edited: its bytes are not those that were written. "
+                        "Delete it and run again"
+                    )
+                self._untouched[file] = record
         return self._untouched.get(file)
 
     def _forget(self, file: str) -> None:
@@ -224,10 +257,12 @@ class Folder:
 
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
+            self._as_written(file)
             path, schema = self.path / file, SCHEMAS[file]
             try:
                 with plain_files.opened(path, links=False) as stream:
-                    self._read[file] = _decoded(stream, schema)
+                    artefact, told = _decoded(stream, schema)
+                    self._read[file] = _frozen(artefact), told
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
@@ -262,12 +297,6 @@ class Folder:
         except (StoreError, OSError, ValueError):
             return None
 
-    def _document_origin(self, stage: str) -> Origin | None:
-        record = self._record(stage)
-        if record is None:
-            return None
-        return record.origin if len(self._ours(record.documents)) == len(record.documents) else None
-
 
 def _record(stage: str) -> str:
     return f"{_HIDDEN}/{stage}.json"
@@ -277,27 +306,55 @@ def _write_record(record: Record, stream: BinaryIO) -> None:
     stream.write(record.encode())
 
 
-def _sealed(artefact: Artefact | LongTable, origin: Origin, seals: dict[str, Seal]) -> Content:
-    """What writes an artefact, and notes what it wrote."""
+def _conformed(output: Artefact) -> Artefact:
+    """An artefact as it would be read from its file."""
     from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
 
+    typed = hdf5.conform(output) if isinstance(output, Tree) else parquet.conform(output)
+    facts, reasons = settled(output.facts, output.reasons)
+    return _frozen(replace(typed, facts=facts, reasons=reasons))
+
+
+def _frozen(artefact: Artefact) -> Artefact:
+    """An artefact with read-only views of its arrays."""
+    match artefact:
+        case Table():
+            return replace(artefact, columns=_read_only(artefact.columns))
+        case LongTable():
+            frames, time = _read_only(artefact.frames), _read_only(artefact.time)
+            return replace(artefact, frames=frames, time=time, values=_read_only(artefact.values))
+        case Tree():
+            return replace(artefact, data=_read_only(artefact.data))
+
+
+def _read_only(data: Any) -> Any:
+    """Arrays, and mappings of them, that cannot be written to."""
+    if isinstance(data, np.ndarray):
+        view = data.view()
+        view.flags.writeable = False
+        return view
+    return {name: _read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data
+
+
+def _sealed(artefact: Artefact, origin: Origin, seals: dict[str, Seal]) -> Content:
+    """What writes an artefact, and notes what it wrote."""
+    from mocap_id.store import hdf5, parquet  # noqa: PLC0415
+
     version, file = artefact.schema.version, artefact.schema.file
-    if isinstance(artefact, Tree):
-        packed, content = hdf5.encode(artefact, origin)
-        seals[file] = Seal(version, hash_bytes(packed), content)
-        return packed
-    table = artefact
 
     def write(stream: BinaryIO) -> None:
         hashed = HashedStream(stream)
-        content = parquet.write(table, origin, hashed)
-        seals[file] = Seal(version, hashed.hash(), content)
+        if isinstance(artefact, Tree):
+            hashed.write(hdf5.encode(artefact, origin))
+        else:
+            parquet.write(artefact, origin, hashed)
+        seals[file] = Seal(version, hashed.hash())
 
     return write
 
 
 def _decoded(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
     """An artefact out of an open file; ValueError where it is damaged."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
+    from mocap_id.store import hdf5, parquet  # noqa: PLC0415
 
     return hdf5.decode(stream.read(), schema) if isinstance(schema, TreeSchema) else parquet.decode(stream, schema)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from mocap_id.store import sealed
 from mocap_id.store.artefacts import Node, Tree, TreeSchema
-from mocap_id.store.content import hash_nodes
 from mocap_id.store.parquet import read_provenance
 from mocap_id.store.provenance import Origin, Provenance
 
@@ -24,23 +24,23 @@ _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
 _STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
 
-def encode(tree: Tree, origin: Origin) -> tuple[bytes, str]:
-    """The tree as the bytes of an HDF5 file, and its content hash.
+def encode(tree: Tree, origin: Origin) -> bytes:
+    """The tree as the bytes of an HDF5 file.
 
     Raises
     ------
     ValueError
         The tree does not have the nodes or types that its schema promises.
     """
-    leaves = conform(tree)
-    content = hash_nodes(leaves, tree.facts, tree.reasons)
-    told = Provenance(tree.schema.file, tree.schema.version, origin, content, tree.facts, tree.reasons).encode()
-    arrays = {path: _stored(array) for path, array in leaves.items()}
+    told = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
+    arrays = {path: _stored(array) for path, array in _leaves(tree).items()}
     size = sealed.room({path: (array.dtype.str, array.shape) for path, array in arrays.items()}, told)
     file, places = _write(tree.schema, arrays, told, size)
     whole = sealed.seal(file, size, places, told)
-    decode(whole, tree.schema)  # what HDF5 wrote, and where, is as it should be
-    return whole, content
+    found = sealed.opened(whole)[0]
+    if any(_stored(found[path]).tobytes() != array.tobytes() for path, array in arrays.items()):
+        raise ValueError(f"{tree.schema.file} is damaged: the HDF5 library put values elsewhere than it says")
+    return whole
 
 
 def _stored(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -70,7 +70,7 @@ def _write(
 
 
 def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
-    """The tree of an HDF5 file's bytes, checked against its seal, its schema and its own content hash.
+    """The tree of an HDF5 file's bytes, checked against its seal and its schema.
 
     Raises
     ------
@@ -82,19 +82,22 @@ def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     problem = "; ".join(_mismatches(leaves, schema))
     if problem:
         raise ValueError(f"does not have its nodes: {problem}")
-    if hash_nodes(leaves, provenance.facts, provenance.reasons) != provenance.content:
-        raise ValueError("is damaged or was edited: its content does not match its own hash")
     return Tree(schema, _nested(leaves), provenance.facts, provenance.reasons), provenance
 
 
-def conform(tree: Tree) -> Leaves:
-    """The tree's leaves by path, with exactly its schema's nodes and types.
+def conform(tree: Tree) -> Tree:
+    """The same with exactly its schema's nodes and types, as :func:`decode` gives it.
 
     Raises
     ------
     ValueError
         A node is missing, unknown or of another type.
     """
+    return replace(tree, data=_nested(_leaves(tree)))
+
+
+def _leaves(tree: Tree) -> Leaves:
+    """The tree's leaves by path; ValueError as for :func:`conform`."""
     leaves = dict(_flat(tree.data, ""))
     problem = "; ".join(_mismatches(leaves, tree.schema))
     unknown = sorted(set(leaves) - {node.name for node in tree.schema.nodes})
@@ -103,7 +106,7 @@ def conform(tree: Tree) -> Leaves:
     if problem:
         raise ValueError(f"{tree.schema.file}: {problem.removeprefix('; ')}")
     types = {node.name: np.dtype(_STORED[node.dtype]) for node in tree.schema.nodes}
-    return {path: array.astype(types[path], copy=False) for path, array in leaves.items()}
+    return {path: np.ascontiguousarray(array, dtype=types[path]).reshape(array.shape) for path, array in leaves.items()}
 
 
 def _flat(data: Mapping[str, Node], above: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from mocap_id.store.artefacts import Artefact, Facts, Table, Tree
+from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -16,10 +16,20 @@ class Held:
 
     artefacts: Mapping[str, Artefact]
 
+    def table(self, file: str) -> Table | None:
+        """A Parquet artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, Table) else None
+
+    def long(self, file: str) -> LongTable | None:
+        """A Parquet artefact with a row for every frame and marker, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, LongTable) else None
+
     def frame(self, file: str) -> pd.DataFrame | None:
         """The rows of a Parquet artefact, None where it is absent."""
         artefact = self.artefacts.get(file)
-        return artefact.frame if isinstance(artefact, Table) else None
+        return None if artefact is None or isinstance(artefact, Tree) else artefact.frame
 
     def tree(self, file: str) -> Tree | None:
         """An HDF5 artefact, None where it is absent."""

@@ -6,17 +6,15 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import partial
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mocap_id.arrays import chunks
-from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema
-from mocap_id.store.content import TableHash, ranked_strings
+from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema, Values
 from mocap_id.store.digest import HashedStream
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
@@ -35,36 +33,34 @@ _TYPES = {
     "category": pa.dictionary(pa.int32(), pa.string()),
     "str": pa.string(),
 }
+_KINDS = {"float64": "fiu", "int64": "iu", "Int64": "iu", "bool": "b", "category": "OU", "str": "OU"}
+_STORED = {
+    "float64": np.float64,
+    "int64": np.int64,
+    "Int64": np.int64,
+    "bool": np.bool_,
+    "category": object,
+    "str": object,
+}
 
 
-def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStream) -> str:
-    """Write the table as a Parquet file, a stretch of rows at a time; its content hash.
+def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStream) -> None:
+    """Write the table as a Parquet file, a stretch of rows at a time.
+
+    Every page has a checksum, so that every Parquet library finds damage.
 
     Raises
     ------
     ValueError
         The table does not have the columns or types that its schema promises.
     """
-    columns, content = _columns(table), TableHash()
-    for column in columns:
-        content.add(column.name, _TYPES[column.dtype], table.length, partial(_parts, table, column))
-    provenance = Provenance(
-        table.schema.file,
-        table.schema.version,
-        origin,
-        content.result(table.facts, table.reasons),
-        table.facts,
-        table.reasons,
-    )
-    empty = pd.DataFrame({name: table.column(name, slice(0)) for name in table.names})
-    pandas = pa.Schema.from_pandas(empty, preserve_index=False).metadata or {}
-    schema = pa.schema([_field(column) for column in columns], metadata=pandas | provenance.encode())
+    columns = _columns(table)
+    provenance = Provenance(table.schema.file, table.schema.version, origin, table.facts, table.reasons)
+    schema = pa.schema([_field(column) for column in columns], metadata=provenance.encode())
     coded = [column.name for column in columns if column.dtype != "float64"]  # measurements hardly repeat
-    with pq.ParquetWriter(stream, schema, compression="zstd", use_dictionary=coded) as writer:
+    with pq.ParquetWriter(stream, schema, compression="zstd", use_dictionary=coded, write_page_checksum=True) as writer:
         for rows in chunks(table.length, _ROWS):
-            arrays = [_arrow(table.column(column.name, rows), column, table.schema.file) for column in columns]
-            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-    return provenance.content
+            writer.write_table(_stretch(table, columns, schema, rows))
 
 
 def encode(table: Table | LongTable, origin: Origin) -> bytes:
@@ -74,8 +70,32 @@ def encode(table: Table | LongTable, origin: Origin) -> bytes:
     return stream.getvalue()
 
 
-def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table, Provenance]:
-    """The table of a Parquet file, given as its bytes or open, checked against its schema and its own content hash.
+def arrow(table: Table | LongTable) -> pa.Table:
+    """The whole as an Arrow table with its schema's columns, types and order; ValueError as for :func:`conform`."""
+    columns = _columns(table)
+    return _stretch(table, columns, pa.schema([_field(column) for column in columns]), slice(None))
+
+
+def conform(table: Table | LongTable) -> Table | LongTable:
+    """The same in exactly its schema's columns, types and order, as :func:`decode` gives it.
+
+    Raises
+    ------
+    ValueError
+        A column is missing, unknown or cannot be converted without loss.
+    """
+    columns = _columns(table)
+    if isinstance(table, LongTable) != table.schema.long:
+        raise ValueError(f"{table.schema.file}: expected a {'LongTable' if table.schema.long else 'Table'}")
+    if isinstance(table, LongTable):
+        values = {c.name: _typed(table.values[c.name], c, table.schema.file) for c in columns if c.name in table.values}
+        frames, time = np.ascontiguousarray(table.frames), np.ascontiguousarray(table.time)
+        return replace(table, frames=frames, time=time, labels=tuple(map(str, table.labels)), values=values)
+    return replace(table, columns={c.name: _typed(table.columns[c.name], c, table.schema.file) for c in columns})
+
+
+def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
+    """The table of a Parquet file, given as its bytes or open, checked against its schema and its pages' checksums.
 
     Columns are taken up one by one, so that the whole table stands in memory once and not twice.
 
@@ -88,7 +108,7 @@ def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table, Prove
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
     try:
-        file = pq.ParquetFile(stream)
+        file = pq.ParquetFile(stream, page_checksum_verification=True)
         found = file.schema_arrow
         metadata = {key.decode(): value.decode() for key, value in (found.metadata or {}).items()}
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -98,19 +118,36 @@ def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table, Prove
     problem = "; ".join(_mismatches(found, schema))
     if problem:
         raise ValueError(f"does not have its columns: {problem}")
-    kinds = {column.name: column.dtype for column in columns_of(schema, found.names)}
-    series, digest = {}, TableHash()
-    for name in found.names:
-        try:
-            column = file.read(columns=[name]).column(name)
-        except (pa.ArrowException, OSError) as error:
-            raise ValueError(f"is damaged ({_first_line(error)})") from error
-        digest.add(name, column.type, len(column), column.iterchunks)
-        series[name] = _series(column, kinds.get(name))
-    if digest.result(provenance.facts, provenance.reasons) != provenance.content:
-        raise ValueError("is damaged or was edited: its content does not match its own hash")
-    frame = pd.DataFrame(series, copy=False)
-    return Table(schema, frame, provenance.facts, provenance.reasons), provenance
+    try:
+        return _table(file, schema, provenance), provenance
+    except (pa.ArrowException, OSError) as error:
+        raise ValueError(f"is damaged ({_first_line(error)})") from error
+
+
+def _table(file: pq.ParquetFile, schema: TableSchema, told: Provenance) -> Table | LongTable:
+    """The columns of an open file, one by one."""
+    names = file.schema_arrow.names
+    kinds = {column.name: column.dtype for column in columns_of(schema, names)}
+    if not schema.long:
+        columns = {name: _array(_column(file, name), kinds.get(name)) for name in names}
+        return Table(schema, columns, told.facts, told.reasons)
+    frame, (codes, texts) = _column(file, "frame").to_numpy(), _coded(_column(file, "marker"))
+    markers = int(np.argmax(frame != frame[0])) if len(frame) and frame[-1] != frame[0] else len(frame)
+    count, rest = divmod(len(frame), max(markers, 1))
+    first = slice(None, None, max(markers, 1))  # row of every frame
+    if (
+        rest
+        or (frame.reshape(count, markers) != frame[first, None]).any()
+        or (codes.reshape(count, markers) != codes[:markers]).any()
+    ):
+        raise ValueError("does not have the same markers in every frame")
+    values = {
+        name: _array(_column(file, name), kinds.get(name)).reshape(count, markers)
+        for name in names
+        if name not in ("frame", "time", "marker")
+    }
+    time, labels = _column(file, "time").to_numpy()[first].copy(), tuple(texts[codes[:markers]])
+    return LongTable(schema, frame[first].copy(), time, labels, values, told.facts, told.reasons)
 
 
 def _check_size(found: pq.FileMetaData, schema: pa.Schema, room: int) -> None:
@@ -147,19 +184,6 @@ def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
     return provenance
 
 
-def conform(table: Table | LongTable) -> pa.Table:
-    """The whole as an Arrow table with exactly its schema's columns, types and order; NaN stays NaN.
-
-    Raises
-    ------
-    ValueError
-        A column is missing, unknown or cannot be converted without loss.
-    """
-    columns = _columns(table)
-    schema = pa.schema([_field(column) for column in columns])
-    return pa.Table.from_arrays([pa.chunked_array(_parts(table, column)) for column in columns], schema=schema)
-
-
 def _columns(table: Table | LongTable) -> list[Column]:
     """The columns that the schema asks of this table; ValueError where one is missing or unknown."""
     names, schema = table.names, table.schema
@@ -171,10 +195,16 @@ def _columns(table: Table | LongTable) -> list[Column]:
     return columns
 
 
-def _parts(table: Table | LongTable, column: Column) -> Iterator[pa.Array]:
-    """The column's values, a stretch of rows at a time."""
-    for rows in chunks(table.length, _ROWS):
-        yield _arrow(table.column(column.name, rows), column, table.schema.file)
+def _stretch(table: Table | LongTable, columns: Sequence[Column], schema: pa.Schema, rows: slice) -> pa.Table:
+    """Some rows as an Arrow table."""
+    arrays = []
+    for column in columns:
+        if isinstance(table, LongTable) and column.name == "marker":
+            labels = _texts(np.array(table.labels, dtype=object))
+            arrays.append(pa.DictionaryArray.from_arrays(_plain(pa.int32(), table.codes(rows)), labels))
+        else:
+            arrays.append(_arrow(_typed(table.column(column.name, rows), column, table.schema.file), column))
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
@@ -197,19 +227,42 @@ def _field(column: Column) -> pa.Field:
     return pa.field(column.name, _TYPES[column.dtype], metadata={"unit": column.unit, "meaning": column.meaning})
 
 
-def _arrow(series: pd.Series[Any], column: Column, file: str) -> pa.Array:
-    """One column, nulls only where the type has no NaN."""
-    try:
-        if column.dtype == "float64":
-            return pa.array(series.to_numpy(dtype=np.float64), from_pandas=False)
-        if column.dtype == "category":
-            categories = series.astype("category").cat
-            codes = pa.array(categories.codes.astype("int32"), mask=categories.codes.to_numpy() < 0)
-            return pa.DictionaryArray.from_arrays(codes, pa.array(map(str, categories.categories), type=pa.string()))
-        return pa.array(series, type=_TYPES[column.dtype])
-    except (pa.ArrowException, TypeError, ValueError) as error:
-        message = f"{file}: column {column.name} holds {series.dtype}, expected {column.dtype} ({_first_line(error)})"
-        raise ValueError(message) from error
+def _typed(values: Values, column: Column, file: str) -> Values:
+    """A column in its schema's type, in one piece; ValueError where it is another kind of thing."""
+    found = np.asarray(values)
+    if found.size and found.dtype.kind not in _KINDS[column.dtype]:
+        raise ValueError(f"{file}: column {column.name} holds {found.dtype}, expected {column.dtype}")
+    return np.ascontiguousarray(found, dtype=_STORED[column.dtype])
+
+
+def _arrow(values: Values, column: Column) -> pa.Array:
+    """One column for Arrow, from its bytes: `pa.array` would import pandas."""
+    if column.dtype == "category":
+        texts, codes = np.unique(values.astype(str), return_inverse=True)
+        return pa.DictionaryArray.from_arrays(_plain(pa.int32(), codes.astype(np.int32)), _texts(texts))
+    if column.dtype == "str":
+        return _texts(values)
+    if column.dtype == "bool":
+        return _plain(pa.bool_(), np.packbits(values, bitorder="little"), len(values))
+    known = values >= 0 if column.dtype == "Int64" else None
+    return _plain(_TYPES[column.dtype], values, known=known)
+
+
+def _plain(
+    kind: pa.DataType, values: Values, length: int | None = None, known: Values | None = None, *more: bytes
+) -> pa.Array:
+    """An Arrow array of a buffer; ``known`` (n,) is false where it holds null."""
+    null = None if known is None or known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
+    buffers = [null, pa.py_buffer(values), *map(pa.py_buffer, more)]
+    return pa.Array.from_buffers(kind, len(values) if length is None else length, buffers)
+
+
+def _texts(values: Values) -> pa.Array:
+    """Texts, None as null."""
+    known = np.array([text is not None for text in values], dtype=np.bool_)
+    encoded = [b"" if text is None else str(text).encode() for text in values]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return _plain(pa.string(), ends, len(encoded), known, b"".join(encoded))
 
 
 def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
@@ -221,19 +274,25 @@ def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
             yield f"`{column.name}` is {types[column.name]}, expected {column.dtype}"
 
 
-def _series(column: pa.ChunkedArray, kind: str | None) -> Any:
-    """One column as pandas has it; categories are sorted, whatever the order in the file."""
+def _column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
+    return file.read(columns=[name]).column(name)
+
+
+def _coded(column: pa.ChunkedArray) -> tuple[Values, Values]:
+    """Indices of a column's texts, and the texts."""
+    parts = column.unify_dictionaries().chunks
+    codes = np.concatenate([np.empty(0, np.int32), *(part.indices.to_numpy() for part in parts)])
+    return codes, np.array(parts[0].dictionary.to_pylist() if parts else [], dtype=object)
+
+
+def _array(column: pa.ChunkedArray, kind: str | None) -> Values:
+    """One column as an array."""
     if kind == "category":
-        values, parts = ranked_strings(column.iterchunks)
-        codes = np.concatenate([np.empty(0, np.int32), *(part.astype(np.int32) for part in parts)])
-        return pd.Categorical.from_codes(codes, categories=pd.Index(values, dtype="str"))
-    if kind == "Int64":
-        mask = column.is_null().to_numpy()
-        return pd.arrays.IntegerArray(column.fill_null(0).to_numpy().astype(np.int64), mask)
+        codes, texts = _coded(column)
+        return np.asarray(texts[codes])
     if kind == "str":
-        return pd.array(column.to_pylist(), dtype="str")
-    values = column.to_numpy()
-    return values if values.flags.writeable else values.copy()
+        return np.array(column.to_pylist(), dtype=object)
+    return np.asarray((column.fill_null(-1) if kind == "Int64" else column).to_numpy())
 
 
 def _first_line(error: Exception) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -29,7 +29,7 @@ class Origin:
     parameters : mapping
         The stage's effective settings and the trial's keys that it reads; file names without their folders.
     inputs : mapping of str to str
-        Content hash of every artefact and file that was read.
+        Of every artefact that was read its key, of every file of the user's the hash of its bytes.
     key : str
         Cache key: hash of all of the above.
     seconds : float
@@ -54,7 +54,6 @@ class Provenance:
     schema: str
     schema_version: int
     origin: Origin
-    content: str
     facts: Facts
     reasons: tuple[Reason, ...]
 
@@ -70,9 +69,8 @@ class Provenance:
             PREFIX + "inputs": dumps(self.origin.inputs),
             PREFIX + "key": self.origin.key,
             PREFIX + "seconds": repr(float(self.origin.seconds)),
-            PREFIX + "content": self.content,
             PREFIX + "facts": dumps(self.facts),
-            PREFIX + "reasons": dumps([reason.as_dict() for reason in self.reasons]),
+            PREFIX + "reasons": _told(self.reasons),
         }
 
     @classmethod
@@ -98,10 +96,18 @@ class Provenance:
             schema=text["schema"],
             schema_version=int(text["schema_version"]),
             origin=origin,
-            content=text["content"],
             facts=_mapping(text["facts"]),
             reasons=_reasons(text["reasons"]),
         )
+
+
+def settled(facts: Facts, reasons: Iterable[Reason]) -> tuple[Facts, tuple[Reason, ...]]:
+    """Facts and reasons as they are read from a file; TypeError where a fact has no JSON counterpart."""
+    return _mapping(dumps(facts)), _reasons(_told(reasons))
+
+
+def _told(reasons: Iterable[Reason]) -> str:
+    return dumps([reason.as_dict() for reason in reasons])
 
 
 def _mapping(text: str) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""What stands beside a stage's outputs: where they come from, and the hash of each as it was written.
+"""What stands beside a stage's outputs: where they come from, and the hash of each file as it was written.
 
-Documents cannot carry their provenance. Artefacts can, and do; of them the record tells that they are still the bytes
-that were written, so that nothing has to be decoded to find that there is nothing to compute.
+Documents cannot carry their provenance. Artefacts do, but the record alone says that a file still holds the bytes that
+were written, so that nothing has to be decoded to find that there is nothing to compute.
 """
 
 from __future__ import annotations
@@ -11,29 +11,18 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from mocap_id.store.digest import hash_bytes
 from mocap_id.store.provenance import Origin, Provenance
 
 UNREADABLE = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
-"""What reading a record raises that is none."""
+"""Exceptions for an invalid record."""
 
 
 @dataclass(frozen=True)
 class Seal:
-    """An artefact as it was written.
-
-    Parameters
-    ----------
-    schema_version : int
-    digest : str
-        Hash of the file's bytes.
-    content : str
-        Content hash, which stands in the file's own provenance too.
-    """
+    """An artefact as it was written: version of its schema, and hash of the file's bytes."""
 
     schema_version: int
     digest: str
-    content: str
 
 
 @dataclass(frozen=True)
@@ -44,7 +33,7 @@ class Record:
     ----------
     origin : Origin
     documents : mapping of str to str
-        Hash of every document, by file name.
+        Hash of the bytes of every document, by file name.
     artefacts : mapping of str to Seal
     """
 
@@ -53,17 +42,15 @@ class Record:
     artefacts: Mapping[str, Seal] = field(default_factory=dict)
 
     def encode(self) -> bytes:
-        """As it stands in the file."""
-        content = hash_bytes(json.dumps(self.documents, sort_keys=True).encode())
-        strings: dict[str, Any] = dict(Provenance("documents", 1, self.origin, content, {}, ()).encode())
-        strings["documents"] = json.dumps(self.documents)
-        strings["artefacts"] = {file: asdict(seal) for file, seal in self.artefacts.items()}
-        return json.dumps(strings, indent=1).encode()
+        """The bytes of the record's file."""
+        strings: dict[str, Any] = dict(Provenance("record", 2, self.origin, {}, ()).encode())
+        seals = {file: asdict(seal) for file, seal in self.artefacts.items()}
+        return json.dumps(strings | {"documents": self.documents, "artefacts": seals}, indent=1).encode()
 
     @classmethod
     def decode(cls, content: bytes) -> Record:
-        """The inverse of :meth:`encode`; one of :data:`UNREADABLE` where it is none."""
+        """The inverse of :meth:`encode`; one of :data:`UNREADABLE` for an invalid record."""
         strings = json.loads(content)
-        documents: dict[str, str] = dict(json.loads(strings["documents"]))
-        artefacts = {str(file): Seal(**seal) for file, seal in strings.get("artefacts", {}).items()}
+        documents = {str(file): str(digest) for file, digest in strings["documents"].items()}
+        artefacts = {str(file): Seal(**seal) for file, seal in strings["artefacts"].items()}
         return cls(Provenance.decode(strings).origin, documents, artefacts)

@@ -24,6 +24,7 @@ PLANAR = TableSchema(
         Column("z", "float64", "m", "out of the plane, plane frame"),
         Column("visible", "bool", "", "measured in this frame"),
     ),
+    long=True,
 )
 
 WRENCH = TableSchema(
@@ -136,6 +137,7 @@ MARKERS = TableSchema(
         Column("residual", "float64", "m", "distance to the measurement, NaN where unseen"),
         Column("used", "bool", "", "the states rest on it: on a moving segment, no jump, within the gate"),
     ),
+    long=True,
 )
 
 ENCODER = TableSchema(

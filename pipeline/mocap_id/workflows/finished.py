@@ -22,7 +22,7 @@ from mocap_id.dynamics.motion import chain_motion
 from mocap_id.dynamics.reference_term import Prior, deviations
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.stages.trajectories import PlanarView
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id.workflows.moving_bodies import MovingBodies, on_measured_poses
 from mocap_id.workflows.run_folder import check_origins
 
@@ -115,7 +115,9 @@ class Finished:
     @cached_property
     def planar(self) -> PlanarView:
         """The markers in the plane."""
-        return PlanarView.of(_table(Folder(self.folder), "planar.parquet"))
+        artefact = Folder(self.folder).read("planar.parquet")
+        assert isinstance(artefact, LongTable)
+        return PlanarView(artefact)
 
     def in_band(self, signal: FloatArray) -> FloatArray:
         """A signal (T, ...) in the band in which the trial compares model and plate: that of the fit on measured poses.
@@ -167,7 +169,7 @@ def _read(source: Path, path: Path) -> Finished:
     skeleton, gravity = _skeleton(chain), float(asked[_LAST]["gravity"])
     joints = range(1, len(skeleton.segments))
     names = ("theta", "dtheta", "ddtheta")
-    q, dq, ddq = (np.column_stack([states.frame[f"{name}_{j}"].to_numpy() for j in joints]) for name in names)
+    q, dq, ddq = (states.stack([f"{name}_{j}" for j in joints]) for name in names)
     used, bands = _choice(dynamics.facts)
     reference = _array(dynamics, "bodies", "reference").astype(np.float64)
     prior = Prior(reference, deviations(reference, float(asked[_LAST]["reference_sd"])))

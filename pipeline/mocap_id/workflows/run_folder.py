@@ -111,8 +111,8 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
 def check_origins(where: Path, provenance: Mapping[str, Provenance]) -> None:
     """StoreError where artefacts of a folder were not made from one another: someone changed a part of a run."""
     for file, about in provenance.items():
-        for needed, content in about.origin.inputs.items():
-            if needed in provenance and provenance[needed].content != content:
+        for needed, key in about.origin.inputs.items():
+            if needed in provenance and provenance[needed].origin.key != key:
                 raise StoreError(
                     f"{where / file} was made from another {needed} than the one beside it: run the trial again "
                     "(`mocap-id run TRIAL.yaml`)"

@@ -148,7 +148,7 @@ def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
     """What would be uncertain of the chain if it were found from other postures."""
     tree = context.tree("skin.h5")
     skin, camera = skin_artefact.from_tree(tree), float(tree.facts["camera_sd_m"])
-    seen = len(context.table("states.parquet").frame)
+    seen = context.table("states.parquet").length
 
     def of(q: FloatArray) -> KinematicError:
         there = skin_in(skin, q, camera, seen, _POSTURES)

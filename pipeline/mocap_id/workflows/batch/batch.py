@@ -9,7 +9,7 @@ from typing import Any
 
 from mocap_id.store import Table
 from mocap_id.store.atomic import explained, replace_together
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import arrow
 from mocap_id.workflows.batch.finding import find
 from mocap_id.workflows.batch.table import BATCH, row, unreadable_row
 from mocap_id.workflows.performing import Engine, Here, OnError, Performed, perform_all
@@ -83,6 +83,6 @@ def run(
     for one in unreadable:
         messages[len(rows)] = str(one.error)
         rows.append(unreadable_row(one, table.parent))
-    whole = conform(Table(BATCH, frame(BATCH, rows)))
+    whole = arrow(Table.from_frame(BATCH, frame(BATCH, rows)))
     replace_together(table.parent, {table.name: parquet(whole, BATCH, "batch")})
     return Batch(rows, messages, table)

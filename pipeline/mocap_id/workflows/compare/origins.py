@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
+import numpy as np
+
+from mocap_id.store import Artefact, LongTable, Table
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.workflows.compare.difference import Difference, Value, choices, flat
 from mocap_id.workflows.run_folder import RunFolder
@@ -20,12 +24,33 @@ def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
 
 
 def artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Hashes of the contents, which hold no provenance."""
-    yield from choices("artefacts", _contents(a), _contents(b))
+    """Keys of the artefacts; where data, facts and reasons are the same, so is the key shown."""
+    first: dict[str, Value] = {file: about.origin.key[:_SHOWN] for file, about in a.provenance.items()}
+    same = {file for file in {*a.artefacts} & {*b.artefacts} if _same(a.artefacts[file], b.artefacts[file])}
+    second = {file: first[file] if file in same else about.origin.key[:_SHOWN] for file, about in b.provenance.items()}
+    yield from choices("artefacts", first, second)
 
 
-def _contents(run: RunFolder) -> dict[str, Value]:
-    return {file: about.content[:_SHOWN] for file, about in run.provenance.items()}
+def _same(one: Artefact, other: Artefact) -> bool:
+    """Whether two artefacts hold the same data, facts and reasons."""
+    return (one.facts, one.reasons) == (other.facts, other.reasons) and _equal(_data(one), _data(other))
+
+
+def _data(artefact: Artefact) -> Any:
+    match artefact:
+        case Table():
+            return artefact.columns
+        case LongTable():
+            beside = {"frame": artefact.frames, "time": artefact.time, "marker": np.array(artefact.labels)}
+            return {**artefact.values, **beside}
+    return artefact.data
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one)
+    one, other = np.asarray(one), np.asarray(other)
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f" == other.dtype.kind)
 
 
 def _stages(run: RunFolder) -> set[str]:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.store import Column, Table
@@ -31,7 +30,7 @@ def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
         names = [name for name in one.names if wanted.fullmatch(name) and name in other.names]
         for name in names:
             unit = units.get(name, units.get(re.sub(r"\d+$", "{k}", name), ""))
-            found = _compared(name, unit, one.frame, other.frame)
+            found = _compared(name, unit, one, other)
             if found is not None:
                 yield found
 
@@ -40,7 +39,7 @@ def _groups(table: Table) -> tuple[tuple[Column, ...], ...]:
     return (table.schema.columns, table.schema.repeated, *table.schema.optional)
 
 
-def _compared(name: str, unit: str, a: pd.DataFrame, b: pd.DataFrame) -> Difference | None:
+def _compared(name: str, unit: str, a: Table, b: Table) -> Difference | None:
     """None where no time is known in both."""
     time, own = _columns(a, name)
     there, values = _columns(b, name)
@@ -65,8 +64,8 @@ def _compared(name: str, unit: str, a: pd.DataFrame, b: pd.DataFrame) -> Differe
     )
 
 
-def _columns(frame: pd.DataFrame, name: str) -> tuple[FloatArray, FloatArray]:
-    return frame["time"].to_numpy(dtype=np.float64), frame[name].to_numpy(dtype=np.float64)
+def _columns(table: Table, name: str) -> tuple[FloatArray, FloatArray]:
+    return table["time"], table[name]
 
 
 def _rms(values: FloatArray) -> float:

@@ -101,7 +101,7 @@ def free_bodies(run: RunFolder) -> FreeBodies | None:
     return FreeBodies(
         names=tuple(legal(moving.skeleton.segments, taken=("ground",)).values()),
         joints=joint_names(skeleton),
-        time=poses.frame["time"].to_numpy(dtype=np.float64),
+        time=poses["time"],
         moving=moving,
         parameters=np.asarray(group["value"], dtype=np.float64).reshape(-1, len(PLANAR_PARAMETERS)),
     )

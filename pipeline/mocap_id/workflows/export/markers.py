@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.recording import trc_text
+from mocap_id.store import LongTable
 from mocap_id.workflows.export.names import legal, renamed
 from mocap_id.workflows.export.parts import Parts
 from mocap_id.workflows.run_folder import RunFolder
@@ -19,17 +21,17 @@ def measured_file(run: RunFolder) -> str:
 
 def marker_labels(run: RunFolder) -> dict[str, str]:
     """OpenSim's names of all markers of the recording."""
-    frame = run.frame("planar.parquet")
-    return {} if frame is None else legal(map(str, frame["marker"].cat.categories))
+    planar = run.long("planar.parquet")
+    return {} if planar is None else legal(sorted(planar.labels))
 
 
 def depths(run: RunFolder) -> dict[str, float]:
     """How far each marker is out of the plane, m: the median; 0 where it was never seen."""
-    frame = run.frame("planar.parquet")
-    if frame is None:
+    planar = run.long("planar.parquet")
+    if planar is None:
         return {}
-    middle = frame.groupby("marker", observed=False)["z"].median().fillna(0.0)
-    return {str(label): float(z) for label, z in middle.items()}
+    seen = [values[np.isfinite(values)] for values in planar.values["z"].T]
+    return {label: float(np.median(z)) if len(z) else 0.0 for label, z in zip(planar.labels, seen, strict=True)}
 
 
 def markers(run: RunFolder) -> Parts:
@@ -39,7 +41,7 @@ def markers(run: RunFolder) -> Parts:
     recovered chain, at the smoothed angles, places the markers of its segments, at their median distance from the
     plane.
     """
-    planar, predicted = run.frame("planar.parquet"), run.frame("markers.parquet")
+    planar, predicted = run.long("planar.parquet"), run.long("markers.parquet")
     if planar is None:
         return Parts(notes=(f"trc: no markers: {run.why_missing('planar.parquet')}",))
     labels = marker_labels(run)
@@ -47,23 +49,22 @@ def markers(run: RunFolder) -> Parts:
     if predicted is None:
         return parts + Parts(notes=(f"trc: no modelled markers: {run.why_missing('markers.parquet')}",))
     file = f"{run.name}_model.trc"
-    placed = predicted.assign(z=predicted["marker"].astype(str).map(depths(run)))
+    z = np.tile([depths(run)[label] for label in predicted.labels], (len(predicted.frames), 1))
+    placed = replace(predicted, values={**predicted.values, "z": z})
     return parts + Parts({file: _text(run, placed, file)})
 
 
-def _text(run: RunFolder, frame: pd.DataFrame, file: str) -> bytes:
-    """A long table, sorted by frame then marker, as TRC."""
-    labels = [str(label) for label in frame["marker"].iloc[: frame["marker"].nunique()]]
-    count = len(labels)
-    points: FloatArray = frame[["x", "y", "z"]].to_numpy(dtype=np.float64).reshape(-1, count, 3)
+def _text(run: RunFolder, table: LongTable, file: str) -> bytes:
+    """A long table as TRC."""
+    points: FloatArray = np.stack([table.values[axis] for axis in "xyz"], axis=2)
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     named = marker_labels(run)
     text = trc_text(
         file,
-        [named[label] for label in labels],
+        [named[label] for label in table.labels],
         points,
-        time=frame["time"].to_numpy(dtype=np.float64)[::count],
-        frames=frame["frame"].to_numpy(dtype=np.int64)[::count],
+        time=table.time,
+        frames=table.frames,
         rate=float(run.facts("planar.parquet")["rate_hz"]),
     )
     return text.encode()

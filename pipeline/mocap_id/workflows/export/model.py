@@ -165,11 +165,11 @@ def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
 
 def _travelled(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[float, float]]]:
     """Each joint's first known angle, and a range that holds all its angles with a whole turn around zero, rad."""
-    frame = run.frame("states.parquet")
+    table = run.table("states.parquet")
     first, ranges = np.zeros(joints), [(-_RANGE, _RANGE)] * joints
-    if frame is None:
+    if table is None:
         return first, ranges
-    for j, angles in enumerate(Motion.from_frame(frame).angles.T):
+    for j, angles in enumerate(Motion.from_table(table).angles.T):
         known = angles[np.isfinite(angles)]
         if len(known):
             first[j] = known[0]

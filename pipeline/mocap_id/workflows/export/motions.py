@@ -120,7 +120,7 @@ def _skeleton(run: RunFolder) -> Skeleton | None:
 
 
 def _joints(run: RunFolder) -> tuple[Skeleton, Motion] | Parts:
-    skeleton, frame = _skeleton(run), run.frame("states.parquet")
-    if skeleton is None or frame is None:
+    skeleton, table = _skeleton(run), run.table("states.parquet")
+    if skeleton is None or table is None:
         return Parts(notes=(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}",))
-    return skeleton, Motion.from_frame(frame)
+    return skeleton, Motion.from_table(table)

@@ -50,9 +50,9 @@ def _kinematics(run: RunFolder, skeleton: Skeleton) -> bytes:
 
 def _span(run: RunFolder) -> tuple[float, float]:
     """First and last time of the markers, s."""
-    frame = run.frame("planar.parquet")
-    assert frame is not None
-    return float(frame["time"].iloc[0]), float(frame["time"].iloc[-1])
+    planar = run.long("planar.parquet")
+    assert planar is not None
+    return float(planar.time[0]), float(planar.time[-1])
 
 
 def _dynamics(run: RunFolder) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 
@@ -76,14 +77,12 @@ def _artefact(run: RunFolder, file: str) -> pd.DataFrame | None:
 
 
 def _markers(run: RunFolder) -> pd.DataFrame | None:
-    frame = run.frame("planar.parquet")
-    if frame is None:
+    table = run.long("planar.parquet")
+    if table is None:
         return None
-    labels = [str(label) for label in frame["marker"].iloc[: frame["marker"].nunique()]]
-    count = len(labels)
-    columns = {"frame": frame["frame"].to_numpy()[::count], "time (s)": frame["time"].to_numpy()[::count]}
-    values = {axis: frame[axis].to_numpy().reshape(-1, count) for axis in "xyz"}
-    columns |= {f"{label} {axis} (m)": values[axis][:, k] for k, label in enumerate(labels) for axis in "xyz"}
+    columns: dict[str, Any] = {"frame": table.frames, "time (s)": table.time}
+    for k, label in enumerate(table.labels):
+        columns |= {f"{label} {axis} (m)": table.values[axis][:, k] for axis in "xyz"}
     return pd.DataFrame(columns)
 
 
@@ -91,10 +90,10 @@ def _states(run: RunFolder) -> pd.DataFrame | None:
     table, tree = run.artefacts.get("states.parquet"), run.tree("chain.h5")
     if not isinstance(table, Table) or tree is None:
         return None
-    units, columns = _units(table.schema), {"time (s)": table.frame["time"]}
+    units, columns = _units(table.schema), {"time (s)": table["time"]}
     for j, joint in enumerate(Skeleton.from_tree(tree).joints, start=1):
         for symbol, word in _STATES.items():
-            columns[_headed(f"{joint} {word}", units[f"{symbol}_"])] = table.frame[f"{symbol}_{j}"]
+            columns[_headed(f"{joint} {word}", units[f"{symbol}_"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
 
 

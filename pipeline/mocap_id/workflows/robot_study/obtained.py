@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.store import Folder, Table, Tree
@@ -117,7 +116,7 @@ def gauge_of(folder: Folder, truth: Truth | None) -> Gauge:
     if truth is None:
         return Gauge(1, 0.0, known=False)
     states = _table(folder, "states.parquet")
-    angle, true = states["theta_1"].to_numpy(), truth.at(states["time"].to_numpy())[:, 0]
+    angle, true = states["theta_1"], truth.at(states["time"])[:, 0]
     both = np.isfinite(angle) & np.isfinite(true)
     sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
     return Gauge(sign, float(np.mean(angle[both] - sign * true[both])), known=True)
@@ -171,8 +170,8 @@ def _state_errors(
     encoder = _table(folder, "encoder.parquet")
     if truth is not None:
         reference, against = gauge.sign * truth.at(time), "truth"
-    elif len(encoder) and not own:
-        reference, against = encoder[list(STATES)].to_numpy(dtype=np.float64), "encoder"
+    elif encoder.length and not own:
+        reference, against = encoder.stack(STATES), "encoder"
     else:
         return dict.fromkeys(STATES, NO_ERRORS), ""
     off = found - reference
@@ -191,7 +190,7 @@ def _number(value: Any) -> float:
     return np.nan if value is None else float(value)
 
 
-def _table(folder: Folder, file: str) -> pd.DataFrame:
+def _table(folder: Folder, file: str) -> Table:
     artefact = folder.read(file)
     assert isinstance(artefact, Table)
-    return artefact.frame
+    return artefact

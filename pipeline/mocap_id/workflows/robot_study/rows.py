@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config.robot_study import RobotReference, RobotTrial
 from mocap_id.dynamics.clock import SampledWrench
 from mocap_id.reporting.contents import SUMMARY_FILE
-from mocap_id.store import Folder, Table
+from mocap_id.store import Folder, LongTable
 from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.robot_study.obtained import PARAMETERS, STATES, WRENCH, Errors, Obtained, obtained
 from mocap_id.workflows.robot_study.truth import Labels, Truth, labels_of, reference_of, truth_beside
@@ -133,11 +133,10 @@ def _kinematics(one: Case, found: Obtained) -> dict[str, Any]:
 def _markers(folder: Folder, found: Obtained) -> dict[str, float]:
     """Mean and standard deviation of the moving markers' distances from where the states have them, m."""
     artefact, skeleton = folder.read("markers.parquet"), found.done.skeleton
-    assert isinstance(artefact, Table)
+    assert isinstance(artefact, LongTable)
     moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
-    frame = artefact.frame
-    off = frame.loc[frame["marker"].isin(moving) & frame["used"], "residual"].to_numpy(dtype=np.float64)
-    off = off[np.isfinite(off)]
+    own = np.isin(artefact.labels, moving) & artefact.values["used"].astype(np.bool_)
+    off = artefact.values["residual"][own & np.isfinite(artefact.values["residual"])]
     return {"marker_bias": float(np.mean(off)), "marker_sd": float(np.std(off))} if len(off) else {}
 
 

@@ -31,13 +31,10 @@ def choose(cases: Sequence[Case], joint: str, speed: str) -> list[Case]:
 def recovery(one: Case) -> Recovery:
     """How the skeleton and the states of a trial came about (figures 5.2 and 5.3)."""
     found = one.by_method[CAMERAS.name]
-    folder = Folder(found.done.source)
-    planar, skeleton = _frame(folder, "planar.parquet"), found.done.skeleton
-    paths = {}
-    for label, own in planar.groupby("marker", observed=True):
-        if str(label) in skeleton.markers:
-            step = max(1, len(own) // _FRAMES)
-            paths[str(label)] = own[["x", "y"]].to_numpy(dtype=np.float64)[::step]
+    planar, skeleton = found.done.planar, found.done.skeleton
+    thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
+    own = sorted(set(planar.labels) & set(skeleton.markers))
+    paths = {label: planar.points(np.array([planar.labels.index(label)]), thinned)[:, 0] for label in own}
     return Recovery(
         trial=one.name,
         joint=one.labels.joint or skeleton.segments[-1],
@@ -114,11 +111,11 @@ def _cut(found: Obtained, wrench: FloatArray, start: float, end: float) -> Float
 def _repetitions(one: Case) -> list[tuple[float, float]]:
     """Start and end of the complete ones, s, each beginning towards the robot's positive side."""
     found = one.by_method[CAMERAS.name]
-    events = _frame(Folder(found.done.source), "events.parquet")
-    whole = events[events["complete"]]
+    events = _table(Folder(found.done.source), "events.parquet")
+    whole = events["complete"]
     time, speed = found.done.dynamics["time"].to_numpy(dtype=np.float64), found.gauge.sign * found.done.dq[:, 0]
     kept = []
-    for start, end in zip(whole["start"], whole["end"], strict=True):
+    for start, end in zip(events["start"][whole], events["end"][whole], strict=True):
         within = (time > start) & (time < start + 0.2 * (end - start))
         forwards = within.any() and np.nanmean(speed[within]) > 0
         half = 0.0 if forwards else 0.5 * (end - start)
@@ -127,7 +124,7 @@ def _repetitions(one: Case) -> list[tuple[float, float]]:
     return kept
 
 
-def _frame(folder: Folder, file: str) -> pd.DataFrame:
+def _table(folder: Folder, file: str) -> Table:
     artefact = folder.read(file)
     assert isinstance(artefact, Table)
-    return artefact.frame
+    return artefact

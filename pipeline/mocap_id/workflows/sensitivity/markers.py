@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry.planar import marker_positions, rotate
-from mocap_id.stages.trajectories import PlanarView
-from mocap_id.store import Table
+from mocap_id.store import LongTable, Table
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.signals import WRENCH, joints_of
 from mocap_id.workflows.sensitivity.subject import Perturbed
@@ -74,7 +72,7 @@ def drop_outs(trial: Perturbed, change: Perturbation) -> Perturbed:
         lost[frames, marker] = True
     everywhere = np.zeros((len(time), len(_segment(trial))), dtype=np.bool_)
     everywhere[:, moving] = lost
-    return trial.having(_without(trial.table(PLANAR), everywhere))
+    return trial.having(_without(trial.long(PLANAR), everywhere))
 
 
 def _bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iterator[tuple[slice, int]]:
@@ -88,11 +86,10 @@ def _bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iter
 def marker_count(trial: Perturbed, change: Perturbation) -> Perturbed:
     """Leave so many markers, drawn at random, on every moving segment that has more."""
     table, rng = trial.table(SEGMENTS), change.rng()
-    segment = table.frame["segment"].copy()
-    for number in sorted(set(segment.dropna()) - {0}):
-        own = np.flatnonzero((segment == number).fillna(False).to_numpy(dtype=np.bool_))
-        segment.iloc[rng.permutation(own)[int(change.level) :]] = pd.NA
-    return trial.having(replace(table, frame=table.frame.assign(segment=segment)))
+    segment = table["segment"].copy()
+    for number in sorted(set(segment[segment > 0])):
+        segment[rng.permutation(np.flatnonzero(segment == number))[int(change.level) :]] = -1
+    return trial.having(table.having(segment=segment))
 
 
 def frame_rate(trial: Perturbed, change: Perturbation) -> Perturbed:
@@ -100,41 +97,46 @@ def frame_rate(trial: Perturbed, change: Perturbation) -> Perturbed:
     every = int(change.level)
     if every == 1:
         return trial
-    planar, wrench = trial.table(PLANAR), trial.table(WRENCH)
-    count = len(_segment(trial))
-    kept = np.arange(len(planar.frame)) // count % every == 0
-    facts = {**planar.facts, "rate_hz": planar.facts["rate_hz"] / every}
-    thinned = replace(planar, frame=planar.frame[kept].reset_index(drop=True), facts=facts)
-    return trial.having(thinned, replace(wrench, frame=_averaged(wrench.frame, every)))
+    planar, wrench = trial.long(PLANAR), trial.table(WRENCH)
+    thinned = replace(
+        planar,
+        frames=planar.frames[::every],
+        time=planar.time[::every],
+        values={name: values[::every] for name, values in planar.values.items()},
+        facts={**planar.facts, "rate_hz": planar.facts["rate_hz"] / every},
+    )
+    return trial.having(thinned, _averaged(wrench, every))
 
 
-def _averaged(frame: pd.DataFrame, every: int) -> pd.DataFrame:
+def _averaged(table: Table, every: int) -> Table:
     """Means over so many rows about every so many-th; half of the outer two where the number is even."""
     weight = np.ones(every) if every % 2 else np.r_[0.5, np.ones(every - 1), 0.5]
     reach = len(weight) // 2
-    still = frame[["time", "plate_ok"]]
-    values = np.pad(frame.drop(columns=still.columns).to_numpy(np.float64), ((reach, reach), (0, 0)), mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(values, len(weight), axis=0)[::every]
-    means = pd.DataFrame(windows @ (weight / every), columns=frame.columns.drop(list(still.columns)))
-    thinned = still.iloc[::every].reset_index(drop=True)
-    return pd.concat([thinned, means], axis=1)[list(frame.columns)]
+    columns = {}
+    for name, values in table.columns.items():
+        if name in ("time", "plate_ok"):
+            columns[name] = values[::every]
+        else:
+            windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), len(weight))
+            columns[name] = windows[::every] @ (weight / every)
+    return replace(table, columns=columns)
 
 
 def _time(trial: Perturbed) -> FloatArray:
-    return trial.table("states.parquet").frame["time"].to_numpy(np.float64)
+    return trial.table("states.parquet")["time"]
 
 
 def _columns(trial: Perturbed, labels: list[str]) -> IntArray:
     """Where markers stand among those of planar.parquet."""
-    known = PlanarView.of(trial.table(PLANAR)).labels
+    known = trial.long(PLANAR).labels
     return np.array([known.index(label) for label in labels], dtype=np.int64)
 
 
 def _segment(trial: Perturbed) -> IntArray:
     """Segment of every marker of planar.parquet, -1 = none."""
-    frame = trial.table(SEGMENTS).frame
-    found = np.full(len(trial.table(PLANAR).frame["marker"].cat.categories), -1)
-    found[_columns(trial, [str(label) for label in frame["marker"]])] = frame["segment"].fillna(-1).astype(int)
+    table = trial.table(SEGMENTS)
+    found = np.full(len(trial.long(PLANAR).labels), -1)
+    found[_columns(trial, list(table["marker"]))] = table["segment"]
     return found
 
 
@@ -154,18 +156,15 @@ def _whole(angles: FloatArray) -> FloatArray:
 
 def _shifted(trial: Perturbed, columns: IntArray, shift: FloatArray) -> Perturbed:
     """The trial with some markers moved by (F, m, 2), m."""
-    table = trial.table(PLANAR)
-    view = PlanarView.of(table)
-    moved = {}
-    for axis, (name, values) in enumerate((("x", view.x), ("y", view.y))):
-        moved[name] = values.copy()
+    table = trial.long(PLANAR)
+    moved = dict(table.values)
+    for axis, name in enumerate("xy"):
+        moved[name] = moved[name].copy()
         moved[name][:, columns] += shift[..., axis]
-    return trial.having(replace(table, frame=table.frame.assign(**{k: v.reshape(-1) for k, v in moved.items()})))
+    return trial.having(replace(table, values=moved))
 
 
-def _without(table: Table, lost: BoolArray) -> Table:
+def _without(table: LongTable, lost: BoolArray) -> LongTable:
     """planar.parquet without some samples (F, M)."""
-    gone = lost.reshape(-1)
-    frame = table.frame
-    seen = {name: np.where(gone, np.nan, frame[name].to_numpy(np.float64)) for name in ("x", "y", "z")}
-    return replace(table, frame=frame.assign(**seen, visible=frame["visible"].to_numpy(np.bool_) & ~gone))
+    seen = {name: np.where(lost, np.nan, table.values[name]) for name in ("x", "y", "z")}
+    return replace(table, values={**seen, "visible": table.values["visible"].astype(np.bool_) & ~lost})

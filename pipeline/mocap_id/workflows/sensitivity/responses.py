@@ -123,7 +123,7 @@ def moved(own: Perturbed, changed: Perturbed) -> Moved:
     states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
     joints = range(1, len(own.joints) + 1)
     torques = [
-        trial.table("dynamics.parquet").frame[[f"tau_{j}" for j in joints]].to_numpy(np.float64)[rows]
+        trial.table("dynamics.parquet").stack([f"tau_{j}" for j in joints])[rows]
         for trial, rows in ((own, before), (changed, now))
     ]
     return Moved(
@@ -142,7 +142,7 @@ def common(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
 
 
 def _times(trial: Perturbed) -> FloatArray:
-    return trial.table("states.parquet").frame["time"].to_numpy(np.float64)
+    return trial.table("states.parquet")["time"]
 
 
 def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.clock import SampledWrench
 from mocap_id.store import Table
 from mocap_id.workflows.sensitivity.kinds import ALL
@@ -32,8 +31,7 @@ def angle_bias(trial: Perturbed, change: Perturbation) -> Perturbed:
     """Add a constant to angles; their derivatives stay what they are."""
     table = trial.table(STATES)
     columns = [f"theta_{j + 1}" for j in joints_of(trial, change)]
-    moved = table.frame.assign(**{name: table.frame[name] + change.level for name in columns})
-    return trial.having(replace(table, frame=moved))
+    return trial.having(table.having(**{name: table[name] + change.level for name in columns}))
 
 
 def clock_offset(trial: Perturbed, change: Perturbation) -> Perturbed:
@@ -56,23 +54,17 @@ def _later(table: Table, delay: float) -> Table:
     """wrench.parquet whose row at t holds what stood at t + delay, s; the sensors beside the plates stay."""
     if delay == 0:
         return table
-    frame = table.frame
-    time = frame["time"].to_numpy(np.float64)
+    time = table["time"]
     beside = [fact["columns"] for fact in table.facts.get("external") or () if fact["clock"] != "plates"]
     still = {"time", "plate_ok", *(f"{name}_{each}" for name in ("Fx", "Fy", "tauz") for each in beside)}
     moved = {
-        name: SampledWrench.of(time, frame[name].to_numpy(np.float64)[:, None])(time + delay)[:, 0]
-        for name in map(str, frame.columns)
+        name: SampledWrench.of(time, table[name][:, None])(time + delay)[:, 0]
+        for name in table.names
         if name not in still
     }
     nearest = np.searchsorted(time, time + delay - (time[1] - time[0]) / 2)
-    sound = frame["plate_ok"].to_numpy(np.bool_)[np.clip(nearest, 0, len(time) - 1)]
-    return replace(table, frame=frame.assign(**moved, plate_ok=sound & _known(moved)))
-
-
-def _known(columns: dict[str, FloatArray]) -> BoolArray:
-    """Samples whose force is known."""
-    return np.asarray(np.isfinite(columns["Fy"]))
+    sound = table["plate_ok"][np.clip(nearest, 0, len(time) - 1)]
+    return table.having(**moved, plate_ok=sound & np.isfinite(moved["Fy"]))
 
 
 def wrench_bias(trial: Perturbed, change: Perturbation) -> Perturbed:
@@ -82,20 +74,17 @@ def wrench_bias(trial: Perturbed, change: Perturbation) -> Perturbed:
 
 def wrench_noise(trial: Perturbed, change: Perturbation) -> Perturbed:
     """Add white noise, a sample a frame, to a component of the plates' wrench."""
-    count = len(trial.table(WRENCH).frame)
-    return _added(trial, change, change.level * change.rng().standard_normal(count))
+    return _added(trial, change, change.level * change.rng().standard_normal(trial.table(WRENCH).length))
 
 
 def _added(trial: Perturbed, change: Perturbation, error: float | FloatArray) -> Perturbed:
     """The trial with an error in a component, and with all that planarise would have read from it."""
     table = trial.table(WRENCH)
-    frame = table.frame.assign(**{change.target: table.frame[change.target] + error})
+    table = table.having(**{change.target: table[change.target] + error})
     facts = dict(table.facts)
     if change.target == "Fy" and facts.get("mass_kg") is not None:
         gravity = getattr(trial.settings[LAST], "gravity")  # noqa: B009  the settings are a stage's own
         facts["mass_kg"] = float(facts["mass_kg"] + np.mean(error) / gravity)
-    return trial.having(replace(table, frame=_with_pressure(frame, facts["cop_threshold_N"]), facts=facts))
-
-
-def _with_pressure(frame: pd.DataFrame, threshold: float) -> pd.DataFrame:
-    return frame.assign(cop_x=(frame["tauz"] / frame["Fy"]).where(frame["Fy"] > threshold))
+    above = table["Fy"] > facts["cop_threshold_N"]
+    cop = np.divide(table["tauz"], table["Fy"], out=np.full(table.length, np.nan), where=above)
+    return trial.having(replace(table.having(cop_x=cop), facts=facts))

@@ -14,7 +14,7 @@ from mocap_id import __version__, runner
 from mocap_id.errors import ConfigError
 from mocap_id.store import Folder, Table
 from mocap_id.store.atomic import replace_together
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import arrow
 from mocap_id.workflows.sensitivity.asking import Asked
 from mocap_id.workflows.sensitivity.columns import TABLES
 from mocap_id.workflows.sensitivity.kinds import KINDS
@@ -133,7 +133,7 @@ def _table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
     """CSV and Parquet of each table."""
     files = {}
     for name, frame in frames.items():
-        whole = conform(Table(TABLES[name], frame))
+        whole = arrow(Table.from_frame(TABLES[name], frame))
         files[f"{name}.csv"] = csv(whole)
         files[f"{name}.parquet"] = parquet(whole, TABLES[name], "sensitivity")
     return files

@@ -15,7 +15,7 @@ from mocap_id.config import load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings, Subject, TrialKeys
-from mocap_id.store import Artefact, Folder, Table, Tree, dumps
+from mocap_id.store import Artefact, Folder, LongTable, Table, Tree, dumps
 from mocap_id.workflows.run_folder import check_origins
 
 FIRST, LAST = "fit-joints", "identify-dim"
@@ -63,6 +63,10 @@ class Perturbed:
         """A Parquet artefact."""
         return cast(Table, self.artefacts[file])
 
+    def long(self, file: str) -> LongTable:
+        """A Parquet artefact with a row for every frame and marker."""
+        return cast(LongTable, self.artefacts[file])
+
     def tree(self, file: str) -> Tree:
         """An HDF5 artefact."""
         return cast(Tree, self.artefacts[file])
@@ -88,13 +92,12 @@ class Perturbed:
 
     def states(self, name: str) -> FloatArray:
         """A state of every joint, (T, n)."""
-        frame = self.table("states.parquet").frame
-        return np.column_stack([frame[f"{name}_{j}"].to_numpy(np.float64) for j in range(1, len(self.joints) + 1)])
+        return self.table("states.parquet").stack([f"{name}_{j}" for j in range(1, len(self.joints) + 1)])
 
     @property
     def has_plate(self) -> bool:
         """Whether any sample of the wrench is known."""
-        return bool(self.table("wrench.parquet").frame["Fy"].notna().any())
+        return bool(np.isfinite(self.table("wrench.parquet")["Fy"]).any())
 
 
 def again() -> tuple[Stage, ...]:

@@ -17,7 +17,7 @@ from mocap_id import __version__
 from mocap_id.config import Study
 from mocap_id.reporting.cohort.material import PAGE_FILE
 from mocap_id.store import Table, TableSchema, hash_bytes
-from mocap_id.store.parquet import columns_of, conform
+from mocap_id.store.parquet import arrow, columns_of
 from mocap_id.store.provenance import PREFIX
 from mocap_id.workflows.study.cases import Case
 from mocap_id.workflows.study.columns import TABLES
@@ -32,7 +32,7 @@ def table_files(
     """CSV and Parquet of each table; in CSV what is missing is empty, in Parquet NaN."""
     files = {}
     for name, frame in frames.items():
-        whole = conform(Table(schemas[name], frame))
+        whole = arrow(Table.from_frame(schemas[name], frame))
         files[f"{name}.csv"] = csv(whole)
         files[f"{name}.parquet"] = parquet(whole, schemas[name], kind)
     return files

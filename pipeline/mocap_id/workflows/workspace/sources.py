@@ -109,7 +109,7 @@ def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile
         covariance = np.zeros_like(covariance)
         notes.append("the joints have no standard deviations, so the interval holds those of the limits alone")
     columns = [
-        np.column_stack([states.frame[f"{prefix}_{j}"].to_numpy() for j in range(1, len(centres) + 1)])
+        states.stack([f"{prefix}_{j}" for j in range(1, len(centres) + 1)])
         for prefix in ("theta", "sd_theta", "observed")
     ]
     q, sd, seen = columns[0].astype(float), columns[1].astype(float), columns[2].astype(bool)
