@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.config import load
@@ -29,7 +28,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE as FIT_JOINTS
 from mocap_id.stages.segment import STAGE as SEGMENT
 from mocap_id.stages.ukf_smooth import STAGE as UKF_SMOOTH
-from mocap_id.store import Document, Folder, LongTable
+from mocap_id.store import Document, Folder
 from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 960_000  # the first seed; nothing was tuned on these
@@ -149,8 +148,8 @@ def planarised(configuration: Path) -> Context:
 
 def coordinates(context: Context) -> FloatArray:
     """(F, M, 3) of the planar table, m."""
-    frame = context.table("planar.parquet").frame
-    return np.asarray(frame[["x", "y", "z"]].to_numpy().reshape(-1, frame["marker"].cat.categories.size, 3))
+    values = context.long("planar.parquet").values
+    return np.stack([values[axis] for axis in "xyz"], axis=2)
 
 
 def jumps(
@@ -166,11 +165,10 @@ def jumps(
 
 def hidden(context: Context, hit: BoolArray) -> Context:
     """The same without these samples."""
-    planar = context.table("planar.parquet")
-    frame = planar.frame.copy()
-    frame.loc[hit.ravel(), ["x", "y", "z"]] = np.nan
-    frame.loc[hit.ravel(), "visible"] = False
-    return replace(context, inputs={"planar.parquet": replace(planar, frame=frame)})
+    planar = context.long("planar.parquet")
+    seen = {axis: np.where(hit, np.nan, planar.values[axis]) for axis in "xyz"}
+    seen["visible"] = planar.values["visible"] & ~hit
+    return replace(context, inputs={"planar.parquet": replace(planar, values=seen)})
 
 
 def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
@@ -179,18 +177,17 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
         outputs = stage.function(replace(context, settings=stage.settings()))
         made = {name: each for name, each in zip(stage.outputs, outputs, strict=True) if not isinstance(each, Document)}
         context = replace(context, inputs={**context.inputs, **made})
-    states, markers = context.table("states.parquet").frame, context.inputs["markers.parquet"]
-    if not isinstance(markers, LongTable):
-        raise TypeError("not the artefact that was expected")
-    if f"theta_{truth.shape[1]}" not in states or f"theta_{truth.shape[1] + 1}" in states:
+    states, markers = context.table("states.parquet"), context.long("markers.parquet")
+    if f"theta_{truth.shape[1]}" not in states.names or f"theta_{truth.shape[1] + 1}" in states.names:
         raise OtherCount
-    found = [states[[f"{name}_{j + 1}" for j in range(truth.shape[1])]].to_numpy() for name in STATES]
+    found = [states.stack([f"{name}_{j + 1}" for j in range(truth.shape[1])]) for name in STATES]
     error = np.stack(found, axis=2) - truth
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
-    segments = context.table("segments.parquet").frame.set_index("marker")["segment"]
-    segment = np.array([-1 if segments[label] is pd.NA else int(segments[label]) for label in labels])
-    table = markers.frame.pivot(index="frame", columns="marker", values="used").reindex(columns=list(labels))
-    return Run(error, segment, np.asarray(table.fillna(False).to_numpy(dtype=np.bool_)))
+    segments = context.table("segments.parquet")
+    known = dict(zip(segments["marker"], segments["segment"], strict=True))
+    used = np.zeros((len(markers.frames), len(labels)), dtype=np.bool_)
+    used[:, [labels.index(label) for label in markers.labels]] = markers.values["used"]
+    return Run(error, np.array([int(known[label]) for label in labels]), used)
 
 
 def row(name: str, ratios: FloatArray) -> str:

@@ -20,7 +20,7 @@ from mocap_id.config import load
 from mocap_id.dynamics.carry import carry
 from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.runner import run_stage
-from mocap_id.store import Folder, Table
+from mocap_id.store import Folder, LongTable, Table
 from mocap_id.workflows.finished import Finished, finished
 from mocap_id.workflows.followed_bodies import followed
 from mocap_id.workflows.moving_bodies import MovingBodies
@@ -157,8 +157,8 @@ def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
             true = each.truth.truth["segment_lengths_m"][name]
             row |= {name: 100 * (length / true - 1), f"{name} of stature": 100 * (share * height / true - 1)}
         markers = each.out.read("markers.parquet")
-        assert isinstance(markers, Table)
-        rows.append(row | {"markers": 1e3 * float(rms(markers.frame["residual"].to_numpy()))})
+        assert isinstance(markers, LongTable)
+        rows.append(row | {"markers": 1e3 * float(rms(markers.values["residual"].ravel()))})
     return pd.DataFrame(rows)
 
 

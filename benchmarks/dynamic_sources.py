@@ -64,13 +64,13 @@ def _states(*orders: int) -> Variant:
 
     def changed(trial: Trial) -> Trial:
         table, done = trial.context.table("states.parquet"), trial.done
-        frame = table.frame.copy()
+        columns = {}
         for order in orders:
             true = done.true[("q", "qd", "qdd")[order]].copy()
             true[:, -1] += last_frame_turn(done) if order == 0 else 0.0
             for j, column in enumerate(true.T, start=1):
-                frame[f"{('theta', 'dtheta', 'ddtheta')[order]}_{j}"] = column
-        return _with(trial, {"states.parquet": replace(table, frame=frame)})
+                columns[f"{('theta', 'dtheta', 'ddtheta')[order]}_{j}"] = column
+        return _with(trial, {"states.parquet": table.having(**columns)})
 
     return changed
 
@@ -89,7 +89,7 @@ def _wrench(trial: Trial) -> Trial:
     columns = dict(zip(("Fx", "Fy", "tauz"), done.true["wrench"].T, strict=True))
     trial = replace(trial, done=replace(done, truth={**done.truth, "analog_offset_s": 0.0}))
     facts = {**table.facts, "analog_rate_hz": None}  # of single moments, not means over a frame
-    return _with(trial, {"wrench.parquet": replace(table, frame=table.frame.assign(**columns), facts=facts)})
+    return _with(trial, {"wrench.parquet": replace(table.having(**columns), facts=facts)})
 
 
 def _contact(trial: Trial) -> Trial:
@@ -98,9 +98,9 @@ def _contact(trial: Trial) -> Trial:
     Ends of stretches are lost to the search for the clock offset, so that it is kept short.
     """
     table = trial.context.table("wrench.parquet")
-    frame = table.frame.assign(plate_ok=table.frame["plate_ok"].to_numpy() & trial.done.off_seat)
+    changed = table.having(plate_ok=table["plate_ok"] & trial.done.off_seat)
     keys = trial.context.trial.model_copy(update={"protocol": "free"})
-    trial = _setting(clock_offset_limit_s=0.01)(_with(trial, {"wrench.parquet": replace(table, frame=frame)}))
+    trial = _setting(clock_offset_limit_s=0.01)(_with(trial, {"wrench.parquet": changed}))
     return replace(trial, context=replace(trial.context, trial=keys))
 
 

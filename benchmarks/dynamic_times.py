@@ -37,7 +37,9 @@ def timing(seed: int) -> Mapping[str, tuple[float, float]]:
         folder = Folder(trial.out)
         inputs: Any = {name: folder.read(name) for name in STAGE.inputs}
     for name in ("states.parquet", "wrench.parquet", "poses.parquet"):
-        inputs[name] = replace(inputs[name], frame=inputs[name].frame.iloc[:FRAMES])
+        inputs[name] = replace(
+            inputs[name], columns={key: values[:FRAMES] for key, values in inputs[name].columns.items()}
+        )
     stage = _Timed(STAGE.function)
     with patch.object(identify, "fit_consistent", _Timed(fit_consistent)) as solve:
         for _ in range(CALLS):

@@ -22,7 +22,7 @@ from mocap_id.config import load
 from mocap_id.runner import run_stage
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Artefact, Folder, LongTable, Table, Tree
 from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 930_000  # the first seed; nothing was tuned on these
@@ -103,25 +103,25 @@ def prepare(place: Path, options: Options) -> Material | None:
         return None
     folder = Folder(trial.out)
     states, planar, chain = (folder.read(name) for name in ("states.parquet", "planar.parquet", "chain.h5"))
-    if not (isinstance(states, Table) and isinstance(planar, Table) and isinstance(chain, Tree)):
+    if not (isinstance(states, Table) and isinstance(planar, LongTable) and isinstance(chain, Tree)):
         raise TypeError("not the artefacts that were expected")
-    if "theta_4" in states.frame or "theta_3" not in states.frame:
+    if "theta_4" in states.names or "theta_3" not in states.names:
         return None
-    time = states.frame["time"].to_numpy()
+    time = states["time"]
     with np.load(configuration.with_name("truth.npz")) as arrays:
         at = np.searchsorted(arrays["t"], time - 1e-6)
         truth = np.stack([arrays[name][at].astype(np.float64) for name in ("q", "qd", "qdd")], axis=2)
-    inputs: Mapping[str, Table | Tree] = {"planar.parquet": planar, "chain.h5": chain}
+    inputs: Mapping[str, Artefact] = {"planar.parquet": planar, "chain.h5": chain}
     context = Context(trial.keys, STAGE.settings(), inputs)
     return Material(context, truth, time, _sets(planar, chain), _places(truth, time))
 
 
-def _sets(planar: Table, chain: Tree) -> dict[str, BoolArray]:
+def _sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
     """Which markers of the planar table, in its order, are taken away."""
     group = chain.data["markers"]
     assert isinstance(group, dict)
     segment = dict(zip((str(name) for name in group["name"]), (int(s) for s in group["segment"]), strict=True))
-    labels = [str(label) for label in planar.frame["marker"].iloc[: planar.frame["marker"].cat.categories.size]]
+    labels = planar.labels
     own = np.array([segment.get(label, -1) for label in labels])
     sets: dict[str, BoolArray] = {name: own == k + 1 for k, name in enumerate(WHICH[1:4])}
     return {"one marker": np.arange(len(own)) == np.flatnonzero(own == 2)[0], **sets, "all": own > 0}
@@ -161,19 +161,17 @@ def window(material: Material, where: str, length: float) -> BoolArray:
 def run_case(material: Material, which: str, where: str, length: float) -> Case:
     """Take markers away, smooth, compare."""
     gap, gone = window(material, where, length), material.markers[which]
-    planar = material.context.table("planar.parquet")
-    hidden = (gap[:, None] & gone[None]).ravel()
-    frame = planar.frame.copy()
-    frame.loc[hidden, ["x", "y", "z"]] = np.nan
-    frame.loc[hidden, "visible"] = False
-    inputs: Mapping[str, Table | Tree] = {**material.context.inputs, "planar.parquet": replace(planar, frame=frame)}
+    planar = material.context.long("planar.parquet")
+    hidden = gap[:, None] & gone[None]
+    seen = {axis: np.where(hidden, np.nan, planar.values[axis]) for axis in "xyz"}
+    seen["visible"] = planar.values["visible"] & ~hidden
+    inputs = {**material.context.inputs, "planar.parquet": replace(planar, values=seen)}
     states = STAGE.function(replace(material.context, inputs=inputs))[0]
     assert isinstance(states, Table)
     error, sd = (
-        np.stack([states.frame[[f"{p}{s}_{j}" for j in (1, 2, 3)]].to_numpy() for s in STATES], axis=2)
-        for p in ("", "sd_")
+        np.stack([states.stack([f"{p}{s}_{j}" for j in (1, 2, 3)]) for s in STATES], axis=2) for p in ("", "sd_")
     )
-    observed = states.frame[[f"observed_{j}" for j in (1, 2, 3)]].to_numpy()
+    observed = states.stack([f"observed_{j}" for j in (1, 2, 3)]).astype(np.bool_)
     error = error - material.truth
     error[..., 0] -= np.nanmedian(error[~gap, :, 0], axis=0)
     return Case(error / sd, gap, observed, any(reason.code == "gap" for reason in states.reasons))

@@ -21,7 +21,7 @@ from mocap_id.config import Trial, load
 from mocap_id.runner import run
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
-from mocap_id.store import Artefact, Folder, Table, Tree
+from mocap_id.store import Artefact, Folder, LongTable, Table, Tree
 from mocap_id.workflows.simulate import Options, simulate
 
 RATES = (250.0, 500.0, 1000.0)
@@ -29,12 +29,12 @@ REPEATS = 5
 STAGE = {stage.name: stage for stage in STAGES}
 
 
-def recording(place: Path, rate: float) -> tuple[Trial, Table]:
+def recording(place: Path, rate: float) -> tuple[Trial, LongTable]:
     """A trial of about 20 s and its trajectories in the plane."""
     options = Options(seed=5, repetitions=2, rate=rate, analog_rate=rate)
     trial = load(simulate("sit-to-stand", place / f"{rate:.0f}", options))
     planar = Folder(run(trial, STAGES[:1]).folder).read("planar.parquet")
-    assert isinstance(planar, Table)
+    assert isinstance(planar, LongTable)
     return trial, planar
 
 
@@ -68,10 +68,10 @@ def main() -> None:
             with_segments = {**inputs, "segments.parquet": segments}
             first = timed(partial(compute, "segment", trial, inputs))
             second = timed(partial(compute, "fit-joints", trial, with_segments))
-            markers = len(planar.frame["marker"].cat.categories)
+            markers = len(planar.labels)
             ratio = "" if previous is None else f"{(first + second) / previous:.2f}"
             previous = first + second
-            size = f"{len(planar.frame) // markers} x {markers}"
+            size = f"{len(planar.frames)} x {markers}"
             sys.stdout.write(f"{size:16s} {first:7.2f} s {second:10.2f} s {previous:8.2f} s   {ratio}\n")
 
 

@@ -21,13 +21,12 @@ from time import perf_counter
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Folder, Tree
 from mocap_id.workflows.simulate import Options, simulate
 
 FRAMES = (8_000, 16_000, 32_000, 64_000, 120_000)
@@ -75,15 +74,12 @@ def material(place: Path) -> Context:
 
 def of_length(context: Context, frames: int) -> Context:
     """The trial played to and fro for so many frames."""
-    planar = context.table("planar.parquet")
-    count = planar.frame["marker"].cat.categories.size
-    own = len(planar.frame) // count
-    period = np.concatenate([np.arange(own), np.arange(own - 2, 0, -1)])
-    rows = (np.resize(period, frames)[:, None] * count + np.arange(count)).ravel()
-    frame = planar.frame.take(rows).reset_index(drop=True)
-    frame["frame"] = np.repeat(np.arange(frames), count)
-    frame["time"] = frame["frame"] / RATE
-    return replace(context, inputs={**context.inputs, "planar.parquet": replace(planar, frame=pd.DataFrame(frame))})
+    planar = context.long("planar.parquet")
+    own, number = len(planar.frames), np.arange(frames)
+    rows = np.resize(np.concatenate([np.arange(own), np.arange(own - 2, 0, -1)]), frames)
+    values = {name: column[rows] for name, column in planar.values.items()}
+    longer = replace(planar, frames=number, time=number / RATE, values=values)
+    return replace(context, inputs={**context.inputs, "planar.parquet": longer})
 
 
 def measure(place: Path, frames: int) -> Cost:
@@ -91,8 +87,7 @@ def measure(place: Path, frames: int) -> Cost:
     warm = material(place)
     STAGE.function(of_length(warm, 2_000))
     context = of_length(warm, frames)
-    planar, chain = context.table("planar.parquet"), context.inputs["chain.h5"]
-    assert isinstance(planar, Table)
+    planar, chain = context.long("planar.parquet"), context.inputs["chain.h5"]
     assert isinstance(chain, Tree)
     group = chain.data["markers"]
     assert isinstance(group, dict)
@@ -105,7 +100,7 @@ def measure(place: Path, frames: int) -> Cost:
         start = perf_counter()
         STAGE.function(context)
         taken.append(perf_counter() - start)
-    size = float(planar.frame.memory_usage(deep=False).sum()) / MEGABYTE
+    size = sum(values.nbytes for values in planar.values.values()) / MEGABYTE
     return Cost(frames, median(taken), size, growth, int(np.count_nonzero(np.asarray(group["segment"]) > 0)))
 
 

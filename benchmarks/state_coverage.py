@@ -20,7 +20,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run_stage
-from mocap_id.store import Folder, Table
+from mocap_id.store import Folder, LongTable, Table
 from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 920_000  # the first seed; nothing was tuned on these
@@ -83,7 +83,7 @@ def measure(options: Options) -> Result | None:
 def compare(folder: Folder, truth: Mapping[str, FloatArray]) -> Result | None:
     """A finished trial against its truth."""
     states, markers = folder.read("states.parquet"), folder.read("markers.parquet")
-    if not (isinstance(states, Table) and isinstance(markers, Table)):
+    if not (isinstance(states, Table) and isinstance(markers, LongTable)):
         raise TypeError("not the artefacts that were expected")
     if f"theta_{COUNT}" in states.frame or f"theta_{COUNT - 1}" not in states.frame:
         return None
@@ -96,7 +96,7 @@ def compare(folder: Folder, truth: Mapping[str, FloatArray]) -> Result | None:
     error -= np.stack([truth[name][at] for name in ("q", "qd", "qdd")], axis=2)
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     inside = np.where(np.isfinite(error), np.abs(error) <= QUANTILE * sd, np.nan)
-    seen = np.isfinite(markers.frame["residual"].to_numpy().reshape(len(frame), -1))
+    seen = np.isfinite(markers.values["residual"])
     return Result(np.nanmean(inside, axis=0), _change(error, seen, frame["time"].to_numpy()))
 
 

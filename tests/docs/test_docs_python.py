@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from pages_of_docs import PAGES, ROOT, Block, blocks, name
 
@@ -30,7 +29,7 @@ def finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Folder with runs of the trials that the pages speak of, as far as they read them."""
     columns = {f"{column.name.format(k=k)}": np.zeros(5) for k in (1, 2, 3) for column in STATES.repeated}
     columns |= {key: np.ones(5, dtype=bool) for key in columns if key.startswith("observed")}
-    states = Table(STATES, pd.DataFrame({"time": np.arange(5) / 100} | columns))
+    states = Table(STATES, {"time": np.arange(5) / 100} | columns)
     for trial in ("s01", "s01-sts-normal"):
         with Folder(tmp_path / "runs" / trial).locked() as folder:
             folder.write((states,), Origin("ukf-smooth", 1, {}, {}, "key", 0.1))

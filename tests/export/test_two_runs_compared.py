@@ -100,7 +100,7 @@ def test_series_are_compared_on_common_times(links) -> None:
     shifted = table.frame.iloc[100:].copy()
     middles = {name: (shifted[name].to_numpy()[1:] + shifted[name].to_numpy()[:-1]) / 2 for name in ("time", "theta_1")}
     frame = shifted.iloc[1:].assign(time=middles["time"], theta_1=middles["theta_1"] + 0.01)
-    moved = replace(run, artefacts={**run.artefacts, "states.parquet": Table(STATES, frame)})
+    moved = replace(run, artefacts={**run.artefacts, "states.parquet": Table.from_frame(STATES, frame)})
     found = {row.name: row.difference for row in series(run, moved)}
     assert found["theta_1"] == pytest.approx(0.01, rel=0.02)
     assert {row.name: row.difference for row in series(run, run)}["theta_1"] == 0.0
@@ -110,7 +110,7 @@ def test_no_common_time_is_no_difference(links) -> None:
     run = open_run(links())
     table = run.artefacts["states.parquet"]
     assert isinstance(table, Table)
-    later = replace(table, frame=table.frame.assign(time=table.frame["time"] + 1e3))
+    later = table.having(time=table["time"] + 1e3)
     moved = replace(run, artefacts={"states.parquet": later})
     assert list(series(run, moved)) == []
 

@@ -85,7 +85,7 @@ def again(done: Finished, change: Any = None, **settings: Any) -> Finished:
     inputs = {file: folder.read(file) for file in STAGE.inputs}
     if change is not None:
         wrench = inputs["wrench.parquet"]
-        inputs["wrench.parquet"] = replace(wrench, frame=change(wrench.frame.copy()))
+        inputs["wrench.parquet"] = Table.from_frame(wrench.schema, change(wrench.frame), wrench.facts, wrench.reasons)
     trial = load(done.source / "trial.yaml")
     events, table, tree, _ = STAGE.function(Context(trial.keys, IdentifyDimSettings(**settings), inputs))
     return replace(done, events=events.frame, frame=table.frame, tree=tree)
