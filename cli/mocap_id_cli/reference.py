@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
-from mocap_id.config import load, study_schema
+from mocap_id.config import load
 from mocap_id.config import schema as trial_schema
 from mocap_id.config.prescription import prescription_schema
+from mocap_id.config.study import study_schema
 from mocap_id.runner import make_rules
 from mocap_id.stages import STAGES
 from mocap_id_cli.settings import settings_yaml

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.config import load, load_study, study_schema, trial_model
+from mocap_id.config import load, trial_model
 from mocap_id.config import study as study_module
 from mocap_id.config.source import Source, read
+from mocap_id.config.study import load_study, study_schema
 from mocap_id.errors import ConfigError
 
 GOOD = """\

@@ -14,10 +14,11 @@ from pages_of_docs import PAGES, Block, blocks, inline_code, name
 from ruamel.yaml import YAML, YAMLError
 from typer.main import get_command
 
-from mocap_id.config import load, load_study, trial_model
+from mocap_id.config import load, trial_model
 from mocap_id.config.chain import load_chain
 from mocap_id.config.prescription import load_prescription
 from mocap_id.config.robot_study import load_robot_study
+from mocap_id.config.study import load_study
 from mocap_id.stages import LINEUP
 from mocap_id.workflows.performing import engine
 from mocap_id.workflows.sensitivity.asking import read_asked

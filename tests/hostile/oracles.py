@@ -19,7 +19,8 @@ import mutations_yaml
 import numpy as np
 
 from mocap_id import recording, runner
-from mocap_id.config import load, load_study
+from mocap_id.config import load
+from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError, NumericalError
 from mocap_id.recording.tables import read_table
 from mocap_id.runner.dependencies import FileHashes

@@ -125,7 +125,7 @@ def _results(said: dict[str, list[str]]) -> None:
 
 
 def test_defaults_of_the_page_are_valid(tmp_path: Path) -> None:
-    from mocap_id.config import load_study
+    from mocap_id.config.study import load_study
 
     file = tmp_path / "study.yaml"
     file.write_text("study: x\n" + block("yaml", "subjects:") + block("yaml", "defaults:"))

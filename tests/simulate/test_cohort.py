@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mocap_id import runner
-from mocap_id.config import load_study
+from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import planar
 from mocap_id.recording import read

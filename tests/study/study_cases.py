@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.config import Person
-from mocap_id.config.study import Landmarks
+from mocap_id.config.study import Landmarks, Person
 from mocap_id.dynamics.predict import Agreement
 from mocap_id.workflows.performing import Performed
 from mocap_id.workflows.study.cases import Case, Parameters, length_reference

@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from mocap_id.config import load_study
+from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.workflows.study.discovery import discover
 from mocap_id.workflows.study.drafting import known_names, write

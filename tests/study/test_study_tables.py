@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from study_cases import Made, body, landmarks
 
-from mocap_id.config import Person
+from mocap_id.config.study import Person
 from mocap_id.dynamics.predict import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.workflows.study import (

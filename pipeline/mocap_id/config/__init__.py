@@ -1,6 +1,8 @@
-"""Trial and study configurations: YAML in, frozen models out; every mistake with file, line, key and nearest name."""
+"""Trial and study configurations: YAML in, frozen models out; every mistake with file, line, key and nearest name.
 
-from mocap_id.config.study import Person, Study, StudyTrial, load_study, study_schema
+Studies are in :mod:`mocap_id.config.study`: who runs a trial does not load them.
+"""
+
 from mocap_id.config.trial import Trial, load, schema, trial_model
 
-__all__ = ["Person", "Study", "StudyTrial", "Trial", "load", "load_study", "schema", "study_schema", "trial_model"]
+__all__ = ["Trial", "load", "schema", "trial_model"]

@@ -17,7 +17,7 @@ from mocap_id.verdict import Reason
 class Settings(BaseModel):
     """A stage's slice of the configuration: immutable, unknown keys refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class Subject(Settings):

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from mocap_id.config import Trial, load, load_study
+from mocap_id.config import Trial, load
 from mocap_id.config.source import Source, read
+from mocap_id.config.study import load_study
 from mocap_id.config.trial import compose, trial_model
 from mocap_id.errors import ConfigError
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config import Person, Study, StudyTrial
+from mocap_id.config.study import Person, Study, StudyTrial
 from mocap_id.dynamics.allometry import TableName, table
 from mocap_id.errors import Refused
 from mocap_id.reporting.contents import SUMMARY_FILE

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from mocap_id import __version__
-from mocap_id.config import Study, load_study
+from mocap_id.config.study import Study, load_study
 from mocap_id.reporting.cohort.material import PAGE_FILE, CohortMaterial, TrialEntry
 from mocap_id.reporting.shape import ReasonEntry
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
@@ -120,9 +120,9 @@ def tables(cases: Sequence[Case]) -> dict[str, pd.DataFrame]:
 
 
 def _documents(study: Study, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
-    from mocap_id.reporting.cohort.page import documents  # noqa: PLC0415  drawing is imported by whoever draws
+    from mocap_id.reporting.cohort.page import page  # noqa: PLC0415  templates are imported by whoever writes a page
 
-    return documents(CohortMaterial(study.name, __version__, tuple(map(_entry, cases)), frames))
+    return {PAGE_FILE: page(CohortMaterial(study.name, __version__, tuple(map(_entry, cases)), frames))}
 
 
 def _entry(case: Case) -> TrialEntry:

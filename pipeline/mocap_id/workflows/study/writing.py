@@ -14,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from mocap_id import __version__
-from mocap_id.config import Study
+from mocap_id.config.study import Study
 from mocap_id.reporting.cohort.material import PAGE_FILE
 from mocap_id.store import Table, TableSchema, hash_bytes
 from mocap_id.store.parquet import arrow, columns_of
