@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ class Sizes:
     tasks: tuple[int, ...] = TASKS
     dask: tuple[int, ...] = ON_DASK
     filterpy: int = 16_461  # frames: those of the reference recording
+    before: Path | None = None
 
 
 SMALL = Sizes(
@@ -67,7 +68,7 @@ SMALL = Sizes(
 """To see that it works."""
 
 PARTS: Mapping[str, Callable[[Sizes, Path, Say], Any]] = {
-    "starts": lambda s, place, say: scale_starts.measure(place, s.repeats, s.filterpy, s.dense),
+    "starts": lambda s, place, say: scale_starts.measure(place, s.repeats, s.filterpy, s.dense, s.before),
     "dense": lambda s, place, say: scale_lengths.measure([s.dense], place, s.repeats, say),
     "frames": lambda s, place, say: scale_lengths.measure(
         [Wanted(round(6_000 * minutes)) for minutes in s.minutes], place, min(2, s.repeats), say
@@ -94,6 +95,9 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=Sizes.repeats, help="of whole processes and short trials")
     parser.add_argument("--trials", type=int, default=Sizes.trials, help="of a batch")
     parser.add_argument("--rounds", type=int, default=Sizes.rounds, help="of batches")
+    parser.add_argument(
+        "--before", type=Path, help="source tree of an earlier commit, to be run in turns with this one"
+    )
     parser.add_argument("--afresh", action="store_true", help="measure every part anew")
     parser.add_argument("--small", action="store_true", help="tiny sizes, to see that it works")
     asked = parser.parse_args()
@@ -101,6 +105,7 @@ def main() -> None:
     if unknown:
         parser.error(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     sizes = SMALL if asked.small else Sizes(repeats=asked.repeats, trials=asked.trials, rounds=asked.rounds)
+    sizes = replace(sizes, before=asked.before and asked.before.resolve())
     work = asked.work or Path(tempfile.gettempdir()) / f"mocap-id-scale-{os.getuid()}{'-small' * asked.small}"
     work.mkdir(parents=True, exist_ok=True)
     for name in asked.only or PARTS:

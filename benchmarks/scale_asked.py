@@ -7,9 +7,10 @@ from typing import Any
 
 from scale_lengths import STAGES, fitted_time
 from scale_many import APART, DASK, ONE, TWO
-from scale_starts import AGAIN, RUN
+from scale_starts import AGAIN, EARLIER, PERSON, RUN
 
-POWER, MEMORY, SHARE, OVERHEAD, WHOLE, NOTHING = 1.05, 500.0, 0.9, 1.1, 3.0, 1.0
+POWER, MEMORY, LONG, SHARE, OVERHEAD = 1.05, 400.0, 1000.0, 0.9, 1.1
+WHOLE, OF_BEFORE, SHORT, NOTHING, EACH = 3.5, 0.42, 2.2, 0.3, 1.2
 
 
 def asked(parts: Mapping[str, Any]) -> list[list[str]]:
@@ -28,6 +29,9 @@ def _frames(part: Any) -> Iterator[list[str]]:
             worst = max(known, key=lambda name: known[name])
             told = f"{known[worst]:.2f} ({worst})" + (f"; `run` {known['run']:.2f}" if worst != "run" else "")
             yield [what, f"≤ {POWER}", told + held(known[worst] <= POWER)]
+    longest = max(part, key=lambda one: one["wanted"]["frames"])
+    peak = longest["whole"]["peak"]
+    yield [f"memory, {longest['wanted']['frames']:,} frames", f"≤ {LONG:.0f} MB", f"{peak:.0f} MB" + held(peak <= LONG)]
 
 
 def _dense(part: Any) -> Iterator[list[str]]:
@@ -45,13 +49,24 @@ def _batch(part: Any) -> Iterator[list[str]]:
         f"≥ {SHARE}",
         f"{share:.2f} (it can {best:.2f})" + held(share >= SHARE),
     ]
+    each = wall[TWO] / part["trials"]
+    yield ["a trial of a batch, two workers", f"≤ {EACH} s", f"{each:.2f} s" + held(each <= EACH)]
     yield ["Dask by processes", f"≤ {OVERHEAD}", f"{dask:.2f}" + held(dask <= OVERHEAD)]
 
 
 def _starts(part: Any) -> Iterator[list[str]]:
-    run, again = part["spent"][RUN]["wall"], part["spent"][AGAIN]["wall"]
-    yield ["`run`, a whole process", f"≤ {WHOLE:g} s", f"{run:.2f} s" + held(run <= WHOLE)]
-    yield ["`run` with nothing to do", f"≤ {NOTHING:g} s", f"{again:.2f} s" + held(again <= NOTHING)]
+    spent = part["spent"]
+    for name, most in ((RUN, WHOLE), (PERSON, SHORT), (AGAIN, NOTHING)):
+        if name in spent:
+            wall = spent[name]["wall"]
+            yield [f"`{name}`, a whole process", f"≤ {most:g} s", f"{wall:.2f} s" + held(wall <= most)]
+    if EARLIER in spent:
+        ratio = spent[RUN]["cpu"] / spent[EARLIER]["cpu"]
+        yield [
+            "processor time of `run`, of an earlier commit's",
+            f"≤ {OF_BEFORE}",
+            f"{ratio:.2f}" + held(ratio <= OF_BEFORE),
+        ]
 
 
 def held(yes: bool) -> str:

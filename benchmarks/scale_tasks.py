@@ -21,7 +21,8 @@ import scale_tasks
 from scale_processes import PROGRAM, spend
 from scale_trial import memory
 
-from mocap_id.config import Trial, load, load_study
+from mocap_id.config import Trial, load
+from mocap_id.config.study import load_study
 from mocap_id.store import Table
 from mocap_id.store.parquet import arrow
 from mocap_id.workflows.batch import BATCH, find
