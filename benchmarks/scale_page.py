@@ -108,7 +108,7 @@ def starts(part: Part) -> str:
     ]  # fmt: skip
     run = spent[RUN]["wall"]
     names = {"numpy": "reading with numpy", "ezc3d": "reading with ezc3d",
-             "c3d": "reading with the c3d package, as this program does",
+             "c3d": "reading with the c3d package",
              "parquet": "writing Parquet", "hdf5": "writing HDF5"}  # fmt: skip
     beside = [[name, f"{floor[key]:.3f} s", f"{run / floor[key]:.1f}"] for key, name in names.items() if key in floor]
     count = filters["frames"]

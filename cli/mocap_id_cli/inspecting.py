@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocap_id import recording
+from mocap_id.recording.c3d_package import package_differences
 
 
 def inspect(
@@ -28,6 +29,8 @@ def inspect(
     found = recording.describe(
         recording.read(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
     )
+    if found["format"].startswith("C3D"):
+        found["oddities"] += package_differences(file)
     if as_json:
         typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
         return

@@ -49,7 +49,21 @@ def body(frames: int = 60, markers: int = 5, seed: int = 1) -> np.ndarray:
     )
 
 
-def parameter(group: int, name: str, value: Any, kind: int | None = None) -> tuple[int, str, bytes]:
+def integers(values: Any, processor: int = 84) -> bytes:
+    """16-bit words as a processor writes them: Intel (84), DEC (85), MIPS (86)."""
+    return (np.asarray(values).astype(np.int64) & 0xFFFF).astype(">u2" if processor == 86 else "<u2").tobytes()
+
+
+def reals(values: Any, processor: int = 84) -> bytes:
+    """32-bit floats as a processor writes them; DEC's words are exchanged, its exponent is larger by two."""
+    if processor == 85:
+        return (4 * np.asarray(values, float)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+    return np.asarray(values).astype(">f4" if processor == 86 else "<f4").tobytes()
+
+
+def parameter(
+    group: int, name: str, value: Any, kind: int | None = None, processor: int = 84
+) -> tuple[int, str, bytes]:
     """One C3D parameter as its bytes behind the offset word: int16, float or text, first index fastest."""
     if isinstance(value, (str, tuple, list)) and (isinstance(value, str) or all(isinstance(v, str) for v in value)):
         texts = [value] if isinstance(value, str) else list(value)
@@ -60,7 +74,8 @@ def parameter(group: int, name: str, value: Any, kind: int | None = None) -> tup
         array = np.asarray(value)
         kind = kind or (2 if array.dtype.kind in "iu" else 4)
         shape = array.shape
-        raw = array.ravel(order="F").astype({2: "<i2", 4: "<f4", 1: "i1"}[kind]).tobytes()
+        flat = array.ravel(order="F")
+        raw = flat.astype("i1").tobytes() if kind == 1 else {2: integers, 4: reals}[kind](flat, processor)
     return group, name, struct.pack("bB", kind, len(shape)) + bytes(shape) + raw + b"\0"
 
 
@@ -75,8 +90,9 @@ def build_c3d(
     first: int = 1,
     scale: float = -1.0,
     drop: Sequence[str] = (),
+    processor: int = 84,
 ) -> bytes:
-    """A C3D file, Intel; real for a negative scale, integer otherwise.
+    """A C3D file; real for a negative scale, integer otherwise.
 
     ``points`` (F, M, 3) in file units, ``analog`` (F * per_frame, C) raw counts, ``parameters`` overrides by
     ``"GROUP:NAME"``, ``header`` overrides by word (points, analog, first, last, per_frame).
@@ -101,14 +117,14 @@ def build_c3d(
     names = list(dict.fromkeys(key.split(":")[0] for key in values))
     blocks = b""
     for number, name in enumerate(names, start=1):
-        blocks += struct.pack("bb", len(name), -number) + name.encode() + struct.pack("<h", 3) + b"\0"
+        blocks += struct.pack("bb", len(name), -number) + name.encode() + integers([3], processor) + b"\0"
     for key, value in values.items():
         if key in drop:
             continue
         group, name = key.split(":")
-        _, _, body_ = parameter(names.index(group) + 1, name, value)
+        _, _, body_ = parameter(names.index(group) + 1, name, value, processor=processor)
         blocks += struct.pack("bb", len(name), names.index(group) + 1) + name.encode()
-        blocks += struct.pack("<h", len(body_) + 2) + body_
+        blocks += integers([len(body_) + 2], processor) + body_
     blocks += b"\0\0"
     count = -(-(len(blocks) + 4) // 512)
     words = {
@@ -119,15 +135,16 @@ def build_c3d(
         "per_frame": per_frame,
         **(header or {}),
     }
-    head = struct.pack("<BBHHHHHf", 2, 0x50, words["points"], words["analog"], words["first"], words["last"], 10, scale)
-    head += struct.pack("<HHf", 2 + count, words["per_frame"], rate)
-    section = (struct.pack("BBBB", 1, 0x50, count, 84) + blocks).ljust(512 * count, b"\0")
-    data = _data(points, residuals, analog, per_frame, scale)
+    head = bytes([2, 0x50])
+    head += integers([words["points"], words["analog"], words["first"], words["last"], 10], processor)
+    head += reals([scale], processor) + integers([2 + count, words["per_frame"]], processor) + reals([rate], processor)
+    section = (struct.pack("BBBB", 1, 0x50, count, processor) + blocks).ljust(512 * count, b"\0")
+    data = _data(points, residuals, analog, scale, processor)
     return head.ljust(512, b"\0") + section + data.ljust(-(-len(data) // 512) * 512, b"\0")
 
 
 def _data(
-    points: np.ndarray, residuals: np.ndarray | None, analog: np.ndarray | None, per_frame: int, scale: float
+    points: np.ndarray, residuals: np.ndarray | None, analog: np.ndarray | None, scale: float, processor: int
 ) -> bytes:
     frames, markers = points.shape[:2]
     residuals = np.zeros((frames, markers)) if residuals is None else residuals
@@ -135,9 +152,7 @@ def _data(
     rows = stored.reshape(frames, -1)
     if analog is not None:
         rows = np.concatenate([rows, analog.reshape(frames, -1)], axis=1)
-    if scale < 0:
-        return rows.astype("<f4").tobytes()
-    return (rows.astype(np.int64) & 0xFFFF).astype("<u2").tobytes()
+    return reals(rows, processor) if scale < 0 else integers(rows, processor)
 
 
 def plate_parameters(kind: int, channels: Sequence[int], origin: np.ndarray = ORIGIN, **more: Any) -> dict[str, Any]:

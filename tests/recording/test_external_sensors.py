@@ -15,7 +15,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import PlaneFrame
 from mocap_id.stages.base import Context, ExternalForce, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.store import Table, parquet
+from mocap_id.store import LongTable, Table, parquet
 
 PLACE = (0.3, -0.7, 1.1)
 
@@ -33,11 +33,11 @@ def log(folder: Path, force: np.ndarray, time: np.ndarray, moment: np.ndarray | 
     return path
 
 
-def run(markers: Path, *sensors: dict[str, Any], forces: Path | None = None) -> tuple[Table, Table]:
+def run(markers: Path, *sensors: dict[str, Any], forces: Path | None = None) -> tuple[LongTable, Table]:
     external = tuple(ExternalForce(**({"name": "hand", "segment": "torso", "at": PLACE} | each)) for each in sensors)
     trial = TrialKeys(trial="t", recording=Files(markers=markers, forces=forces), external=external)
     planar, wrench = STAGE.function(Context(trial, PlanariseSettings(), {}))
-    assert isinstance(planar, Table)
+    assert isinstance(planar, LongTable)
     assert isinstance(wrench, Table)
     parquet.conform(wrench)
     return planar, wrench
@@ -47,12 +47,12 @@ def columns(wrench: Table, number: int = 1) -> np.ndarray:
     return wrench.frame[[f"{name}_external_{number}" for name in ("Fx", "Fy", "tauz")]].to_numpy()
 
 
-def frame_of(planar: Table) -> PlaneFrame:
+def frame_of(planar: LongTable) -> PlaneFrame:
     plane = planar.facts["plane"]
     return PlaneFrame(np.radians(plane["yaw_deg"]), np.array(plane["origin_m"]))
 
 
-def expected(planar: Table, time: np.ndarray, point: np.ndarray) -> np.ndarray:
+def expected(planar: LongTable, time: np.ndarray, point: np.ndarray) -> np.ndarray:
     force = force_at(time)
     return frame_of(planar).wrench_to_plane(force, np.cross(point, force))
 

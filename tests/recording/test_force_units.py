@@ -14,7 +14,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.recording.units import force_scale, moment_scale
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.store import Table
+from mocap_id.store import LongTable, Table
 
 FRAMES, PER_FRAME = 30, 5
 FORCE, MOMENT = standing_wrench(FRAMES * PER_FRAME, CORNERS)
@@ -129,10 +129,10 @@ def test_missing_units_are_assumed_and_a_caution(tmp_path: Path, units: list[str
     assert not any("was assumed" in reason.message for reason in planar.reasons)
 
 
-def planarised(path: Path, **settings: Any) -> tuple[Table, Table]:
+def planarised(path: Path, **settings: Any) -> tuple[LongTable, Table]:
     trial = TrialKeys(trial="t", recording=Files(markers=path))
     planar, wrench = STAGE.function(Context(trial, PlanariseSettings(**settings), {}))
-    assert isinstance(planar, Table)
+    assert isinstance(planar, LongTable)
     assert isinstance(wrench, Table)
     return planar, wrench
 

@@ -14,17 +14,23 @@ from test_facing import sitting_down
 
 from mocap_id import recording
 from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.geometry.plane import PlaneFrame
+from mocap_id.kinematics import find_bursts
+from mocap_id.recording import decimation
 from mocap_id.stages.base import Context, Files, PlateUse, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.store import Table
+from mocap_id.stages.trajectories import PlanarView
+from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
+from mocap_id.workflows.simulate import Options
+from mocap_id.workflows.simulate.generate import generate
 
 
-def run(markers: Path, forces: Path | None = None, **options: Any) -> tuple[Table, Table]:
+def run(markers: Path, forces: Path | None = None, **options: Any) -> tuple[LongTable, Table]:
     keys = {name: options.pop(name) for name in ("window", "plates", "protocol") if name in options}
     trial = TrialKeys(trial="t", recording=Files(markers=markers, forces=forces), **keys)
     planar, wrench = STAGE.function(Context(trial, PlanariseSettings(**options), {}))
-    assert isinstance(planar, Table)
+    assert isinstance(planar, LongTable)
     assert isinstance(wrench, Table)
     return planar, wrench
 
@@ -215,19 +221,79 @@ def test_what_was_odd_is_passed_on(tmp_path: Path) -> None:
     assert {note.level for note in notes} == {"ok"}
 
 
-def test_a_long_trial_has_a_row_for_every_frame_and_marker(tmp_path: Path) -> None:
-    from mocap_id.geometry.plane import PlaneFrame
+def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) -> None:
     from mocap_id.stages.planarise.function import _Part, _trajectories
 
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, ["A"], body(10, 1), RATE)
-    count, markers = 16_000, 50
+    count, markers = 3_000, 5
     source = replace(recording.read(path), frames=np.arange(count), time=np.arange(count) / 480)
     positions = np.random.default_rng(0).normal(size=(count, markers, 3))
+    positions[1000:1100, 2] = np.nan
     part = _Part(source, 0, count, tuple(f"M{i}" for i in range(markers)), positions, proposed=False)
-    frame = _trajectories(part, PlaneFrame(0.3, np.zeros(3)))
-    assert len(frame) == count * markers
-    assert not frame[["frame", "marker"]].duplicated().any()
+    frame = PlaneFrame(0.3, np.array([1.0, 2.0, 3.0]))
+    values = _trajectories(part, frame)
+    np.testing.assert_array_equal(np.stack([values[name] for name in "xyz"], axis=2), frame.to_plane(positions))
+
+
+def jumping(folder: Path) -> Path:
+    """The person at 40°, of whom one marker is taken for something else for 0.3 s and one for a single frame."""
+    path, positions, *_ = person_on_a_plate(folder)
+    positions = positions.copy()
+    positions[40:55, 4] += [0.1, -0.2, 0.15]
+    positions[80, 7] += 0.2
+    recording.write_c3d(path, [f"M{i}" for i in range(positions.shape[1])], positions, RATE, first_frame=11)
+    return path
+
+
+def test_when_markers_jump_is_a_fact(tmp_path: Path) -> None:
+    planar, _ = run(jumping(tmp_path))
+    times = {label: planar.time[[start, last]].tolist() for label, start, last in (("M4", 40, 54), ("M7", 80, 80))}
+    assert planar.facts["bursts"] == {label: [both] for label, both in times.items()}
+    assert planar.values["visible"].all()
+
+
+def test_later_stages_see_the_jumps_that_planarise_found(tmp_path: Path) -> None:
+    """Also after the facts went through a file, and in a part of the frames."""
+    planar, _ = run(jumping(tmp_path))
+    points = np.stack([planar.values[name] for name in "xyz"], axis=2)
+    expected = find_bursts(points, RATE)
+    assert expected.sum() == 16
+    read = replace(planar, facts=json.loads(json.dumps(planar.facts)))
+    np.testing.assert_array_equal(PlanarView(read).bursts, expected)
+    np.testing.assert_array_equal(np.isnan(PlanarView(read).plane()), expected)
+    np.testing.assert_array_equal(np.isnan(PlanarView(read).spaced(10_000)).all(axis=2), expected)
+    values = {name: column[20::3] for name, column in planar.values.items()}
+    part = replace(read, frames=planar.frames[20::3], time=planar.time[20::3], values=values)
+    np.testing.assert_array_equal(PlanarView(part).bursts, expected[20::3])
+
+
+@pytest.mark.parametrize("rate", [200.0, 480.0])
+def test_a_thinned_look_sees_what_all_frames_show(tmp_path: Path, rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Skin and cameras err, markers vanish, the plate hums at 60 Hz: what is told is as good as before."""
+    made = generate("sit-to-stand", Options(seed=5, repetitions=2, rate=rate, analog_rate=5 * rate))
+    true = made.scene.body.mass
+    samples = made.signals.channels.copy()
+    samples[:, 2] += 5 * np.sin(2 * np.pi * 60 * np.arange(len(samples)) / made.signals.rate + 1)
+    path = tmp_path / "trial.c3d"
+    plates = [replace(made.signals, channels=samples)]
+    recording.write_c3d(path, list(made.scene.markers.labels), made.points, rate, plates=plates)
+    thinned = run(path, protocol="sit-to-stand")
+    monkeypatch.setattr(decimation, "_LOOKS_HZ", np.inf)
+    whole = run(path, protocol="sit-to-stand")
+    for one, other in zip(thinned, whole, strict=True):
+        assert [reason.code for reason in one.reasons] == [reason.code for reason in other.reasons]
+    plane, planar = (tables[0].facts["plane"] for tables in (thinned, whole))
+    assert plane["yaw_deg"] == pytest.approx(planar["yaw_deg"], abs=0.02)
+    assert plane["facing"]["displacement_m"] == pytest.approx(planar["facing"]["displacement_m"], abs=2e-3)
+    here, there = (tables[1].facts for tables in (thinned, whole))
+    assert abs(here["mass_kg"] - true) < min(0.03, abs(there["mass_kg"] - true) + 0.005)
+    found, expected = (facts["registration"] for facts in (here, there))
+    assert found["standing_lean_deg"] == pytest.approx(expected["standing_lean_deg"], abs=0.02)
+    one, other = (facts["plates"][0] for facts in (found, expected))
+    assert one["cop_off_feet_m"] == pytest.approx(other["cop_off_feet_m"], abs=2e-3)
+    assert one["feet_over_surface_m"] == pytest.approx(other["feet_over_surface_m"], abs=1e-3)
+    np.testing.assert_allclose(thinned[1]["Fy"], whole[1]["Fy"])
 
 
 @pytest.mark.recordings

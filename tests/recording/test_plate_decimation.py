@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.recording import Plate, averaging_width, decimate
+from mocap_id.recording import Look, Plate, averaging_width, decimate
 
 
 def plate(values: np.ndarray, rate: float, start: float = 0.0, ok: np.ndarray | None = None) -> Plate:
@@ -81,3 +81,23 @@ def test_times_outside_the_plate_are_not_ok() -> None:
     found = decimate(plate(np.ones(100), 100.0, start=1.0), np.array([0.5, 1.0, 1.99, 2.0, 3.0]), 100.0)
     assert found.ok.tolist() == [False, True, True, False, False]
     assert np.isnan(found.force[[0, 3, 4]]).all()
+
+
+@pytest.mark.parametrize("hertz", [50.0, 60.0])
+def test_hum_is_no_force_to_a_look(hertz: float) -> None:
+    """Picked at 60 Hz, 60 Hz would be a constant."""
+    analog = np.arange(9600) / 960
+    plates = [plate(700 + 5 * np.sin(2 * np.pi * hertz * analog + 1), 960.0)]
+    look = Look.at(np.zeros((4800, 1, 3)), np.arange(4800) / 480, 480.0, plates)
+    assert (look.step, look.rate, len(look.positions)) == (8, 60.0, 600)
+    assert np.mean(look.samples[0].force[1:-1, 2]) == pytest.approx(700, abs=0.02)
+
+
+@pytest.mark.parametrize("rate", [30.0, 50.0, 100.0, 119.88])
+def test_a_slow_recording_is_looked_at_as_it_is(rate: float) -> None:
+    plates, time = [plate(np.sin(np.arange(5000) / 7), 10 * rate)], np.arange(400) / rate
+    positions = np.random.default_rng(0).normal(size=(400, 3, 3))
+    look = Look.at(positions, time, rate, plates)
+    np.testing.assert_array_equal(look.positions, positions)
+    np.testing.assert_array_equal(look.time, time)
+    np.testing.assert_array_equal(look.samples[0].force, decimate(plates[0], time, rate).force)

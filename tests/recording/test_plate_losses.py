@@ -15,6 +15,7 @@ from mocap_id import recording
 from mocap_id.recording import PlateSignals
 from mocap_id.recording.dropout import dropped_out
 from mocap_id.recording.plate_types import plate_axes, surface_wrench
+from mocap_id.recording.posture import upright
 from mocap_id.recording.saturation import clipped
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
@@ -122,12 +123,12 @@ def test_a_chair_that_carries_all_is_no_dropout() -> None:
     rise = np.clip(2 * np.sin(2 * np.pi * time / 5), -1, 1) / 2 + 0.5
     positions = np.zeros((len(time), 4, 3))
     positions[:, :, 2] = np.array([0.05, 0.5, 1.0, 1.4]) + np.array([0, 0.1, 0.4, 0.4]) * rise[:, None]
-    seated = 700 * (rise > 0.1)
-    assert not dropped_out(seated, positions, RATE, 700.0).any()
+    tall, seated = upright(positions)[0], 700 * (rise > 0.1)
+    assert not dropped_out(seated, tall, RATE, 700.0).any()
     flight = np.where((time > 1.0) & (time < 1.5), 0.0, 700.0)
-    assert not dropped_out(flight, positions, RATE, 700.0).any()
+    assert not dropped_out(flight, tall, RATE, 700.0).any()
     lost = np.where(time > 5.6, 0.0, 700.0)
-    np.testing.assert_array_equal(dropped_out(lost, positions, RATE, 700.0), time > 5.6)
+    np.testing.assert_array_equal(dropped_out(lost, tall, RATE, 700.0), time > 5.6)
 
 
 @pytest.mark.parametrize(("share", "level"), [(1.0, None), (0.97, "ok"), (0.6, "caution")])

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from test_plate_choice import CHAIR, FEET, RATE, RISE, TIME, WEIGHT, carrying, choose, person
 
-from mocap_id.recording import PlateChoice, choose_plates, doubtful, seat_wrench
+from mocap_id.geometry.plane import PlaneFrame
+from mocap_id.recording import Look, PlateChoice, PlateSamples, choose_plates, doubtful, empty_chair
+from mocap_id.stages.planarise.external_wrenches import Measured, Seen, measure_seat
 
 ON_CHAIR = 0.75 * WEIGHT * np.clip(1 - RISE / 0.6, 0, 1)
 EMPTY = np.array([3.0, 60.0, 24.0])
@@ -18,29 +20,51 @@ def reading(load: np.ndarray) -> np.ndarray:
     return np.column_stack([0.05 * load, load, 0.4 * load]) + EMPTY + noise
 
 
-def test_what_the_plate_reads_without_the_person_comes_off() -> None:
+def test_what_the_plate_reads_without_the_person_is_found() -> None:
     wrench, ok = reading(ON_CHAIR), np.ones(len(TIME), dtype=bool)
     ok[10:30] = False
-    seat = seat_wrench(wrench, ok, person(), RATE, "standing")
-    np.testing.assert_allclose(seat.zero, EMPTY, atol=0.1)
-    np.testing.assert_allclose(seat.spread, 0.3, atol=0.05)
-    assert np.isnan(seat.wrench[10:30]).all()
-    exact = np.column_stack([0.05 * ON_CHAIR, ON_CHAIR, 0.4 * ON_CHAIR])
-    np.testing.assert_allclose(seat.wrench[ok], exact[ok], atol=1.5)
+    empty = empty_chair(wrench, ok, person(), RATE, "standing")
+    np.testing.assert_allclose(empty.reading, EMPTY, atol=0.1)
+    np.testing.assert_allclose(empty.spread, 0.3, atol=0.05)
 
 
-def test_without_standing_the_zero_is_unknown() -> None:
+def test_without_standing_it_is_unknown() -> None:
     wrench, ok = reading(np.full(len(TIME), 400.0)), np.ones(len(TIME), dtype=bool)
-    seat = seat_wrench(wrench, ok, person(np.zeros(len(TIME))), RATE, "standing")
-    assert seat.zero is None
-    np.testing.assert_array_equal(seat.wrench, wrench)
+    assert empty_chair(wrench, ok, person(np.zeros(len(TIME))), RATE, "standing").reading is None
 
 
-def test_a_plate_that_was_zeroed_with_the_chair_is_taken_as_it_reads() -> None:
-    wrench, ok = reading(ON_CHAIR), np.ones(len(TIME), dtype=bool)
-    seat = seat_wrench(wrench, ok, person(), RATE, "none")
-    np.testing.assert_array_equal(seat.wrench, wrench)
-    np.testing.assert_array_equal(seat.zero, 0.0)
+def seated(rise: np.ndarray = RISE, rule: str = "standing", every: int = 1) -> tuple[np.ndarray, Measured]:
+    """What the chair's plate reads in the plane, (F, 3), half of it known; and what is told of it."""
+    found = reading(ON_CHAIR)
+    force, moment = np.zeros((2, len(TIME), 3))
+    force[:, [0, 2]], moment[:, 1] = found[:, :2], -found[:, 2]
+    ok = np.arange(len(TIME)) % 200 >= 100
+    samples, positions = PlateSamples(force, moment, ok), person(rise)
+    looked = PlateSamples(force[::every], moment[::every], ok[::every])
+    look = Look(every, positions[::every], TIME[::every], RATE / every, (looked,))
+    seen = Seen([], positions, TIME, look, PlaneFrame(0.0))
+    choice = PlateChoice(("seat",), (500.0,), ("it is one",))
+    assert rule in ("standing", "none")
+    return found, measure_seat(seen, [samples], choice, rule)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_the_empty_reading_comes_off_every_known_frame(every: int) -> None:
+    _, measured = seated(every=every)
+    wrench = np.stack(list(measured.columns.values()), axis=1)
+    known = np.arange(len(TIME)) % 200 >= 100
+    exact = np.column_stack([0.05 * ON_CHAIR, ON_CHAIR, 0.4 * ON_CHAIR])
+    np.testing.assert_allclose(wrench[known], exact[known], atol=1.5)
+    assert np.isnan(wrench[~known]).all()
+
+
+def test_a_reading_is_taken_as_it_is_where_nobody_stands_or_the_plate_was_zeroed_with_the_chair() -> None:
+    known = np.arange(len(TIME)) % 200 >= 100
+    for rise, rule, codes in ((np.zeros(len(TIME)), "standing", ["seat-zero-unknown"]), (RISE, "none", [])):
+        found, measured = seated(rise, rule)
+        wrench = np.stack(list(measured.columns.values()), axis=1)
+        np.testing.assert_allclose(wrench[known], found[known], atol=1e-9)
+        assert [reason.code for reason in measured.reasons] == codes
 
 
 def doubts(*loads: np.ndarray, **uses: tuple[int, ...]) -> dict[int, str]:

@@ -186,3 +186,23 @@ def test_a_stream_hashes_what_goes_through_it() -> None:
 
 def record(folder: Path) -> Path:
     return folder / ".mocap-id" / "segment.json"
+
+
+def test_artefacts_are_written_and_read_without_pandas(tmp_path: Path) -> None:
+    """It takes 0.2 s to import; `pa.array` and `to_numpy` would do so."""
+    program = f"""
+import sys
+from pathlib import Path
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+sys.modules["pandas"] = None
+import numpy as np
+from test_records import ORIGIN, PLANAR, LongTable, chain, planar, segments
+from mocap_id.store import Folder
+folder = Folder(Path({str(tmp_path)!r}))
+written = [segments(), chain(), LongTable(PLANAR, np.arange(5), np.arange(5) / 100, ("A", "B"), planar(5, 2))]
+folder.write(written, ORIGIN)
+for one in written:
+    print(Folder(folder.path).read(one.schema.file).schema.file)
+"""
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert said.stdout.split() == [SEGMENTS.file, CHAIN.file, PLANAR.file]

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.tables import parse_table, read_csv, read_text
+from mocap_id.recording.tables import read_csv, read_table
 
 _TIME = ("time", "time_s")
 _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
@@ -46,32 +45,27 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
     RecordingError
         The file is missing or no such table, its times do not increase, or a CSV column does not tell its unit.
     """
-    text = read_text(path)
-    return _csv(path, text, columns) if path.suffix.lower() == ".csv" else _mot(path, text, columns)
+    return _csv(path, columns) if path.suffix.lower() == ".csv" else _mot(path, columns)
 
 
-def _mot(path: Path, text: str, columns: Collection[str]) -> AngleTable:
-    table = parse_table(path, text)
+def _mot(path: Path, columns: Collection[str]) -> AngleTable:
+    table = read_table(path)
     _check(path, columns, table.columns)
     factor = np.pi / 180.0 if table.in_degrees else 1.0
     return AngleTable(table.time, {name: table[name] * factor for name in columns})
 
 
-def _csv(path: Path, text: str, columns: Collection[str]) -> AngleTable:
-    frame = read_csv(path, text)
-    try:
-        frame.columns = pd.Index([str(name).strip() for name in frame.columns])
-        values = frame.astype(np.float64)
-    except (ValueError, OverflowError) as error:
-        raise RecordingError(f"{path}: no CSV table of numbers ({str(error).splitlines()[0]})") from None
-    names = [str(name) for name in values.columns]
-    if not names or names[0] not in _TIME:
+def _csv(path: Path, columns: Collection[str]) -> AngleTable:
+    table = read_csv(path)
+    names = list(table.names)
+    if names[0] not in _TIME:
         raise RecordingError(f"{path}: the first column is {names[:1]}, expected `time_s`")
     _check(path, columns, names[1:])
-    time = values[names[0]].to_numpy()
+    values = table.numbers()
+    time = values[:, 0]
     if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
         raise RecordingError(f"{path}: `{names[0]}` must hold two times or more that increase")
-    return AngleTable(time, {name: values[name].to_numpy() * _factor(path, name) for name in columns})
+    return AngleTable(time, {name: values[:, names.index(name, 1)] * _factor(path, name) for name in columns})
 
 
 def _factor(path: Path, name: str) -> float:

@@ -1,17 +1,18 @@
 """The header and the parameter section of a C3D file, read with every bound checked.
 
-The libraries decode the *data*; what the data look like is established here, because both libraries believe headers
-that contradict the file (a truncated file, a wrong point count) without an error.
+The libraries for C3D believe headers that contradict the file (a truncated file, a wrong point count) without an error,
+so the file is read from its bytes.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
@@ -43,18 +44,27 @@ class Header:
 
 @dataclass(frozen=True)
 class C3DFile:
-    """A C3D file's bytes with its header and parameters.
+    """A C3D file, open for reading, with its header and parameters.
 
     ``parameters`` maps ``"GROUP:NAME"`` (upper case) to the value; ``repeated`` names parameters that occur twice, of
     which the first holds.
     """
 
     path: Path
-    data: bytes
+    stream: BinaryIO
+    size: int
     processor: int
     header: Header
     parameters: Mapping[str, Value]
     repeated: tuple[str, ...]
+
+    def stored(self, start: int, stop: int) -> bytes:
+        """The bytes from ``start`` up to ``stop``, or to the file's end."""
+        self.stream.seek(start)
+        raw = self.stream.read(max(0, min(stop, self.size) - start))
+        if len(raw) < min(stop, self.size) - start:
+            raise RecordingError(f"{self.path}: it changed while it was read: wait until it is complete")
+        return raw
 
     def numbers(self, name: str) -> FloatArray | None:
         """A numeric parameter as floats, in its own shape; None where it is missing, empty or text."""
@@ -83,20 +93,24 @@ class C3DFile:
         return next(iter(self.strings(name)), "").strip().strip("\x00").strip()
 
 
-def open_c3d(path: Path, data: bytes) -> C3DFile:
-    """Parse the header and the parameters.
+def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
+    """Parse the header and the parameters of an open file.
 
     Raises
     ------
     RecordingError
         The bytes are no C3D file, or its parameter section is damaged.
     """
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(0)
+    data = stream.read(BLOCK)
     if len(data) < BLOCK or data[1] != MAGIC:
         raise RecordingError(
-            f"{path}: not a C3D file: {len(data)} bytes, second byte {data[1:2].hex() or 'missing'} instead of 50; "
+            f"{path}: not a C3D file: {size} bytes, second byte {data[1:2].hex() or 'missing'} instead of 50; "
             "export the trial again as C3D, or give a TRC file"
         )
     start = (max(data[0], 2) - 1) * BLOCK
+    data += stream.read(start + 4 - BLOCK)
     processor = data[start + 3] if start + 3 < len(data) else 0
     if processor not in PROCESSORS:
         raise RecordingError(
@@ -105,8 +119,9 @@ def open_c3d(path: Path, data: bytes) -> C3DFile:
         )
     header = _header(data, processor)
     stop = (header.data_block - 1) * BLOCK if header.data_block else start + data[start + 2] * BLOCK
-    parameters, repeated = _parameters(path, data[:stop], start + 4, processor)
-    return C3DFile(path, data, processor, header, parameters, repeated)
+    data = data[:stop] + stream.read(max(0, stop - len(data)))
+    parameters, repeated = _parameters(path, data, start + 4, processor)
+    return C3DFile(path, stream, size, processor, header, parameters, repeated)
 
 
 def floats(raw: bytes, processor: int) -> FloatArray:
@@ -149,7 +164,8 @@ def _parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[
         if group < 0:
             groups.setdefault(-group, name)
         else:
-            found.append((group, name, _value(path, name, data, name_end + 2, processor)))
+            end = name_end + step if step else len(data)
+            found.append((group, name, _value(path, name, data[name_end + 2 : end], processor)))
         if step == 0:
             break
         at = name_end + step
@@ -174,17 +190,16 @@ def _unsigned(path: Path, data: bytes, at: int, processor: int) -> int:
     return int(struct.unpack(endian(processor) + "H", data[at : at + 2])[0])
 
 
-def _value(path: Path, name: str, data: bytes, at: int, processor: int) -> Value:
-    """Decode one parameter's value: type, dimensions, elements."""
-    head = data[at : at + 2]
-    kind, rank = struct.unpack("bB", head) if len(head) == 2 else (0, 0)
-    shape = tuple(data[at + 2 : at + 2 + rank])
+def _value(path: Path, name: str, data: bytes, processor: int) -> Value:
+    """Decode one parameter's value: type, dimensions, elements; ``data`` ends where the next parameter begins."""
+    kind, rank = struct.unpack("bB", data[:2]) if len(data) >= 2 else (0, 0)
+    shape = tuple(data[2 : 2 + rank])
     size = abs(kind) * math.prod(shape)
-    raw = data[at + 2 + rank : at + 2 + rank + size]
+    raw = data[2 + rank : 2 + rank + size]
     if kind not in (-1, 1, 2, 4) or len(shape) < rank or rank > _MOST_DIMENSIONS or len(raw) < size:
         raise RecordingError(
-            f"{path}: the C3D parameter {name!r} is damaged (element size {kind}, dimensions {list(shape)}); "
-            "the file is corrupt, export it again"
+            f"{path}: the C3D parameter {name!r} is damaged (element size {kind}, dimensions {list(shape)}, "
+            f"{len(data)} bytes up to the next one); the file is corrupt, export it again"
         )
     if kind == -1:
         return _texts(raw, shape)

@@ -75,8 +75,8 @@ def establish(file: C3DFile) -> Layout:
     scale, rate = _scale_and_rate(file, oddities)
     start = _data_start(file, oddities)
     word = 4 if scale < 0 else 2
-    points, words, frames = _counts(file, word, len(file.data) - start, oddities)
-    _look_at_the_end(file.data[start:], (4 * points + words) * word, frames, oddities)
+    points, words, frames = _counts(file, word, file.size - start, oddities)
+    _look_at_the_end(file, start, (4 * points + words) * word, frames, oddities)
     channels, per_frame = _channels(file, words, rate, oddities)
     first = _first_frame(file, frames, oddities)
     if file.repeated:
@@ -90,14 +90,8 @@ def encoding(file: C3DFile, layout: Layout) -> str:
     return f"C3D ({PROCESSORS[file.processor]}, {'real' if layout.real else 'integer'})"
 
 
-def raw_frame(file: C3DFile, layout: Layout, index: int) -> tuple[FloatArray, FloatArray]:
-    """One frame straight from the bytes, to hold a library's decoding against; as :func:`raw_frames` has it."""
-    points, analog = raw_frames(file, layout, slice(index, index + 1))
-    return points[0], analog[0]
-
-
 def raw_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
-    """Frames straight from the bytes.
+    """Some frames, as they are stored.
 
     Returns
     -------
@@ -105,15 +99,20 @@ def raw_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, 
         x, y, z in file units and the residual word.
     analog : (F, per_frame, channels) array
         Unscaled.
+
+    Raises
+    ------
+    RecordingError
+        The file has become shorter meanwhile.
     """
-    raw = file.data[layout.start + part.start * layout.frame_bytes : layout.start + part.stop * layout.frame_bytes]
+    count, size = part.stop - part.start, layout.frame_bytes
+    raw = file.stored(layout.start + part.start * size, layout.start + part.stop * size)
     if layout.real:
         values = floats(raw, file.processor)
     else:
         values = np.frombuffer(raw, endian(file.processor) + "i2").astype(np.float64)
-    count = part.stop - part.start
     rows = values.reshape(count, -1)
-    points = rows[:, : 4 * layout.points].reshape(count, layout.points, 4).copy()
+    points = rows[:, : 4 * layout.points].reshape(count, layout.points, 4)
     analog = rows[:, 4 * layout.points :].reshape(count, layout.per_frame, layout.channels)
     if not layout.real:
         points[..., :3] *= layout.scale
@@ -160,9 +159,9 @@ def _data_start(file: C3DFile, oddities: list[str]) -> int:
             f"POINT:DATA_START is {declared}, the header says {file.header.data_block}: the header was taken"
         )
     start = (block - 1) * BLOCK
-    if not 0 < start < len(file.data):
+    if not 0 < start < file.size:
         raise RecordingError(
-            f"{file.path}: the data should start at byte {start} of a file of {len(file.data)} bytes; "
+            f"{file.path}: the data should start at byte {start} of a file of {file.size} bytes; "
             "the file is truncated or corrupt, export it again"
         )
     return start
@@ -196,19 +195,21 @@ def _counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tu
     return best
 
 
-def _look_at_the_end(stored: bytes, frame: int, frames: int, oddities: list[str]) -> None:
+def _look_at_the_end(file: C3DFile, start: int, size: int, frames: int, oddities: list[str]) -> None:
     """Whether the frames before and after the declared end look like frames, as far as the size leaves that open."""
+
+    def frame(index: int) -> bytes:
+        return file.stored(start + index * size, start + (index + 1) * size)
+
     blank = 0
-    while blank < frames and _is_blank(stored[(frames - blank - 1) * frame : (frames - blank) * frame]):
+    while blank < frames and _is_blank(frame(frames - blank - 1)):
         blank += 1
     if 0 < blank < frames:
         oddities.append(
             f"the last {blank} of {frames} frames hold hardly anything but zeros: the recording may end before them"
         )
     more = 0
-    while any(stored[(frames + more) * frame : (frames + more + 1) * frame]) and len(stored) >= (
-        (frames + more + 1) * frame
-    ):
+    while start + (frames + more + 1) * size <= file.size and any(frame(frames + more)):
         more += 1
     if more and not any("follow the last declared frame" in oddity for oddity in oddities):
         oddities.append(
@@ -228,8 +229,8 @@ def _uncounted(
     points, words, _ = next(c for c in candidates if c[2] == _SATURATED)
     frame = (4 * points + words) * word
     held = available // frame
-    start = len(file.data) - available
-    while held > _SATURATED and not any(file.data[start + (held - 1) * frame : start + held * frame]):
+    start = file.size - available
+    while held > _SATURATED and not any(file.stored(start + (held - 1) * frame, start + held * frame)):
         held -= 1
     if held <= _SATURATED:
         return []
@@ -248,7 +249,7 @@ def _misfit(file: C3DFile, word: int, available: int, candidates: Iterable[tuple
         )
     return RecordingError(
         f"{file.path}: the file contradicts itself: none of its declared numbers of points, channels and frames fits "
-        f"its size of {len(file.data)} bytes; export it again"
+        f"its size of {file.size} bytes; export it again"
     )
 
 

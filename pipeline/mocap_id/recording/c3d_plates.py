@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.c3d_decode import calibration
@@ -19,7 +19,7 @@ _MOST_PLATES = 64
 """No laboratory has more, and each takes memory."""
 
 _SPIKE = 7
-"""Samples of a median filter: no load is as short as half of it, a spike is."""
+"""Samples of a running median: no load is as short as half of it, a spike is."""
 
 
 @dataclass(frozen=True)
@@ -54,26 +54,32 @@ class StoredPlate:
     saturated: BoolArray | None = None
 
 
+def plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
+    """Analog channels that the plates' parameters point to, from 0; those of muscles and the like are not read."""
+    named = file.numbers("FORCE_PLATFORM:CHANNEL")
+    wanted = set() if named is None else {int(channel) for channel in named.ravel() if np.isfinite(channel)}
+    return tuple(channel for channel in range(layout.channels) if channel + 1 in wanted)
+
+
 def stored_plates(
-    file: C3DFile, layout: Layout, analog: FloatArray, metres: float, units: ForceUnits
+    file: C3DFile, layout: Layout, counts: FloatArray, metres: float, units: ForceUnits
 ) -> list[StoredPlate]:
     """Collect every plate's signals.
 
     Parameters
     ----------
-    analog : (K, channels) array
-        Scaled by the ANALOG parameters; what is not finite is NaN.
+    counts : (K, C) array
+        Samples of the C :func:`plate_channels`, as stored.
     metres : float
         Metres per POINT unit, which CORNERS and ORIGIN share.
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
     read = min(used, len(kinds), _MOST_PLATES)
-    analog = np.where(np.isfinite(analog), analog, np.nan)
-    plates = [_PlateReader(file, layout, analog, metres, units, kinds, index).read() for index in range(1, read + 1)]
+    plates = [_PlateReader(file, layout, counts, metres, units, kinds, index).read() for index in range(1, read + 1)]
     if used > read:
         problem = f"FORCE_PLATFORM:USED promises {used} plates, TYPE tells of {len(kinds)}; {read} were read"
-        plates.append(StoredPlate(read + 1, 0, None, np.zeros(len(analog), bool), problem, ()))
+        plates.append(StoredPlate(read + 1, 0, None, np.zeros(len(counts), bool), problem, ()))
     return plates
 
 
@@ -83,7 +89,7 @@ class _PlateReader:
 
     file: C3DFile
     layout: Layout
-    analog: FloatArray
+    counts: FloatArray
     metres: float
     units: ForceUnits
     kinds: tuple[int, ...]
@@ -100,10 +106,10 @@ class _PlateReader:
             columns = self._columns()
             corners = self._parameter("CORNERS", (3, 4)).T * self.metres
             origin = self._origin()
-            ok, full = self._good(columns)
-            channels = self._in_si(self._without_baseline(self.analog[:, columns]), columns)
+            values, ok, full = self._samples(columns)
+            channels = self._in_si(self._without_baseline(values), columns)
         except UnusablePlateError as why:
-            nothing = np.zeros(len(self.analog), bool)
+            nothing = np.zeros(len(self.counts), bool)
             return StoredPlate(self.index, self.kind, None, nothing, str(why), tuple(self.oddities))
         if not ok.all():
             self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
@@ -122,8 +128,8 @@ class _PlateReader:
         if not self.layout.channels:
             raise UnusablePlateError("the file holds no analog channels")
         channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
-        if channel_map is None:
-            raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing")
+        if channel_map is None or not np.isfinite(channel_map).all():
+            raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing or holds no numbers")
         channel_map = np.atleast_1d(channel_map)
         channel_map = channel_map.reshape(channel_map.shape[0], -1, order="F")
         needed = max(CHANNELS.get(kind, 0) for kind in self.kinds)
@@ -167,23 +173,26 @@ class _PlateReader:
                 raise UnusablePlateError("ORIGIN gives no sensor distances, which a type 3 plate needs")
         return np.asarray(origin)
 
-    def _good(self, columns: list[int]) -> tuple[BoolArray, BoolArray]:
-        """(K,) samples of which every channel is a number away from the converter's limits; those at a limit."""
-        use = calibration(self.file, self.layout)
-        offset, scale = use.offset[columns], use.scale[columns]
+    def _samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Scaled samples of the channels, NaN where not finite; those that count; those at a converter's limit."""
+        offset, scale = (each[columns] for each in calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
-        finite = np.isfinite(self.analog[:, columns]).all(axis=1)
+        read = plate_channels(self.file, self.layout)
+        counts = self.counts[:, [read.index(column) for column in columns]]
+        values = counts - offset
+        with np.errstate(over="ignore", invalid="ignore"):
+            values *= scale
+        values[~np.isfinite(values)] = np.nan
+        finite = np.isfinite(values).all(axis=1)
         if not finite.any():
             raise UnusablePlateError("in none of its samples are all of its channels numbers")
-        with np.errstate(divide="ignore", invalid="ignore"):
-            counts = self.analog[:, columns] / scale + offset
         bits = self.file.words("ANALOG:BITS")
         full = saturated(counts, offset, bits[0] if bits else None)
         ok = np.asarray(finite & ~full)
         if not ok.any():
             raise UnusablePlateError("all of its samples are saturated or not finite")
-        return ok, full
+        return values, ok, full
 
     def _without_baseline(self, channels: FloatArray) -> FloatArray:
         """Subtract the mean over the frames that ZERO names, if the plate was unloaded then."""
@@ -202,7 +211,8 @@ class _PlateReader:
             return channels
         baseline = good.mean(axis=0)
         parts = slice(4, 8) if self.kind == 3 else slice(2, 3)
-        vertical = median_filter(channels[finite, parts].sum(axis=1), _SPIKE, mode="nearest")
+        load = np.pad(channels[finite, parts].sum(axis=1), _SPIKE // 2, mode="edge")
+        vertical = np.median(sliding_window_view(load, _SPIKE), axis=1)
         level = float(baseline[parts].sum())
         if _is_offset(level, vertical):
             return np.asarray(channels - baseline)
@@ -217,7 +227,7 @@ class _PlateReader:
         if self.kind == 4:
             if self.units.given:
                 self._note("its CAL_MATRIX gives N and N·mm: the configuration's units of force were not applied")
-            return self._calibrated(channels, calibration(self.file, self.layout).scale[columns])
+            return self._calibrated(channels, calibration(self.file, self.layout)[1][columns])
         units = self.file.strings("ANALOG:UNITS")
         declared = [units[column] if column < len(units) else "" for column in columns]
         found = channel_scales(self.kind, declared, self.metres, self.units)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -12,11 +13,11 @@ from mocap_id.recording.axes import axis_vector, nearest_axis, parse_axis, to_z_
 from mocap_id.recording.c3d_decode import decode
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
 from mocap_id.recording.c3d_layout import Layout, encoding, establish
-from mocap_id.recording.c3d_plates import StoredPlate, stored_plates
+from mocap_id.recording.c3d_plates import StoredPlate, plate_channels, stored_plates
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import place
 from mocap_id.recording.labels import name_markers
-from mocap_id.recording.markers import clean, metres_per_unit
+from mocap_id.recording.markers import clean, metres_per_unit, thinned, turn_up
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.plate_types import plate_axes
 
@@ -28,20 +29,23 @@ _BELOW_M = 0.2
 """Markers that far under a plate show that its corners run the wrong way round, not that people hang from it."""
 
 
-def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None, force_units: ForceUnits) -> Recording:
-    """Read a C3D file; see :func:`mocap_id.recording.read`."""
-    file = open_c3d(path, data)
+def read_c3d(
+    path: Path, stream: BinaryIO, units: str | None, vertical: str | None, force_units: ForceUnits
+) -> Recording:
+    """Read an open C3D file; see :func:`mocap_id.recording.read`."""
+    file = open_c3d(path, stream)
     layout = establish(file)
     oddities = list(layout.oddities)
     unit, metres = metres_per_unit(path, file.text("POINT:UNITS"), units, oddities)
-    decoded = decode(file, layout)
-    oddities += decoded.oddities
     subjects = _subjects(file)
     naming = name_markers(_labels(file, layout), _outputs(file), subjects)
     oddities += [*naming.oddities, *_named_after(path, subjects)]
-    positions = clean(path, decoded.points[:, list(naming.keep)] * metres, unit, oddities)
-    stored = stored_plates(file, layout, decoded.analog, metres, force_units)
+    positions, counts = decode(file, layout, naming.keep, plate_channels(file, layout), metres)
+    clean(path, positions, unit, oddities)
+    stored = stored_plates(file, layout, counts, metres, force_units)
+    del counts  # a long recording's are large
     up = _vertical(file, stored, positions, vertical, oddities)
+    turn_up(positions, up)
     frames = layout.first + np.arange(layout.frames)
     time = (frames - min(layout.first, 1)) / layout.rate
     plates = _plates(stored, to_z_up(up), float(time[0]), layout, oddities)
@@ -49,7 +53,7 @@ def read_c3d(path: Path, data: bytes, units: str | None, vertical: str | None, f
         files=(path,),
         format=encoding(file, layout),
         labels=naming.labels,
-        positions=positions @ to_z_up(up).T,
+        positions=positions,
         frames=frames.astype(np.int64),
         time=time,
         rate=layout.rate,
@@ -132,7 +136,7 @@ def _plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str 
         axis = nearest_axis(-down) if np.isfinite(down).all() else None
         if axis is None:
             return None
-        height = (positions - plate.signals.corners.mean(axis=0)) @ axis_vector(axis)
+        height = (thinned(positions) - plate.signals.corners.mean(axis=0)) @ axis_vector(axis)
         below = bool(np.isfinite(height).any()) and np.nanmedian(height) < -_BELOW_M
         axes.add(axis if not below else axis.removeprefix("-") if axis.startswith("-") else f"-{axis}")
     return axes.pop() if len(axes) == 1 else None

@@ -1,7 +1,8 @@
-"""Analog samples → marker times, without shifting them in time."""
+"""Analog samples → marker times, without shifting them in time; and the frames that statistics look at."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ _ROUNDING = 1e-6
 
 _FASTER = 1.001
 """Ratio of the rates from which on there is something to average."""
+
+_LOOKS_HZ = 60.0
+"""Statistics look at the frames at this rate or a little above."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,45 @@ def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
     ok = inside & ~_any_bad(~plate.ok, centre - half, centre + half)
     mean[~ok] = np.nan
     return PlateSamples(mean[:, :3], mean[:, 3:], ok)
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the statistics of a recording look at: its frames at 60 to 120 Hz, and its plates averaged between them.
+
+    Means, percentiles, principal axes and speeds over 0.1 s change less than their own uncertainty: skin and sway are
+    the same over a tenth of a second, so that neighbouring frames repeat each other. Markers are picked, not averaged:
+    a gap or a jump does not spread, one of a few frames is met as often as its share of the frames, and what moves
+    faster than 30 Hz keeps its mean and its variance. A plate is averaged, because the hum of the mains, picked at
+    60 Hz, would be a constant force. Recordings under 120 Hz are looked at as they are. What counts single frames has
+    to look at all of them: swaps, jumps, gaps, the limits of a plate.
+
+    Parameters
+    ----------
+    step : int
+        Every so many-th frame is looked at, the first one first.
+    positions : (L, M, 3) array
+        Markers, lab axes with Z up, m; a view.
+    time : (L,) array
+        s.
+    rate : float
+        Hz.
+    samples : tuple of PlateSamples
+        Of every plate, at these times.
+    """
+
+    step: int
+    positions: FloatArray
+    time: FloatArray
+    rate: float
+    samples: tuple[PlateSamples, ...]
+
+    @classmethod
+    def at(cls, positions: FloatArray, time: FloatArray, rate: float, plates: Sequence[Plate] = ()) -> Look:
+        """Look at frames (F, M, 3), (F,) s, and at plates."""
+        step = max(1, int(rate / _LOOKS_HZ))
+        time, rate = time[::step], rate / step
+        return cls(step, positions[::step], time, rate, tuple(decimate(plate, time, rate) for plate in plates))
 
 
 def averaging_width(analog_rate: float | None, rate: float) -> float:

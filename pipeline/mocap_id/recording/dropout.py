@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.posture import upright
 
 _NOTHING = 0.2
 """Of the standing weight: a body that stays upright weighs more at any time, but in a jump."""
@@ -14,15 +13,15 @@ _LASTS_S = 0.6
 """Longer than the flight of any jump."""
 
 
-def dropped_out(vertical: FloatArray, positions: FloatArray, rate: float, weight: float) -> BoolArray:
+def dropped_out(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
     """Samples (F,) of stretches in which the plates carry nothing although the person stands upright in them.
 
     Parameters
     ----------
     vertical : (F,) array
         Upward force of the feet's plates together, N; NaN where unknown.
-    positions : (F, M, 3) array
-        m, lab axes with Z up.
+    tall : (F,) bool array
+        The person stands upright.
     rate : float
         Hz.
     weight : float
@@ -30,7 +29,6 @@ def dropped_out(vertical: FloatArray, positions: FloatArray, rate: float, weight
     """
     with np.errstate(invalid="ignore"):
         nothing = vertical < _NOTHING * weight
-    tall = upright(positions)[0]
     lost = np.zeros(len(vertical), bool)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], nothing.astype(np.int8), [0]))))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.tables import read_text
+from mocap_id.recording.tables import read_csv
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
 
@@ -61,22 +59,17 @@ def read_encoder(path: Path) -> EncoderLog:
         The file is missing, no such table, has other columns or empty cells, its times do not increase, or its
         velocity is not the change of its position.
     """
-    table = _table(path)
-    time, position, velocity = (table[name].to_numpy(dtype=np.float64) for name in (TIME, POSITION, VELOCITY))
-    _check_whole(path, table)
+    columns = _columns(path)
+    time, position, velocity = (columns[name] for name in (TIME, POSITION, VELOCITY))
+    _check_whole(path, columns)
     _check_times(path, time)
     _check_derivative(path, time, position, velocity)
-    torque = table[TORQUE].to_numpy(dtype=np.float64) if TORQUE in table.columns else None
-    return EncoderLog(time, position, velocity, torque)
+    return EncoderLog(time, position, velocity, columns.get(TORQUE))
 
 
-def _table(path: Path) -> pd.DataFrame:
-    text = read_text(path)
-    try:
-        table = pd.read_csv(io.StringIO(text), skipinitialspace=True)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        raise RecordingError(f"{path}: no CSV table ({str(error).splitlines()[0]}); {_EXPECTED} as columns") from None
-    names = [str(name).strip() for name in table.columns]
+def _columns(path: Path) -> dict[str, FloatArray]:
+    table = read_csv(path)
+    names = list(table.names)
     if len(names) == 1 and ";" in names[0]:
         raise RecordingError(f"{path}: its cells are parted by `;`: export it with `,` between and decimal points")
     if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
@@ -84,27 +77,15 @@ def _table(path: Path) -> pd.DataFrame:
             f"{path}: has the columns {', '.join(names)[:_LONGEST]}, {_EXPECTED}: convert other units, which the names "
             "tell (degrees to radians), and leave everything else out"
         )
-    table.columns = pd.Index(names)
-    try:
-        return table.astype(np.float64)
-    except ValueError:
-        raise RecordingError(f"{path}: {_first_text(table)}; expected numbers in every cell") from None
+    return dict(zip(names, table.numbers().T.copy(), strict=True))
 
 
-def _first_text(table: pd.DataFrame) -> str:
-    """Where the first cell is that holds no number, as a user counts lines: the header is line 1."""
-    for name in table.columns:
-        text = np.flatnonzero((pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()).to_numpy())
-        if len(text):
-            return f"`{name}` is {str(table[name].iloc[text[0]])!r} in line {text[0] + 2}"
-    return "a cell holds text"
-
-
-def _check_whole(path: Path, table: pd.DataFrame) -> None:
-    if len(table) < _LEAST_ROWS:
-        raise RecordingError(f"{path}: has {len(table)} rows, expected {_LEAST_ROWS} or more")
+def _check_whole(path: Path, columns: dict[str, FloatArray]) -> None:
+    rows = len(columns[TIME])
+    if rows < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {rows} rows, expected {_LEAST_ROWS} or more")
     for name in (TIME, POSITION, VELOCITY):
-        empty = np.flatnonzero(~np.isfinite(table[name].to_numpy()))
+        empty = np.flatnonzero(~np.isfinite(columns[name]))
         if len(empty):
             raise RecordingError(
                 f"{path}: `{name}` holds no number in line {empty[0] + 2} ({len(empty)} such lines): leave these lines "

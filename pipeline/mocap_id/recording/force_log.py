@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.tables import read_csv, read_text
+from mocap_id.recording.tables import read_csv
 
 TIME, FORCE, MOMENT = "time_s", ("Fx_N", "Fy_N", "Fz_N"), ("Mx_Nm", "My_Nm", "Mz_Nm")
 
@@ -55,8 +54,8 @@ def read_force_log(path: Path) -> ForceLog:
     RecordingError
         The file is missing, no such table, has other columns, or its times are not even.
     """
-    table = _table(path)
-    names = [str(name).strip() for name in table.columns]
+    table = read_csv(path)
+    names = list(table.names)
     expected = [TIME, *FORCE] if not set(names) & set(MOMENT) else [TIME, *FORCE, *MOMENT]
     if sorted(names) != sorted(expected):
         raise RecordingError(
@@ -64,19 +63,11 @@ def read_force_log(path: Path) -> ForceLog:
             f"{', '.join(MOMENT)} about the point where the force acts: convert other units, which the names tell, and "
             "leave everything else out"
         )
-    table.columns = pd.Index(names)
-    try:
-        values = table[expected].to_numpy(dtype=np.float64)
-    except (ValueError, OverflowError) as error:
-        raise RecordingError(f"{path}: {error}; expected numbers in every cell, or empty ones") from None
+    values = table.numbers()[:, [names.index(name) for name in expected]]
     time = _even(path, values[:, 0])
     resampled = np.column_stack([np.interp(time, values[:, 0], column) for column in values[:, 1:].T])
     moment = resampled[:, 3:] if len(expected) > len(FORCE) + 1 else np.zeros((len(time), 3))
     return ForceLog(float(time[0]), float((len(time) - 1) / (time[-1] - time[0])), resampled[:, :3], moment)
-
-
-def _table(path: Path) -> pd.DataFrame:
-    return read_csv(path, read_text(path))
 
 
 def _even(path: Path, time: FloatArray) -> FloatArray:

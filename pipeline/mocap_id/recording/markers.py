@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.units import LENGTHS, length_scale
 
 _FAR_M = 1000.0
@@ -15,6 +16,9 @@ _FAR_M = 1000.0
 
 _SMALLEST_M, _LARGEST_M = 0.02, 100.0
 """Spread of the markers of one trial, for a units check."""
+
+_STRETCH = 1000
+"""Frames that are cleaned at once: what that needs beside the positions stays small."""
 
 
 def metres_per_unit(path: Path, declared: str, override: str | None, oddities: list[str]) -> tuple[str, float]:
@@ -51,8 +55,20 @@ def metres_per_unit(path: Path, declared: str, override: str | None, oddities: l
     return name, scale
 
 
-def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> FloatArray:
-    """Mark as missing what cannot be a measurement, and check the size of things.
+def thinned(positions: FloatArray) -> FloatArray:
+    """About a thousand frames, evenly chosen: enough to tell how large a trial is and on which side of a plate."""
+    return positions[:: max(1, len(positions) // _STRETCH)]
+
+
+def turn_up(positions: FloatArray, up: str) -> None:
+    """Turn positions (F, M, 3), in place, so that the file's axis ``up`` becomes Z."""
+    turn = to_z_up(up)
+    for at in range(0, len(positions) if up != "Z" else 0, _STRETCH):
+        positions[at : at + _STRETCH] = positions[at : at + _STRETCH] @ turn.T
+
+
+def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
+    """Mark as missing, in place, what cannot be a measurement, and check the size of things.
 
     Parameters
     ----------
@@ -64,29 +80,37 @@ def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) ->
     RecordingError
         The trial's size contradicts its unit.
     """
-    positions = positions.copy()
-    seen = np.asarray(np.isfinite(positions).all(axis=2))
-    if seen.any():
-        _check_size(path, positions, seen, units)
-    partly = np.isfinite(positions).any(axis=2) & ~seen
-    far = seen & (np.abs(np.where(seen[..., None], positions, 0.0)).max(axis=2) > _FAR_M)
-    zero = seen & (positions == 0).all(axis=2)
-    for flags, what in (
-        (partly | np.isinf(positions).any(axis=2), "are not finite"),
-        (far, f"lie farther than {_FAR_M:.0f} m away"),
-        (zero, "are exactly 0, 0, 0"),
+    _check_size(path, positions, units)
+    parts = [positions[at : at + _STRETCH] for at in range(0, len(positions), _STRETCH)]
+    marked = np.array([_marked(part) for part in parts]).reshape(-1, 4).sum(axis=0)
+    for count, what in zip(
+        marked, ("are not finite", f"lie farther than {_FAR_M:.0f} m away", "are exactly 0, 0, 0"), strict=False
     ):
-        if flags.any():
-            oddities.append(f"{int(flags.sum())} marker samples {what} and count as missing")
-        positions[flags] = np.nan
-    if not np.isfinite(positions).any():
+        if count:
+            oddities.append(f"{count} marker samples {what} and count as missing")
+    if not marked[3]:
         oddities.append(f"none of the {positions.shape[1]} markers is ever seen")
-    return positions
 
 
-def _check_size(path: Path, positions: FloatArray, seen: BoolArray, units: str) -> None:
+def _marked(positions: FloatArray) -> tuple[int, int, int, int]:
+    """Set to NaN what is partly NaN or endless, too far or exactly zero; how many samples of each, and of the rest."""
+    x, y, z = np.abs(np.moveaxis(positions, 2, 0))
+    largest = np.maximum(np.maximum(x, y), z)  # NaN where any coordinate is
+    broken = ~np.isfinite(largest) & ~(np.isnan(x) & np.isnan(y) & np.isnan(z))
+    far, zero = ~broken & (largest > _FAR_M), largest == 0
+    for flags in (broken, far, zero):
+        if flags.any():
+            positions[flags] = np.nan
+    return int(broken.sum()), int(far.sum()), int(zero.sum()), int((largest <= _FAR_M).sum() - zero.sum())
+
+
+def _check_size(path: Path, positions: FloatArray, units: str) -> None:
     """Refuse a trial that is no larger than a fingernail, or mostly larger than a hall."""
-    samples = positions[seen]
+    frames = thinned(positions)
+    seen = np.isfinite(frames).all(axis=2)
+    if not seen.any():
+        return
+    samples = frames[seen]
     spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
     extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
     several = int(seen.any(axis=0).sum()) >= 3

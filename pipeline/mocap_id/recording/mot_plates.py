@@ -52,7 +52,7 @@ def find_forces(path: Path, table: MotionTable) -> list[ForceColumns]:
         if what is None:
             what = "moment" if re.search("torque|moment|grm", name) else None
         if what is not None:
-            found.setdefault(_WORDS.sub("", name), {}).setdefault(what, {})[match["axis"]] = index
+            found.setdefault(_WORDS.sub("", name), {}).setdefault(what, {}).setdefault(match["axis"], index)
     groups = {name: parts for name, parts in found.items() if "force" in parts}
     if not groups:
         raise RecordingError(

@@ -9,7 +9,7 @@ from mocap_id.recording.axes import parse_axis
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.model import Recording
-from mocap_id.recording.tables import read_bytes
+from mocap_id.recording.tables import opened
 from mocap_id.recording.trc_reader import read_trc
 
 _TABLES = (".mot", ".sto")
@@ -62,12 +62,12 @@ def read(
     _check_kinds(markers, None if forces is None else Path(forces))
     if markers.suffix.lower() == ".trc":
         return read_trc(markers, None if forces is None else Path(forces), units, axis, plate_units)
-    data = read_bytes(markers)
-    if data[:12].lower() == b"pathfiletype":
-        return read_trc(markers, None if forces is None else Path(forces), units, axis, plate_units)
-    if forces is not None:
-        raise ConfigError(f"{forces}: a C3D file holds its own force plates; `forces` belongs to a TRC file")
-    return read_c3d(markers, data, units, axis, plate_units)
+    with opened(markers) as stream:
+        if stream.read(12).lower() != b"pathfiletype":
+            if forces is not None:
+                raise ConfigError(f"{forces}: a C3D file holds its own force plates; `forces` belongs to a TRC file")
+            return read_c3d(markers, stream, units, axis, plate_units)
+    return read_trc(markers, None if forces is None else Path(forces), units, axis, plate_units)
 
 
 def _check_kinds(markers: Path, forces: Path | None) -> None:

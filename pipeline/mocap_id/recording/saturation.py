@@ -36,7 +36,8 @@ def saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolA
     (K,) bool array
     """
     flags = np.zeros(len(counts), bool)
-    for column, zero in zip(np.where(np.isfinite(counts), counts, np.nan).T, offset, strict=True):
+    for stored, zero in zip(counts.T, offset, strict=True):
+        column = np.where(np.isfinite(stored), stored, np.nan)
         finite = column[np.isfinite(column)]
         if finite.size == 0 or np.ptp(finite) == 0:
             continue

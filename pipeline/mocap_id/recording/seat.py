@@ -16,29 +16,26 @@ _ENOUGH_S = 0.2
 
 
 @dataclass(frozen=True)
-class Seat:
-    """A chair's wrench on the body.
+class EmptyChair:
+    """What a chair's plates read with nobody on the chair, the chair's weight among it.
 
     Parameters
     ----------
-    wrench : (F, 3) array
-        Less the zero; NaN where unknown.
-    zero : (3,) array or None
-        What the plate reads with nobody on the chair (the chair's weight among it); None where that is not known.
+    reading : (3,) array or None
+        None where that is not known.
     spread : (3,) array or None
-        Standard deviation of the readings that the zero is the median of.
+        Standard deviation of what it is the median of.
     """
 
-    wrench: FloatArray
-    zero: FloatArray | None
+    reading: FloatArray | None
     spread: FloatArray | None
 
 
-def seat_wrench(wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: float, rule: ZeroRule) -> Seat:
-    """Take the empty chair's reading off a chair's wrench.
+def empty_chair(wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: float, rule: ZeroRule) -> EmptyChair:
+    """What has to be taken off a chair's wrench.
 
     A chair weighs on its plate, and the plate may have been zeroed with it or without. What it reads while the
-    person stands has nothing of the person in it, so the median of that is the zero. It is constant, as the chair
+    person stands has nothing of the person in it, so the median of that is taken off. It is constant, as the chair
     stays in its place.
 
     Parameters
@@ -53,17 +50,11 @@ def seat_wrench(wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: 
         Hz.
     rule : {"standing", "none"}
         ``none`` takes the reading as it is: the plate was zeroed with the chair on it.
-
-    Returns
-    -------
-    Seat
     """
-    known = np.where(ok[:, None], wrench, np.nan)
     if rule == "none":
-        return Seat(known, np.zeros(3), None)
+        return EmptyChair(np.zeros(3), None)
     tall, low = upright(positions)
     empty = tall & ok & low.any()
     if empty.sum() < max(2, _ENOUGH_S * rate):
-        return Seat(known, None, None)
-    zero = np.median(wrench[empty], axis=0)
-    return Seat(known - zero, zero, wrench[empty].std(axis=0))
+        return EmptyChair(None, None)
+    return EmptyChair(np.median(wrench[empty], axis=0), wrench[empty].std(axis=0))

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from math import isnan
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray, IntArray
 
@@ -93,9 +92,9 @@ def motion_text(
         f"nColumns={len(columns) + 1}",
         f"inDegrees={'yes' if in_degrees else 'no'}",
         "endheader",
+        "\t".join(["time", *columns]),
         "",
     ]
     body = io.StringIO()
-    table = pd.DataFrame(np.column_stack([time, values]), columns=["time", *columns])
-    table.to_csv(body, sep="\t", index=False, float_format="%.10g", na_rep="nan", lineterminator="\n")
+    np.savetxt(body, np.column_stack([time, values]), fmt="%.10g", delimiter="\t")
     return "\n".join(header) + body.getvalue()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
@@ -17,10 +14,10 @@ from mocap_id.recording.axes import nearest_axis, to_z_up
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.clock import even_clock
 from mocap_id.recording.labels import name_markers
-from mocap_id.recording.markers import clean, metres_per_unit
+from mocap_id.recording.markers import clean, metres_per_unit, turn_up
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.mot_plates import ForceColumns, find_forces, mot_plates
-from mocap_id.recording.tables import NOT_NUMBERS, MotionTable, counted, lines_of, parse_table, read_text
+from mocap_id.recording.tables import MotionTable, TextTable, counted, lines_of, read_table, read_text
 
 _MOST_FRAMES = 1e15  # larger ones are no whole numbers any more
 _RATES_APART = 0.02  # beyond rounding (59.94 written as 60) one of the two is wrong
@@ -47,11 +44,13 @@ def read_trc(
     unit, metres = metres_per_unit(path, trc.units, units, oddities)
     naming = name_markers(trc.labels)
     oddities += naming.oddities
-    positions = clean(path, trc.positions[:, list(naming.keep)] * metres, unit, oddities)
-    table = None if forces is None else parse_table(forces, read_text(forces))
+    positions = trc.positions[:, list(naming.keep)] * metres
+    clean(path, positions, unit, oddities)
+    table = None if forces is None else read_table(forces)
     columns = [] if table is None or forces is None else find_forces(forces, table)
     up = _vertical(table, columns, vertical, oddities)
     turn = to_z_up(up)
+    turn_up(positions, up)
     plates: tuple[Plate, ...] = ()
     if table is not None and forces is not None:
         plates = mot_plates(forces, table, columns, oddities, turn=turn, units=force_units)
@@ -60,7 +59,7 @@ def read_trc(
         files=(path,) if forces is None else (path, forces),
         format="TRC" if forces is None else "TRC + MOT",
         labels=naming.labels,
-        positions=positions @ turn.T,
+        positions=positions,
         frames=trc.frames,
         time=trc.time,
         rate=trc.rate,
@@ -82,7 +81,7 @@ def _parse(path: Path, text: str, oddities: list[str]) -> _Trc:
         )
     header = _header(path, lines[1], lines[2])
     labels = _labels(path, lines[3], header, oddities)
-    rows = _rows(path, [line.rstrip() for line in lines[4:]], len(labels))
+    rows = _rows(path, lines, len(labels))
     declared = counted(header.get("numframes"))
     if declared is None:
         said = header.get("numframes", "")[:40]
@@ -123,26 +122,12 @@ def _labels(path: Path, line: str, header: dict[str, str], oddities: list[str]) 
 
 def _rows(path: Path, lines: list[str], markers: int) -> FloatArray:
     """Frame number, time and coordinates, (F, 2 + 3M); blank cells are NaN."""
-    body = list(itertools.dropwhile(lambda line: not line.lstrip()[:1].isdigit(), lines))
-    body = [line for line in body if line]
+    body = list(itertools.dropwhile(lambda line: not line.lstrip()[:1].isdigit(), lines[4:]))
     if not body:
         raise RecordingError(f"{path}: no frames follow the header")
-    width = 2 + 3 * markers
-    between = "\t" if "\t" in body[0] else None
-    widest = max(len(line.split(between)) for line in body)
-    if widest > width:
-        raise RecordingError(f"{path}: a row has {widest} cells, {markers} markers need {width}; export it again")
-    try:
-        frame = pd.read_csv(
-            io.StringIO("\n".join(body)),
-            sep=between or r"\s+",
-            header=None,
-            names=list(range(width)),
-            quoting=csv.QUOTE_NONE,  # a stray quote would swallow rows
-        )
-        rows = frame.to_numpy(np.float64)
-    except NOT_NUMBERS as error:
-        raise RecordingError(f"{path}: not a table of numbers: {' '.join(str(error).split())[:160]}") from None
+    names = ["Frame#", "Time", *(f"{axis}{marker}" for marker in range(1, markers + 1) for axis in "XYZ")]
+    separator = "\t" if "\t" in body[0] else None
+    rows = TextTable(path, names, body, len(lines) - len(body) + 1, separator).numbers()
     numbered = np.asarray(np.isfinite(rows[:, :2]).all(axis=1) & (np.abs(rows[:, 0]) < _MOST_FRAMES))
     if not numbered.all():
         row = int(np.flatnonzero(~numbered)[0])

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import ezc3d
 import numpy as np
 
 from mocap_id.arrays import FloatArray
@@ -51,6 +50,8 @@ def write_c3d(
     frames, markers = positions.shape[:2]
     if len(labels) != markers or positions.shape != (frames, markers, 3) or not frames:
         raise ValueError(f"positions of shape {positions.shape} do not fit {len(labels)} labels")
+    import ezc3d  # noqa: PLC0415  a compiled library that only writing needs
+
     content: Any = ezc3d.c3d()
     _put_points(content, labels, positions, rate, first_frame)
     _put_frame_fields(content, first_frame, frames)

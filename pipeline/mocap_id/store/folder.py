@@ -10,18 +10,18 @@ from dataclasses import replace
 from functools import partial
 from os import utime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-import numpy as np
 from filelock import SoftFileLock, Timeout
 
 from mocap_id import plain_files
 from mocap_id.errors import StoreError
-from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, TableSchema, Tree, TreeSchema
+from mocap_id.store.artefacts import Artefact, Document
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
-from mocap_id.store.digest import HashedStream, hash_bytes, hash_file
+from mocap_id.store.digest import hash_bytes, hash_file
+from mocap_id.store.encoding import conformed, decoded, sealed_writer
 from mocap_id.store.locking import LOCK, MARKER, lock_in
-from mocap_id.store.provenance import Origin, Provenance, settled
+from mocap_id.store.provenance import Origin, Provenance
 from mocap_id.store.record import UNREADABLE, Record, Seal
 from mocap_id.store.schemas import SCHEMAS
 
@@ -112,7 +112,7 @@ class Folder:
         ValueError
             An artefact breaks its schema.
         """
-        kept = [output if isinstance(output, Document) else _conformed(output) for output in outputs]
+        kept = [output if isinstance(output, Document) else conformed(output) for output in outputs]
         for output in kept:
             if not isinstance(output, Document):
                 schema = output.schema
@@ -152,7 +152,7 @@ class Folder:
                 contents[output.file] = output.content
                 documents[output.file] = hash_bytes(output.content)
             else:
-                contents[output.schema.file] = _sealed(output, origin, seals)
+                contents[output.schema.file] = sealed_writer(output, origin, seals)
         before = self.documents(origin.stage)
         record = Record(origin, documents, seals)
         contents[_record(origin.stage)] = partial(_write_record, record)  # the last, when the seals are known
@@ -261,8 +261,7 @@ class Folder:
             path, schema = self.path / file, SCHEMAS[file]
             try:
                 with plain_files.opened(path, links=False) as stream:
-                    artefact, told = _decoded(stream, schema)
-                    self._read[file] = _frozen(artefact), told
+                    self._read[file] = decoded(stream, schema)
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
@@ -304,57 +303,3 @@ def _record(stage: str) -> str:
 
 def _write_record(record: Record, stream: BinaryIO) -> None:
     stream.write(record.encode())
-
-
-def _conformed(output: Artefact) -> Artefact:
-    """An artefact as it would be read from its file."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
-
-    typed = hdf5.conform(output) if isinstance(output, Tree) else parquet.conform(output)
-    facts, reasons = settled(output.facts, output.reasons)
-    return _frozen(replace(typed, facts=facts, reasons=reasons))
-
-
-def _frozen(artefact: Artefact) -> Artefact:
-    """An artefact with read-only views of its arrays."""
-    match artefact:
-        case Table():
-            return replace(artefact, columns=_read_only(artefact.columns))
-        case LongTable():
-            frames, time = _read_only(artefact.frames), _read_only(artefact.time)
-            return replace(artefact, frames=frames, time=time, values=_read_only(artefact.values))
-        case Tree():
-            return replace(artefact, data=_read_only(artefact.data))
-
-
-def _read_only(data: Any) -> Any:
-    """Arrays, and mappings of them, that cannot be written to."""
-    if isinstance(data, np.ndarray):
-        view = data.view()
-        view.flags.writeable = False
-        return view
-    return {name: _read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data
-
-
-def _sealed(artefact: Artefact, origin: Origin, seals: dict[str, Seal]) -> Content:
-    """What writes an artefact, and notes what it wrote."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415
-
-    version, file = artefact.schema.version, artefact.schema.file
-
-    def write(stream: BinaryIO) -> None:
-        hashed = HashedStream(stream)
-        if isinstance(artefact, Tree):
-            hashed.write(hdf5.encode(artefact, origin))
-        else:
-            parquet.write(artefact, origin, hashed)
-        seals[file] = Seal(version, hashed.hash())
-
-    return write
-
-
-def _decoded(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
-    """An artefact out of an open file; ValueError where it is damaged."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415
-
-    return hdf5.decode(stream.read(), schema) if isinstance(schema, TreeSchema) else parquet.decode(stream, schema)

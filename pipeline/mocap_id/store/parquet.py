@@ -131,7 +131,7 @@ def _table(file: pq.ParquetFile, schema: TableSchema, told: Provenance) -> Table
     if not schema.long:
         columns = {name: _array(_column(file, name), kinds.get(name)) for name in names}
         return Table(schema, columns, told.facts, told.reasons)
-    frame, (codes, texts) = _column(file, "frame").to_numpy(), _coded(_column(file, "marker"))
+    frame, (codes, texts) = _array(_column(file, "frame"), "int64"), _coded(_column(file, "marker"))
     markers = int(np.argmax(frame != frame[0])) if len(frame) and frame[-1] != frame[0] else len(frame)
     count, rest = divmod(len(frame), max(markers, 1))
     first = slice(None, None, max(markers, 1))  # row of every frame
@@ -146,7 +146,7 @@ def _table(file: pq.ParquetFile, schema: TableSchema, told: Provenance) -> Table
         for name in names
         if name not in ("frame", "time", "marker")
     }
-    time, labels = _column(file, "time").to_numpy()[first].copy(), tuple(texts[codes[:markers]])
+    time, labels = _array(_column(file, "time"), "float64")[first].copy(), tuple(texts[codes[:markers]])
     return LongTable(schema, frame[first].copy(), time, labels, values, told.facts, told.reasons)
 
 
@@ -281,18 +281,28 @@ def _column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
 def _coded(column: pa.ChunkedArray) -> tuple[Values, Values]:
     """Indices of a column's texts, and the texts."""
     parts = column.unify_dictionaries().chunks
-    codes = np.concatenate([np.empty(0, np.int32), *(part.indices.to_numpy() for part in parts)])
+    codes = np.concatenate([np.empty(0, np.int32), *(np.from_dlpack(part.indices) for part in parts)])
     return codes, np.array(parts[0].dictionary.to_pylist() if parts else [], dtype=object)
 
 
 def _array(column: pa.ChunkedArray, kind: str | None) -> Values:
-    """One column as an array."""
-    if kind == "category":
-        codes, texts = _coded(column)
-        return np.asarray(texts[codes])
-    if kind == "str":
-        return np.array(column.to_pylist(), dtype=object)
-    return np.asarray((column.fill_null(-1) if kind == "Int64" else column).to_numpy())
+    """One column as an array; `to_numpy` would import pandas."""
+    match kind:
+        case "category":
+            codes, texts = _coded(column)
+            return np.asarray(texts[codes])
+        case "Int64":
+            return np.array([-1 if value is None else value for value in column.to_pylist()], dtype=np.int64)
+        case "bool":
+            return _joined(column.cast(pa.uint8()), np.uint8).view(np.bool_)
+        case "float64" | "int64":
+            return _joined(column, _STORED[kind])
+    return np.array(column.to_pylist(), dtype=object)
+
+
+def _joined(column: pa.ChunkedArray, kind: Any) -> Values:
+    parts = [np.from_dlpack(part) for part in column.chunks]
+    return parts[0] if len(parts) == 1 else np.concatenate([np.empty(0, kind), *parts])
 
 
 def _first_line(error: Exception) -> str:

@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,7 @@ def _index(places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
 
 
 def _check(places: Mapping[str, Place], length: int) -> None:
-    """ValueError unless every place lies within so many bytes, and all together take no more than that."""
+    """ValueError unless every place lies within so many bytes, and no two share any."""
     for path, place in places.items():
         if not _PATH.fullmatch(path) or not _TYPE.fullmatch(place.dtype):
             raise ValueError(f"a place of a name or type that no dataset has: {path[:80]!r}, {place.dtype[:80]!r}")
@@ -116,8 +117,9 @@ def _check(places: Mapping[str, Place], length: int) -> None:
     groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
     if groups & places.keys():
         raise ValueError(f"`{min(groups & places.keys())[:80]}` is a dataset and a group")
-    if sum(place.size for place in places.values()) > length:
-        raise ValueError("its datasets are larger than the file")
+    taken = sorted((place.start, place.start + place.size) for place in places.values() if place.size)
+    if any(start < end for (_, end), (start, _) in pairwise(taken)):
+        raise ValueError("two datasets share bytes")
 
 
 def _values(content: bytes, place: Place) -> np.ndarray[Any, Any]:
