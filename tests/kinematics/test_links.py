@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import optimize
 
@@ -16,7 +15,7 @@ from mocap_id.kinematics.circle import fit_common_centre
 from mocap_id.kinematics.links import circle_links, rigid_body_links
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.fit_joints import STAGE
-from mocap_id.store import Table, Tree
+from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import PLANAR, SEGMENTS
 
 METHODS = get_args(LinkMethod)
@@ -150,21 +149,13 @@ def staged(truth, **settings) -> Tree:
     """fit-joints on a chain of two joints."""
     frames, count = truth.points.shape
     names = [f"M{i:02}" for i in range(count)]
-    planar = pd.DataFrame(
-        {
-            "frame": np.repeat(np.arange(frames), count),
-            "time": np.repeat(np.arange(frames) / 100, count),
-            "marker": pd.Categorical(names * frames, categories=names),
-            "x": truth.points.real.ravel(),
-            "y": truth.points.imag.ravel(),
-            "z": 0.0,
-            "visible": True,
-        }
-    )
-    segments = pd.DataFrame({"marker": names, "segment": truth.segment})
+    values = {"x": truth.points.real, "y": truth.points.imag, "z": np.zeros((frames, count))}
+    seen = {"visible": np.isfinite(truth.points)}
+    facts = {"rate_hz": 100.0, "bursts": {}}
+    planar = LongTable(PLANAR, np.arange(frames), np.arange(frames) / 100, names, values | seen, facts)
+    segments = {"marker": np.array(names, dtype=object), "segment": truth.segment}
     named = {"names": ["foot", "shank", "thigh"], "joint_names": ["ankle", "knee"], "joint_markers": {}}
-    inputs = {"planar.parquet": Table(PLANAR, planar, {"rate_hz": 100.0})}
-    inputs["segments.parquet"] = Table(SEGMENTS, segments, named)
+    inputs = {"planar.parquet": planar, "segments.parquet": Table(SEGMENTS, segments, named)}
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     (tree,) = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(tree, Tree)

@@ -136,11 +136,14 @@ def test_without_noise_it_is_plain_least_squares(seed: int) -> None:
 
 @given(seed=SEEDS, degrees=st.floats(0.1, 4), size=st.floats(0.02, 0.2), noise=st.floats(1e-5, 3e-3))
 def test_no_noise_makes_the_correction_large(seed: int, degrees: float, size: float, noise: float) -> None:
-    """On the line on which plain least squares has the joint from a body's centroid, never more than twice as far."""
+    """On the line on which plain least squares has the joint from a body's centroid, never more than twice as far.
+
+    The fit's ridge, 1e-13 of the problem, moves it by up to some 1e-6 where the body swings by a tenth of a degree.
+    """
     bodies = swinging(seed, degrees, size, noise)
     ratio = fit_joint(*bodies).in_child / linear(*bodies)[1]
-    assert abs(ratio.imag) < 1e-6
-    assert 1 - 1e-6 < ratio.real < 2 + 1e-6
+    assert abs(ratio.imag) < 1e-5
+    assert 1 - 1e-5 < ratio.real < 2 + 1e-5
 
 
 def test_more_noise_changes_the_centre_without_a_jump() -> None:

@@ -144,16 +144,18 @@ def test_a_window_in_the_files_clock(tmp_path: Path) -> None:
         run(path, window=(90.0, 91.0))
 
 
-def test_a_proposed_window_is_reported(tmp_path: Path) -> None:
+@pytest.mark.parametrize("faster", [1, 4])
+def test_a_proposed_window_is_reported(tmp_path: Path, faster: int) -> None:
     positions = sitting_down(-1.0)
     walking = np.tile(positions[:1], (100, 1, 1))
     walking[..., 0] += np.linspace(-3, -0.2, 100)[:, None]
     path = tmp_path / "trial.c3d"
-    whole = np.concatenate([walking, positions])
-    recording.write_c3d(path, [f"M{i}" for i in range(whole.shape[1])], whole, RATE)
+    whole = np.repeat(np.concatenate([walking, positions]), faster, axis=0)
+    recording.write_c3d(path, [f"M{i}" for i in range(whole.shape[1])], whole, faster * RATE)
     planar, wrench = run(path)
     assert planar.facts["window_proposed"] is True
     assert planar.facts["window_s"][0] == pytest.approx(2.0, abs=0.6)
+    assert planar.frames[-1] == len(whole)
     assert {"window-proposed"} <= {reason.code for reason in planar.reasons}
     assert [reason.code for reason in wrench.reasons] == ["no-plate"]
     assert wrench.frame["Fy"].isna().all()

@@ -11,7 +11,7 @@ from scipy.spatial.distance import squareform
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.joint import fit_joint
+from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals
 
 _REASSIGNMENTS = 20
@@ -80,7 +80,7 @@ def _permitted(still: IntArray, moving: IntArray, constraints: Constraints | Non
 
 
 class Clusters:
-    """The moving markers sorted into rigid bodies, at any level of detail; each set of markers is fitted once.
+    """The moving markers sorted into rigid bodies, at any level of detail; each body and each joint is fitted once.
 
     Parameters
     ----------
@@ -95,6 +95,7 @@ class Clusters:
     def __init__(self, points: ComplexArray, moving: IntArray, constraints: Constraints) -> None:
         self.points, self.moving, self.constraints = points, moving, constraints
         self._bodies: dict[bytes, Body] = {}
+        self._joints: dict[tuple[bytes, bytes], PairJoint] = {}
         variance = constraints.shaped(_distance_variance(points[:, moving]), moving)
         self._tree = linkage(squareform(variance, checks=False), "average") if len(moving) > 1 else None
 
@@ -139,7 +140,7 @@ class Clusters:
                 if both is None:
                     continue
                 growth = both.residual / _pooled(first, second)
-                if growth <= _AS_WELL or (growth <= tolerance and _hardly_turn(first, second, min_arc)):
+                if growth <= _AS_WELL or (growth <= tolerance and self._hardly_turn(first, second, min_arc)):
                     candidates.append((growth, i, j, both))
             if not candidates:
                 break
@@ -152,6 +153,18 @@ class Clusters:
         markers = np.sort(np.concatenate([first.markers, second.markers]))
         return self._fit(markers) if self.constraints.allow(markers) else None
 
+    def joint(self, parent: Body, child: Body) -> PairJoint:
+        """The joint between two bodies."""
+        key = parent.markers.tobytes(), child.markers.tobytes()
+        if key not in self._joints:
+            self._joints[key] = fit_joint(parent, child)
+        return self._joints[key]
+
+    def _hardly_turn(self, first: Body, second: Body, min_arc: float) -> bool:
+        """Whether two bodies turn against each other by less than an angle (rad) or than they wobble."""
+        wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
+        return bool(self.joint(first, second).arc < max(min_arc, wobble))
+
     def _rigid(self, groups: list[IntArray]) -> list[Body]:
         return [self._fit(group) for group in groups if len(group) > 1]
 
@@ -160,12 +173,6 @@ class Clusters:
         if key not in self._bodies:
             self._bodies[key] = fit_body(self.points, markers)
         return self._bodies[key]
-
-
-def _hardly_turn(first: Body, second: Body, min_arc: float) -> bool:
-    """Whether two bodies turn against each other by less than an angle (rad) or than they wobble."""
-    wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
-    return bool(fit_joint(first, second).arc < max(min_arc, wobble))
 
 
 def _pooled(first: Body, second: Body) -> float:

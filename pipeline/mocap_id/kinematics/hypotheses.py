@@ -15,7 +15,7 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics.bodies import Base, Clusters
 from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.joint import PairJoint, fit_joint
+from mocap_id.kinematics.joint import PairJoint
 from mocap_id.kinematics.rigid import Body
 from mocap_id.kinematics.tips import whole_tips
 
@@ -255,13 +255,14 @@ def _best_chains(scene: Scene, bodies: list[Body]) -> list[_Path]:
     """The cheapest path from the base over real joints for each number of segments, by exhaustive search."""
     rules = scene.rules
     links: list[Body] = [scene.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
-    joints = {(i, j): fit_joint(links[i], links[j]) for i in range(len(links)) for j in range(1, len(links)) if i != j}
+    pairs = [(i, j) for i in range(len(links)) for j in range(1, len(links)) if i != j]
+    joints = {(i, j): scene.clusters.joint(links[i], links[j]) for i, j in pairs}
     real = {pair for pair, joint in joints.items() if rules.is_joint(joint)}
     real -= _paired(real, joints, np.array([np.nanmean(scene.lateral[body.markers]) for body in links]))
     real = {(i, j) for i, j in real if i == 0 or not _straddles(scene.lateral, links[j], links[i])}
     if rules.count is not None:
         for tip, below in list(whole_tips(links, real, scene.clusters.joined, rules.max_residual)):
-            joints |= {(k, len(links)): fit_joint(link, tip) for k, link in enumerate(links)}
+            joints |= {(k, len(links)): scene.clusters.joint(link, tip) for k, link in enumerate(links)}
             of_tip = {k for k in below if not _straddles(scene.lateral, tip, links[k])}
             real |= {(k, len(links)) for k in of_tip if rules.is_joint(joints[k, len(links)])}
             links.append(tip)

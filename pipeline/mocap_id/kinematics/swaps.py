@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.kinematics.continuations import Continuations
 
 _GAP = 1.0  # s; longest gap of a column. Each marker hidden for half a second may add up to that
@@ -106,10 +106,11 @@ def repair(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
 
 def _breaks(positions: FloatArray, rate: float) -> _Breaks:
     """Jumps and gaps, by column."""
+    square = np.empty((len(positions) - 2, positions.shape[1]))
     with np.errstate(invalid="ignore"):
-        step = np.diff(positions, axis=0)
-        bend = np.diff(step, axis=0)
-        square = np.einsum("fmi,fmi->fm", bend, bend)
+        for part in chunks(len(square)):
+            bend = np.diff(positions[part.start : part.stop + 2], n=2, axis=0)
+            square[part] = np.einsum("fmi,fmi->fm", bend, bend)
         sample = square.ravel()[::_EVERY]
         usual = np.sqrt(np.median(sample[np.isfinite(sample)])) if np.isfinite(sample).any() else 0.0
         bent = square > np.clip(_OF_BEND * usual, *_JUMPS) ** 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from mocap_id.arrays import BoolArray, FloatArray
 
@@ -74,6 +73,8 @@ def _still(positions: FloatArray, rate: float) -> BoolArray:
     The point is the middle of the box of its positions there, no corner of which is farther away. Unseen samples do
     not count, but half of the second has to be seen.
     """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415  a fixed base is usual
+
     size = 2 * max(1, round(rate / 2)) + 1
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = minimum_filter1d(np.where(seen[..., None], positions, np.inf), size, axis=0, mode="nearest")

@@ -8,10 +8,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError
-from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge
+from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, frames_along_motion
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.trajectories import Trajectories
+from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.verdict import Reason
@@ -20,22 +20,20 @@ from mocap_id.verdict import Reason
 def fit_joints(context: Context) -> Outputs:
     """Fit the chain to the markers of its segments."""
     settings: FitJointsSettings = context.settings
-    trajectories = Trajectories.of(context.table("planar.parquet")).without_bursts()
-    segments = context.table("segments.parquet")
-    assigned = segments.frame.dropna(subset="segment")
-    labels = [str(label) for label in assigned["marker"]]
-    segment = assigned["segment"].to_numpy(dtype=np.int64)
-    kept = [trajectories.labels.index(label) for label in labels]
-    trajectories = trajectories.along_motion(settings.frames, _shown(trajectories.plane[:, kept], segment))
+    view, segments = PlanarView(context.long("planar.parquet")), context.table("segments.parquet")
+    assigned = np.flatnonzero(segments["segment"] >= 0)
+    labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
+    points, own = view.plane(), _columns(view, labels)
+    useful = np.flatnonzero(_shown(points, own, segment))
+    if len(useful) > settings.frames:
+        points = points[frames_along_motion(points, settings.frames, useful)]
     joint_names = segments.facts["joint_names"]
     named: Mapping[str, list[str]] = segments.facts["joint_markers"]
     auxiliary = {
-        joint_names.index(name) + 1: trajectories.plane[:, [trajectories.labels.index(label) for label in about]].mean(
-            axis=1
-        )
+        joint_names.index(name) + 1: points[:, _columns(view, about)].mean(axis=1)
         for name, about in named.items()
     }
-    fit = fix_gauge(_estimate(trajectories.plane[:, kept], segment, auxiliary, settings))
+    fit = fix_gauge(_estimate(points[:, own], segment, auxiliary, settings))
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -65,10 +63,15 @@ def fit_joints(context: Context) -> Outputs:
     return (Tree(CHAIN, data, facts, reasons),)
 
 
-def _shown(points: ComplexArray, segment: IntArray) -> BoolArray:
-    """(F,) frames that show two markers or more of every moving segment."""
+def _columns(view: PlanarView, labels: list[str]) -> IntArray:
+    return np.array([view.labels.index(label) for label in labels], dtype=np.int64)
+
+
+def _shown(points: ComplexArray, own: IntArray, segment: IntArray) -> BoolArray:
+    """(F,) frames that show two markers or more, by their columns, of every moving segment."""
     seen = np.isfinite(points)
-    return np.asarray(np.all([seen[:, segment == k].sum(axis=1) >= 2 for k in range(1, segment.max() + 1)], axis=0))
+    moving = [own[segment == k] for k in range(1, segment.max() + 1)]
+    return np.asarray(np.all([seen[:, markers].sum(axis=1) >= 2 for markers in moving], axis=0))
 
 
 def _estimate(

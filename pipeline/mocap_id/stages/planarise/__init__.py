@@ -49,7 +49,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=5,
+    version=6,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates", "external"),

@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import known
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
-from mocap_id.recording import PlateChoice, PlateSamples, Recording, ZeroRule
+from mocap_id.recording import Look, PlateChoice, PlateSamples, Recording, ZeroRule
 from mocap_id.stages.base import ExternalForce
 from mocap_id.stages.marker_names import columns
 from mocap_id.verdict import Reason
 
-_COMPONENTS = ("Fx", "Fy", "tauz")
+COMPONENTS = ("Fx", "Fy", "tauz")
+"""Of a wrench in the plane."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Columns for wrench.parquet, rows for its fact ``external``, and what to know."""
+    """Columns for wrench.parquet, rows for its fact ``external``, what to know, and the force upwards as looked at."""
 
     columns: dict[str, FloatArray] = field(default_factory=dict)
     facts: tuple[dict[str, Any], ...] = ()
@@ -41,40 +42,45 @@ class Measured:
 
 @dataclass(frozen=True)
 class Seen:
-    """The frames that are used: labels, positions (F, M, 3) in the lab, times (F,), and the plane's frame."""
+    """The frames that are used: labels, positions (F, M, 3) in the lab, times (F,), a look at them; the plane."""
 
     labels: Sequence[str]
     positions: FloatArray
     time: FloatArray
+    look: Look
     frame: PlaneFrame
 
 
-def measure_seat(
-    seen: Seen, samples: Sequence[PlateSamples], choice: PlateChoice, rate: float, zero: ZeroRule
-) -> Measured:
+def summed(samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame) -> tuple[FloatArray, BoolArray]:
+    """Wrench (F, 3) of some plates together in the plane, and where (F,) all of them are known."""
+    each = [frame.wrench_to_plane(samples[index].force, samples[index].moment) for index in plates]
+    return sum(each[1:], each[0]), np.logical_and.reduce([samples[index].ok for index in plates], axis=0)
+
+
+def measure_seat(seen: Seen, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule) -> Measured:
     """The chair's wrench on the body, from the plates under it."""
-    doubts = recording.doubtful(samples, choice, seen.positions)
+    look = seen.look
+    doubts = recording.doubtful(look.samples, choice, look.positions)
     reasons = [_doubtful(index, choice, why) for index, why in doubts.items()]
     plates = [index for index in choice.indexes("seat") if index not in doubts]
     if not plates:
         return Measured(reasons=tuple(reasons))
-    wrench = sum(
-        (seen.frame.wrench_to_plane(samples[index].force, samples[index].moment) for index in plates),
-        np.zeros((len(seen.time), 3)),
-    )
-    ok = np.logical_and.reduce([samples[index].ok for index in plates], axis=0)
-    seat = recording.seat_wrench(wrench, ok, seen.positions, rate, zero)
-    if seat.zero is None:
+    wrench, ok = summed(samples, plates, seen.frame)
+    empty = recording.empty_chair(*summed(look.samples, plates, seen.frame), look.positions, look.rate, zero)
+    if empty.reading is None:
         reasons.append(_zero_unknown())
+    else:
+        wrench = wrench - empty.reading
+    wrench[~ok] = np.nan
     fact = {
         "name": "seat",
         "columns": "seat",
         "clock": "plates",
         "plates": [index + 1 for index in plates],
-        "zero": None if seat.zero is None else _by_component(seat.zero),
-        "zero_sd": None if seat.spread is None else _by_component(seat.spread),
+        "zero": None if empty.reading is None else _by_component(empty.reading),
+        "zero_sd": None if empty.spread is None else _by_component(empty.spread),
     }
-    return Measured(_columns(seat.wrench, "seat"), (fact,), tuple(reasons))
+    return Measured(_columns(wrench, "seat"), (fact,), tuple(reasons))
 
 
 def measure_sensors(seen: Seen, sensors: Sequence[ExternalForce], source: Recording) -> Measured:
@@ -116,7 +122,8 @@ def _sensor(number: int, sensor: ExternalForce, seen: Seen, source: Recording) -
         "rate_hz": log.rate,
         "known_fraction": float(known(wrench).mean()),
     }
-    return Measured(_columns(wrench, f"external_{number}"), (fact,), (), wrench[:, 1])
+    vertical = recording.decimate(plate, seen.look.time, seen.look.rate).force[:, 2]
+    return Measured(_columns(wrench, f"external_{number}"), (fact,), (), vertical)
 
 
 def _point(sensor: ExternalForce, seen: Seen, source: Recording) -> FloatArray:
@@ -130,11 +137,11 @@ def _point(sensor: ExternalForce, seen: Seen, source: Recording) -> FloatArray:
 
 
 def _columns(wrench: FloatArray, suffix: str) -> dict[str, FloatArray]:
-    return {f"{name}_{suffix}": column for name, column in zip(_COMPONENTS, wrench.T, strict=True)}
+    return {f"{name}_{suffix}": column for name, column in zip(COMPONENTS, wrench.T.copy(), strict=True)}
 
 
 def _by_component(wrench: FloatArray) -> dict[str, float]:
-    return dict(zip(_COMPONENTS, wrench.tolist(), strict=True))
+    return dict(zip(COMPONENTS, wrench.tolist(), strict=True))
 
 
 def _doubtful(index: int, choice: PlateChoice, why: str) -> Reason:

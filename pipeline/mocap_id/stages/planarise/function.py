@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id import recording
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, chunks
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
-from mocap_id.kinematics import fit_plane, propose_window
-from mocap_id.recording import PlateChoice, PlateSamples, Recording
-from mocap_id.recording.posture import Facing, facing
+from mocap_id.kinematics import find_bursts, fit_plane, propose_window
+from mocap_id.recording import Look, PlateChoice, PlateSamples, Recording
+from mocap_id.recording.dropout import dropped_out
+from mocap_id.recording.posture import Facing, facing, upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import columns
 from mocap_id.stages.planarise import PlanariseSettings, plate_losses, plate_registration, swapped
-from mocap_id.stages.planarise.external_wrenches import Measured, Seen, measure_seat, measure_sensors
-from mocap_id.store import Table
+from mocap_id.stages.planarise.external_wrenches import (
+    COMPONENTS,
+    Measured,
+    Seen,
+    measure_seat,
+    measure_sensors,
+    summed,
+)
+from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
 
@@ -59,32 +66,39 @@ def planarise(context: Context) -> Outputs:
         part.positions, part.labels, frames, part.time, rate=source.rate, repairing=settings.repair_swaps
     )
     part = replace(part, positions=swaps.positions)
+    look = Look.at(part.positions, part.time, source.rate, source.plates)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     choice = recording.choose_plates(
-        source.plates,
-        samples,
-        part.positions,
-        feet=context.trial.plates.feet,
-        seat=context.trial.plates.seat,
+        source.plates, look.samples, look.positions, feet=context.trial.plates.feet, seat=context.trial.plates.seat
     )
-    frame, faced, planarity = _plane(part, source, choice, settings)
+    frame, faced, planarity = _plane(look, source, choice, settings)
     doubted = tuple(text for index in choice.indexes("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    found = {"swaps": swaps.facts, **_planar_facts(part, frame, planarity, faced)}
-    planar = Table(PLANAR, _trajectories(part, frame), found, (*swaps.reasons, *notes))
-    seen = Seen(part.labels, part.positions, part.time, frame)
-    external = measure_seat(seen, samples, choice, source.rate, settings.seat_zero)
+    points = _trajectories(part, frame)
+    visible = np.isfinite(points["x"])
+    found = {
+        "swaps": swaps.facts,
+        "bursts": _bursts(part, points),
+        **_planar_facts(part, frame, planarity, faced),
+        "missing_fraction": float(1.0 - visible.mean()),
+    }
+    values, told = {**points, "visible": visible}, (*swaps.reasons, *notes)
+    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, told)
+    seen = Seen(part.labels, part.positions, part.time, look, frame)
+    external = measure_seat(seen, samples, choice, settings.seat_zero)
     external += measure_sensors(seen, context.trial.external, source)
-    facts, reasons = _wrench_facts(part, samples, choice, external, settings.cop_threshold_N)
-    samples, lost = _without_dropouts(part, samples, choice, facts["mass_kg"])
-    wrench = _wrench(part, samples, choice, frame, settings.cop_threshold_N).assign(**external.columns)
-    placed = _placed(part, samples, choice, person=context.trial.protocol != "robot-joint")
+    facts, reasons = _wrench_facts(source, look, choice, external, settings.cop_threshold_N)
+    lost = _dropouts(part, samples, look, choice, facts["mass_kg"])
+    look = replace(look, samples=_without(look.samples, choice, lost[:: look.step]))
+    kept = _without(samples, choice, lost)
+    wrench = _wrench(part, kept, choice, frame, settings.cop_threshold_N) | external.columns
+    placed = _placed(source, look, choice, person=context.trial.protocol != "robot-joint")
     facts["registration"] = placed.facts
-    for plate, across in zip(facts["plates"], _across(samples, frame, settings.cop_threshold_N), strict=True):
+    for plate, across in zip(facts["plates"], _across(look.samples, frame, settings.cop_threshold_N), strict=True):
         plate["across_m"] = across
-    return planar, Table(
-        WRENCH, wrench, facts, (*_doubts(doubted), *reasons, *lost, *placed.reasons, *external.reasons)
-    )
+    losses = plate_losses.losses([source.plates[index] for index in choice.indexes("feet")], part.time, lost)
+    reasons = (*_doubts(doubted), *reasons, *losses, *placed.reasons, *external.reasons)
+    return planar, Table(WRENCH, wrench, facts, reasons)
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
@@ -92,14 +106,16 @@ def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequenc
     file = source.files[0]
     out = columns(source.labels, ignore, f"{file}: planarise: ignore")
     keep = [i for i in range(len(source.labels)) if i not in out]
-    positions = source.positions[:, keep]
-    if not np.isfinite(positions).any():
+    visible = _visible(source.positions)[:, keep]
+    if not visible.any():
         raise RecordingError(
             f"{file}: no marker is seen in any of its {len(source.frames)} frames ({len(source.labels)} are declared); "
             "track and export the trial again"
         )
     if window is None:
-        first, stop = propose_window(positions, source.rate)
+        look = Look.at(source.positions, source.time, source.rate)
+        first, stop = (look.step * k for k in propose_window(look.positions[:, keep], look.rate))
+        stop = min(stop, len(source.frames))
     else:
         inside = np.flatnonzero((source.time >= window[0] - 1e-9) & (source.time <= window[1] + 1e-9))
         if inside.size < 2:
@@ -108,25 +124,31 @@ def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequenc
                 f"the recording runs from {source.time[0]:g} to {source.time[-1]:g} s"
             )
         first, stop = int(inside[0]), int(inside[-1]) + 1
-    seen = np.flatnonzero(np.isfinite(positions[first:stop]).all(axis=2).any(axis=0))
-    if not seen.size:
+    seen = [keep[k] for k in np.flatnonzero(visible[first:stop].any(axis=0))]
+    if not seen:
         span = f"{source.time[first]:g} to {source.time[stop - 1]:g} s"
         raise RecordingError(f"{file}: no marker is seen from {span}; choose another `window:`")
-    labels = tuple(source.labels[keep[i]] for i in seen)
+    labels = tuple(source.labels[marker] for marker in seen)
     proposed = window is None and (first, stop) != (0, len(source.frames))
-    return _Part(source, first, stop, labels, positions[first:stop][:, seen], proposed)
+    positions = source.positions[first:stop]
+    return _Part(source, first, stop, labels, positions if labels == source.labels else positions[:, seen], proposed)
+
+
+def _visible(positions: FloatArray) -> BoolArray:
+    """(F, M) whether a marker is seen."""
+    return np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
 
 
 def _plane(
-    part: _Part, source: Recording, choice: PlateChoice, settings: PlanariseSettings
+    look: Look, source: Recording, choice: PlateChoice, settings: PlanariseSettings
 ) -> tuple[PlaneFrame, Facing | None, float]:
     """The frame of the plane, how its sense was found, and how planar the motion is."""
-    fit = fit_plane(part.positions)
+    fit = fit_plane(look.positions)
     faced, yaw = None, fit.yaw
     if settings.yaw_deg is not None:
         yaw = float(np.radians(settings.yaw_deg))
     else:
-        faced = facing(part.positions, np.array([np.cos(yaw), np.sin(yaw)]))
+        faced = facing(look.positions, np.array([np.cos(yaw), np.sin(yaw)]))
         if faced.forwards != (settings.facing == "+x"):
             yaw += np.pi
     yaw = float(np.pi - (np.pi - yaw) % (2 * np.pi))  # in (-pi, pi]
@@ -135,51 +157,48 @@ def _plane(
     return PlaneFrame(yaw, origin), faced, fit.planarity
 
 
-def _trajectories(part: _Part, frame: PlaneFrame) -> pd.DataFrame:
-    """The long table, by frame, then marker; unseen samples are NaN."""
-    count, markers = part.positions.shape[:2]
-    local = frame.to_plane(part.positions).reshape(-1, 3)
-    visible = np.isfinite(local).all(axis=1)
-    local[~visible] = np.nan
-    codes: IntArray = np.tile(np.arange(markers), count)
-    return pd.DataFrame(
-        {
-            "frame": np.repeat(part.source.frames[part.first : part.stop], markers),
-            "time": np.repeat(part.time, markers),
-            "marker": pd.Categorical.from_codes(codes, categories=pd.Index(part.labels)),
-            "x": local[:, 0],
-            "y": local[:, 1],
-            "z": local[:, 2],
-            "visible": visible,
-        }
-    )
+def _trajectories(part: _Part, frame: PlaneFrame) -> dict[str, FloatArray]:
+    """Coordinates (F, M) in the plane, m, NaN where unseen."""
+    x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
+    for some in chunks(len(part.time)):
+        local = frame.to_plane(part.positions[some])
+        local[~_visible(local)] = np.nan
+        x[some], y[some], z[some] = np.moveaxis(local, 2, 0)
+    return {"x": x, "y": y, "z": z}
+
+
+def _bursts(part: _Part, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
+    """First and last time of every jump there and back, s, by marker; of the markers that jump."""
+    found = {}
+    for marker, label in enumerate(part.labels):
+        track = np.stack([values[:, marker] for values in points.values()], axis=1)
+        out = find_bursts(track[:, None], part.source.rate)[:, 0]
+        if out.any():
+            edges = np.flatnonzero(np.diff(out, prepend=False, append=False)).reshape(-1, 2)
+            found[label] = part.time[edges - [0, 1]].tolist()
+    return found
 
 
 def _wrench(
     part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, frame: PlaneFrame, threshold: float
-) -> pd.DataFrame:
+) -> dict[str, np.ndarray[Any, Any]]:
     """The sum of the feet's plates at marker times, and every plate alone where there are several."""
-    each = [frame.wrench_to_plane(plate.force, plate.moment) for plate in samples]
-    feet = choice.indexes("feet")
-    total = sum((each[index] for index in feet), np.zeros((len(part.time), 3)))
-    ok = (
-        np.logical_and.reduce([samples[index].ok for index in feet], axis=0) if feet else np.zeros(len(part.time), bool)
-    )
-    total = np.where(ok[:, None], total, np.nan)
+    feet, count = choice.indexes("feet"), len(part.time)
+    total, ok = summed(samples, feet, frame) if feet else (np.empty((count, 3)), np.zeros(count, np.bool_))
+    total[~ok] = np.nan
     with np.errstate(invalid="ignore"):
         vertical = np.where(total[:, 1] > threshold, total[:, 1], np.nan)
-    columns: dict[str, FloatArray | np.ndarray[Any, Any]] = {
+    columns: dict[str, np.ndarray[Any, Any]] = {
         "time": part.time,
-        "Fx": total[:, 0],
-        "Fy": total[:, 1],
-        "tauz": total[:, 2],
+        **dict(zip(COMPONENTS, total.T.copy(), strict=True)),
         "cop_x": total[:, 2] / vertical,
         "plate_ok": ok,
     }
-    if len(each) > 1:
-        for number, wrench in enumerate(each, start=1):
-            columns |= {f"{name}_p{number}": wrench[:, i] for i, name in enumerate(("Fx", "Fy", "tauz"))}
-    return pd.DataFrame(columns)
+    if len(samples) > 1:
+        for number, plate in enumerate(samples, start=1):
+            alone = frame.wrench_to_plane(plate.force, plate.moment).T.copy()
+            columns |= {f"{name}_p{number}": each for name, each in zip(COMPONENTS, alone, strict=True)}
+    return columns
 
 
 def _across(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
@@ -205,7 +224,6 @@ def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facin
         "window_s": [float(part.time[0]), float(part.time[-1])],
         "window_proposed": part.proposed,
         "rate_hz": source.rate,
-        "missing_fraction": float(1.0 - np.isfinite(part.positions).all(axis=2).mean()),
         "vertical": source.vertical,
         "units": source.units,
         "format": source.format,
@@ -214,53 +232,57 @@ def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facin
 
 
 def _wrench_facts(
-    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, external: Measured, threshold: float
+    source: Recording, look: Look, choice: PlateChoice, external: Measured, threshold: float
 ) -> tuple[dict[str, Any], tuple[Reason, ...]]:
     """What the plates are used for, the mass that they show, and what is missing."""
-    plates = part.source.plates
+    plates = source.plates
     feet = choice.indexes("feet")
     mass: float | None = None
     why: str | None = "the recording has no force plates"
     reasons: tuple[Reason, ...] = ()
     if feet:
-        vertical = sum((samples[index].force[:, 2] for index in feet), np.zeros(len(part.time)))
-        mass, why = recording.standing_mass(part.positions, part.source.rate, vertical + external.vertical)
+        vertical = sum((look.samples[index].force[:, 2] for index in feet), np.zeros(len(look.time)))
+        mass, why = recording.standing_mass(look.positions, look.rate, vertical + external.vertical)
     else:
         if plates:
             found = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))
             why = f"none of the force plates carries the feet ({found})"
         advice = " If there is a MOT file, name it: `recording: {markers: …, forces: …}`."
         told = f"{why}: kinematics only, nothing dynamic can be identified."
-        reasons = (Reason("no-plate", told + (advice if part.source.format == "TRC" and not plates else "")),)
+        reasons = (Reason("no-plate", told + (advice if source.format == "TRC" and not plates else "")),)
     facts = {
         "plates": choice.facts(plates),
         "external": list(external.facts),
         "mass_kg": mass,
         "why": why,
-        "analog_rate_hz": part.source.analog_rate,
+        "analog_rate_hz": source.analog_rate,
         "cop_threshold_N": threshold,
     }
     return facts, reasons
 
 
-def _without_dropouts(
-    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, mass: float | None
-) -> tuple[list[PlateSamples], tuple[Reason, ...]]:
-    """The feet's plates less the stretches in which they say nothing of who stands on them; what is lost."""
+def _dropouts(
+    part: _Part, samples: Sequence[PlateSamples], look: Look, choice: PlateChoice, mass: float | None
+) -> BoolArray:
+    """Frames (F,) in which the feet's plates carry nothing under a person who stands; none where no mass is known."""
+    if mass is None:
+        return np.zeros(len(part.time), np.bool_)
+    vertical = sum((samples[index].force[:, 2] for index in choice.indexes("feet")), np.zeros(len(part.time)))
+    tall = np.repeat(upright(look.positions)[0], look.step)[: len(part.time)]
+    return dropped_out(vertical, tall, part.source.rate, mass * recording.GRAVITY)
+
+
+def _without(samples: Sequence[PlateSamples], choice: PlateChoice, lost: BoolArray) -> tuple[PlateSamples, ...]:
+    """The plates, the feet's less what is lost."""
     feet = choice.indexes("feet")
-    vertical = sum((samples[index].force[:, 2] for index in feet), np.zeros(len(part.time)))
-    lost = plate_losses.without_signal(vertical, part.positions, part.source.rate, mass, recording.GRAVITY)
-    kept = [replace(each, ok=each.ok & ~lost) if index in feet else each for index, each in enumerate(samples)]
-    return kept, plate_losses.losses([part.source.plates[index] for index in feet], part.time, lost)
+    return tuple(replace(each, ok=each.ok & ~lost) if index in feet else each for index, each in enumerate(samples))
 
 
-def _placed(
-    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, *, person: bool
-) -> plate_registration.Checked:
+def _placed(source: Recording, look: Look, choice: PlateChoice, *, person: bool) -> plate_registration.Checked:
     """Whether the feet's plates are where the file has them."""
     feet = choice.indexes("feet")
-    plates, loads = [part.source.plates[index] for index in feet], [samples[index] for index in feet]
-    return plate_registration.check(plates, loads, part.positions, part.source.rate, person=person)
+    plates, loads = [source.plates[index] for index in feet], [look.samples[index] for index in feet]
+    return plate_registration.check(plates, loads, look.positions, look.rate, person=person)
 
 
 def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording import Plate
-from mocap_id.recording.dropout import dropped_out
 from mocap_id.verdict import Reason
 
 _FEW = 0.05
@@ -25,19 +24,10 @@ def losses(plates: Sequence[Plate], time: FloatArray, dropout: BoolArray) -> tup
     time : (F,) array
         Marker times, s.
     dropout : (F,) bool array
-        As :func:`without_signal` found them.
+        As :func:`mocap_id.recording.dropout.dropped_out` found them.
     """
     found = [reason for plate in plates for reason in (_saturated(plate, time), _short(plate, time))]
     return tuple(reason for reason in (*found, _dropout(time, dropout)) if reason is not None)
-
-
-def without_signal(
-    vertical: FloatArray, positions: FloatArray, rate: float, mass: float | None, gravity: float
-) -> BoolArray:
-    """Samples (F,) in which the plates carry nothing under a person who stands; none where no mass is known."""
-    if mass is None:
-        return np.zeros(len(vertical), bool)
-    return dropped_out(vertical, positions, rate, mass * gravity)
 
 
 def _saturated(plate: Plate, time: FloatArray) -> Reason | None:

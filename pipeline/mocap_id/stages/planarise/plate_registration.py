@@ -49,7 +49,7 @@ def check(
     Parameters
     ----------
     plates, samples : sequences
-        Those under the feet, and their wrench at the marker times.
+        Those under the feet, and their wrench at the times of the positions.
     positions : (F, M, 3) array
         Lab axes with Z up, m.
     rate : float

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError, Refused
@@ -15,7 +14,7 @@ from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import columns
 from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.trajectories import Trajectories
+from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.verdict import Reason
@@ -27,9 +26,8 @@ def segment(context: Context) -> Outputs:
     """Sort the markers into base and segments."""
     settings: SegmentSettings = context.settings
     trial = context.trial
-    measured = Trajectories.of(context.table("planar.parquet"))
-    clean = measured.without_bursts()
-    trajectories = clean.thinned(settings.frames)
+    view = PlanarView(context.long("planar.parquet"))
+    points = view.spaced(settings.frames)
     longest = settings.count or LONGEST[trial.protocol]
     rules = SegmentationRules(
         still_limit=settings.still_limit_m,
@@ -39,28 +37,29 @@ def segment(context: Context) -> Outputs:
         count=settings.count,
         longest=longest,
     )
-    labels, lateral = trajectories.labels, _lateral(trajectories.points)
+    labels, lateral = view.labels, _lateral(points)
     out = list(columns(labels, settings.ignore, "segment: ignore"))
-    plane = trajectories.plane
+    plane = np.asarray(points[..., 0] + 1j * points[..., 1])
     plane[:, out] = np.nan
     found = _sorted(plane, lateral, rules, _constraints(labels, settings), settings)
     asymmetries = np.degrees(asymmetry(plane, lateral, found.segment))
-    planarity = _planarity(trajectories.points[:, found.segment > 0])
+    planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     names, joint_names = body_names(trial.protocol, found.count)
     if settings.names is not None:
         names = _given_names(settings.names, found.count)
-    frame = pd.DataFrame(
-        {
-            "marker": pd.Categorical(labels, categories=labels),
-            "segment": pd.array([int(k) if k >= 0 else None for k in found.segment], dtype="Int64"),
-            "residual": found.residual,
-            "reason": [
+    sorted_markers = {
+        "marker": np.array(labels, dtype=object),
+        "segment": found.segment,
+        "residual": found.residual,
+        "reason": np.array(
+            [
                 "left out by `segment: ignore`" if marker in out else _reason(found, marker, names)
                 for marker in range(len(labels))
             ],
-        }
-    )
+            dtype=object,
+        ),
+    }
     facts = {
         "count": found.count,
         "names": list(names),
@@ -77,8 +76,8 @@ def segment(context: Context) -> Outputs:
         "hypotheses": [_hypothesis(h, found.hypotheses[0], labels) for h in found.hypotheses],
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
-    doubts += _upside_down(trajectories.points, found.segment)
-    return (Table(SEGMENTS, frame, facts, _bursts(measured, clean) + not_planar + doubts),)
+    doubts += _upside_down(points, found.segment)
+    return (Table(SEGMENTS, sorted_markers, facts, _bursts(view) + not_planar + doubts),)
 
 
 def _planarity(points: FloatArray) -> float:
@@ -121,19 +120,20 @@ def _lateral(points: FloatArray) -> FloatArray:
     return np.where(counts > 0, np.where(seen, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
 
 
-def _bursts(measured: Trajectories, clean: Trajectories) -> tuple[Reason, ...]:
+def _bursts(view: PlanarView) -> tuple[Reason, ...]:
     """A note of the samples that were taken for jumps, and of where most of them are."""
-    out = np.isfinite(measured.plane) & ~np.isfinite(clean.plane)
-    if not out.any():
+    seen = np.asarray(view.planar.values["visible"], dtype=np.bool_)
+    counts = np.count_nonzero(view.bursts & seen, axis=0)
+    if not counts.any():
         return ()
-    worst = int(np.argmax(out.sum(axis=0)))
-    first = measured.time[np.flatnonzero(out[:, worst])[0]]
+    worst = int(np.argmax(counts))
+    first = view.time[np.argmax(view.bursts[:, worst])]
     return (
         Reason(
             "bursts",
-            f"{int(out.sum())} samples jump away and back and were left out of the segments and the joint fit, most of "
-            f"them of {measured.labels[worst]}, first at {first:.2f} s.",
-            float(out.sum() / np.isfinite(measured.plane).sum()),
+            f"{int(counts.sum())} samples jump away and back and were left out of the segments and the joint fit, most "
+            f"of them of {view.labels[worst]}, first at {first:.2f} s.",
+            float(counts.sum() / np.count_nonzero(seen)),
             level="ok",
         ),
     )
