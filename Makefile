@@ -41,6 +41,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/mocap-id doctor --warm
 	$(BIN)/python -m pytest -n $(patsubst 1,0,$(WORKERS)) --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
 
@@ -85,6 +86,7 @@ $(VENV)/created: | require-python
 $(VENV)/installed: $(VENV)/created $(LOCK) $(PACKAGE)
 	$(PIP_INSTALL) hatchling
 	$(PIP_INSTALL) --no-build-isolation --editable .
+	$(BIN)/mocap-id doctor --warm
 	@touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed

@@ -56,11 +56,11 @@ that can exist and that fit the wrench best. Three sets of bodies, `consistency`
 
 The solvers:
 
-- **OSQP, split**: what `identify-dim` uses. Variables ρ and y = R B ρ, corrections in the scale of the residual until
-  the optimality conditions hold (`dynamics.point_masses`).
+- **OSQP, split**: what `identify-dim` asks where NNLS is not proven. Variables ρ and y = R B ρ, corrections in the
+  scale of the residual until the optimality conditions hold (`dynamics.point_masses`).
 - **OSQP, split, once**: the same without corrections, at a tolerance of 1e-8.
 - **OSQP, dense**: on the product (R B)ᵀ R B, at a tolerance of 1e-8 and at OSQP's own of 1e-3.
-- **NNLS**: `scipy.optimize.nnls`, an active set; the second opinion of `identify-dim`.
+- **NNLS**: `scipy.optimize.nnls`, an active set; what `identify-dim` uses.
 - **Clarabel**: an interior-point method, on the grid and on the two cones; the latter are what `identify-dim` uses.
 
 *Above the least*: the cost less the least one that OSQP in split form, NNLS or Clarabel found on the grid, relative to

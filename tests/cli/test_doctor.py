@@ -23,6 +23,13 @@ def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.Monkey
     assert list(tmp_path.iterdir()) == []
 
 
+def test_warming_up_says_where_the_compiled_code_is(cli) -> None:
+    said = cli("doctor", "--warm")
+    assert said.code == 0, said.out
+    assert said.out.startswith("ok    compiled code")
+    assert "kept in" in said.out
+
+
 def test_the_json_holds_every_check(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     found = json.loads(cli("doctor", "--json").out)

@@ -11,8 +11,12 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
+from simulated_chains import swinging
 
 from mocap_id.estimation.compiling import compiled
+from mocap_id.estimation.frame_kernels import refine
+from mocap_id.estimation.kernels import run_filter, run_smoother
+from mocap_id.estimation.noise import log_likelihood
 from mocap_id.estimation.process import noise_shape, transition
 
 RUN = """
@@ -54,6 +58,17 @@ def test_without_a_folder_it_compiles_anew_and_says_so(
     with caplog.at_level(logging.WARNING):
         assert compiled(half)(3.0) == 1.5
     assert "NUMBA_CACHE_DIR" in caplog.text
+
+
+def test_arrays_that_are_handed_on_read_only_compile_nothing_anew() -> None:
+    moving = swinging(joints=2, seconds=0.5)
+    functions: list[Any] = [refine, log_likelihood, run_filter, run_smoother]
+    moving.smoothed()
+    before = [function.signatures for function in functions]
+    for array in (moving.markers, moving.centres, moving.segment, moving.local):
+        array.flags.writeable = False
+    moving.smoothed()
+    assert [function.signatures for function in functions] == before
 
 
 def test_the_compiled_likelihood_is_that_of_its_source() -> None:

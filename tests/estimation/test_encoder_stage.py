@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Table, Tree
+from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform
 from mocap_id.store.schemas import CHAIN, PLANAR
 
@@ -82,7 +82,7 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
     segments = {"name": np.array(["base", "link"], dtype=object)}
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("a.c3d")), protocol="robot-joint", encoder=encoder)
     inputs = {
-        "planar.parquet": Table(PLANAR, frame, {"rate_hz": RATE}),
+        "planar.parquet": LongTable.from_frame(PLANAR, frame, {"rate_hz": RATE}),
         "chain.h5": Tree(CHAIN, {"joints": joints, "segments": segments, "markers": markers}),
     }
     states, _, _, beside, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))

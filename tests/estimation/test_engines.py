@@ -10,9 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.arrays import FloatArray
 from mocap_id.estimation import compiled, reference
-from mocap_id.estimation.problem import START_SD, FilteredTrack, Problem, SmoothedTrack, Track
+from mocap_id.estimation.problem import START_SD, Problem, Track
 
 EQUAL = 1e-9
 
@@ -41,8 +40,8 @@ def assert_same(one: Track, other: Track, *, deviation: float = EQUAL) -> None:
     assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=1e-6)
 
 
-def copied(track: FilteredTrack) -> FilteredTrack:
-    return replace(track, mean=track.mean.copy(), sd=track.sd.copy())
+def copied(track: Track) -> Track:
+    return replace(track, mean=track.mean.copy(), covariance=track.covariance.copy())
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -64,45 +63,17 @@ def test_filter_and_smoother_equal_filterpy(
     assert_same(ours, theirs)
 
 
-def tracked() -> tuple[Problem, FilteredTrack]:
+def tracked() -> tuple[Problem, Track]:
     problem = swinging(joints=2, seconds=1.0).problem(marker_sd=1e-3, sigma_v=3e3)
     return problem, compiled.filter_forwards(problem)
 
 
 def test_smoother_equals_filterpys_own_where_no_joint_starts_over() -> None:
     problem, track = tracked()
-    mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance(slice(None)))
-    theirs = replace(track, mean=mean, sd=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
+    mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance)
+    theirs = replace(track, mean=mean, covariance=covariance)
     # theirs subtracts covariances, which at the first frames cancels the prior's far larger ones
     assert_same(compiled.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
-
-
-def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To the last bit: what is filtered again is what was filtered, whatever is lost, missing or failing by then."""
-    problem = damaged(swinging(joints=3, seconds=3.0), 4).problem(marker_sd=1e-3, sigma_v=3e3)
-    problem.observed[120:200, problem.segment == 3] = np.nan
-    problem.observed[250:270, problem.segment == 2] += 0.3
-
-    def run(block: int) -> tuple[FilteredTrack, FloatArray, SmoothedTrack]:
-        monkeypatch.setattr(compiled, "_BLOCK", block)
-        track = compiled.filter_forwards(problem)
-        covariance = track.covariance(slice(None))
-        filtered = copied(track)
-        return filtered, covariance, compiled.smooth_backwards(problem, track)
-
-    whole, covariance, smoothed = run(len(problem.observed))
-    assert whole.restarted[1:].any()
-    assert len(smoothed.covariance) > 1
-    for block in (1, 7, 64):
-        again, covariance_again, smoothed_again = run(block)
-        np.testing.assert_array_equal(covariance_again, covariance)
-        np.testing.assert_array_equal(again.covariance(slice(130, 175)), covariance[130:175])
-        for one, other in ((again, whole), (smoothed_again, smoothed)):
-            for name in ("mean", "sd", "used", "restarted"):
-                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-        assert smoothed_again.covariance.keys() == smoothed.covariance.keys()
-        for k, found in smoothed.covariance.items():
-            np.testing.assert_array_equal(smoothed_again.covariance[k], found)
 
 
 def test_a_marker_without_weight_changes_nothing() -> None:

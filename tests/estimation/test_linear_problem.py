@@ -13,7 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation import compiled, reference
 from mocap_id.estimation.inverse import Chain, frame_angles
 from mocap_id.estimation.noise import log_likelihood
-from mocap_id.estimation.problem import START_SD, FilteredTrack
+from mocap_id.estimation.problem import START_SD, Track
 from mocap_id.estimation.process import joint_noise, joint_transition, noise_shape, transition
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
 
@@ -29,7 +29,7 @@ def measured_angles(frames: int = 60) -> FloatArray:
     return np.asarray(angles)
 
 
-def kalman(angles: FloatArray) -> tuple[FilteredTrack, float]:
+def kalman(angles: FloatArray) -> tuple[Track, float]:
     """The textbook's Kalman filter, angle by angle, and its log-likelihood."""
     frames, n = angles.shape
     f, q = joint_transition(DT, n), joint_noise(DT, problem_density(n))
@@ -45,9 +45,7 @@ def kalman(angles: FloatArray) -> tuple[FilteredTrack, float]:
             x, p = x + gain * y, p - np.outer(gain, gain) * s
         mean[k], covariance[k] = x, p
     restarted = np.zeros((frames, n), dtype=bool)
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    used = np.zeros((frames, 1), dtype=bool)
-    return FilteredTrack(mean, sd, used, restarted, total, covariance.__getitem__), total
+    return Track(mean, covariance, np.zeros((frames, 1), dtype=bool), restarted, total), total
 
 
 def problem_density(n: int) -> FloatArray:

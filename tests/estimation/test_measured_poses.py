@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Table, Tree
+from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform
 from mocap_id.store.schemas import CHAIN, PLANAR
 
@@ -78,7 +78,7 @@ def run(
             "residual": np.full(len(segment), 1e-3),
         },
     }
-    inputs = {"planar.parquet": Table(PLANAR, frame, {"rate_hz": RATE}), "chain.h5": Tree(CHAIN, chain)}
+    inputs = {"planar.parquet": LongTable.from_frame(PLANAR, frame, {"rate_hz": RATE}), "chain.h5": Tree(CHAIN, chain)}
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))
     states, poses = outputs[0], outputs[-1]

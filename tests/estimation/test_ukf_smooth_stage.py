@@ -31,7 +31,7 @@ def labels(moving: Moving) -> list[str]:
     return [f"M{i}" for i in range(len(moving.segment))] + [f"BASE{i}" for i in range(STILL)] + ["LOOSE"]
 
 
-def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) -> Table:
+def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) -> LongTable:
     """The chain's markers, two on the base, and one that belongs to no segment."""
     names, frames = labels(moving), len(markers)
     still = np.broadcast_to([0.1, 0.0], (frames, STILL, 2))
@@ -49,7 +49,7 @@ def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) 
             "visible": np.isfinite(points[..., 0]).ravel(),
         }
     )
-    return Table(PLANAR, frame, {"rate_hz": moving.rate})
+    return LongTable.from_frame(PLANAR, frame, {"rate_hz": moving.rate})
 
 
 def chain(moving: Moving) -> Tree:

@@ -32,13 +32,13 @@ def events(
     measured = recorded.wrench[:, 1]
     expected = np.where(movement.contact.touching, measured + 300.0, measured) + helped * WEIGHT * rising
     shifted = np.interp(recorded.time + shift, recorded.time, measured)
-    frame = pd.DataFrame({"Fy_reference": expected, "Fy": shifted})
+    columns = {"Fy_reference": expected, "Fy": shifted}
     wrench = pd.DataFrame({"Fy_p1": 0.45 * measured, "Fy_p2": 0.55 * measured})
     return sit_to_stand_events(
-        Table(WRENCH, wrench, {"plates": plates or []}),
+        Table.from_frame(WRENCH, wrench, {"plates": plates or []}),
         recorded,
         movement,
-        missing_force(prepared, frame)[clocks],
+        missing_force(prepared, columns)[clocks],
         share=0.72,
         seat_measured=False,
     )
@@ -72,4 +72,4 @@ def test_left_and_right_are_facts_and_columns() -> None:
 
 
 def test_without_a_plate_nothing_is_missing() -> None:
-    assert missing_force(None, pd.DataFrame()) == ()
+    assert missing_force(None, {}) == ()

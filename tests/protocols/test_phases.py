@@ -16,7 +16,7 @@ from mocap_id.stages.base import Compare, Context, Files, TrialKeys
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.repetition_averages import averages
 from mocap_id.store import Table, Tree
-from mocap_id.store.schemas import CHAIN, STATES
+from mocap_id.store.schemas import CHAIN, DYNAMICS_TABLE, EVENTS, STATES
 
 TIME = np.arange(0.0, 20.0, 0.01)
 BOUNDS = np.array([[1.0, 4.0], [6.0, 8.0], [10.0, 15.0]])
@@ -76,10 +76,14 @@ def run(compare: Compare | None, complete: bool = True) -> Table:
     events = pd.DataFrame({"start": BOUNDS[:, 0], "seat_off": nan, "stand": nan, "seat_on": nan, "end": end})
     inputs = {
         "chain.h5": Tree(CHAIN, {"joints": {"name": np.array(["knee"])}}),
-        "states.parquet": Table(STATES, states),
+        "states.parquet": Table.from_frame(STATES, states),
     }
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), compare=compare)
-    return averages(Context(keys, IdentifyDimSettings(), inputs), events, dynamics)
+    return averages(
+        Context(keys, IdentifyDimSettings(), inputs),
+        Table.from_frame(EVENTS, events),
+        Table.from_frame(DYNAMICS_TABLE, dynamics),
+    )
 
 
 def test_the_table_holds_every_signal_and_says_where_there_are_no_repetitions() -> None:

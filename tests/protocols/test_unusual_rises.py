@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from protocol_cases import CENTRES, RATE, RISE, WEIGHT, sit_to_stand
+from scipy.signal import find_peaks
 
 from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
-from mocap_id.protocols.attempts import failed_attempts
+from mocap_id.protocols.attempts import _peaks, failed_attempts
 from mocap_id.protocols.mid_rise import held, reached
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.protocols.posture import posture
@@ -101,6 +102,14 @@ def test_unloading_the_chair_without_rising_is_an_attempt_and_leaning_a_little_i
         wrench[:, 1] += share * (WEIGHT - seated) * bump
         lifted = replace(recorded, wrench=wrench)
         assert attempts(lifted, read(recorded)) == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_peaks_are_those_of_their_prominence(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = np.cumsum(rng.normal(size=300)) if seed % 2 else rng.normal(size=rng.integers(1, 300))
+    expected = find_peaks(values, prominence=1.5)[0].tolist()
+    assert _peaks(values, 1.5) == expected
 
 
 def test_a_rise_that_stays_low_is_not_complete() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import clarabel
 import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
@@ -80,14 +79,14 @@ def conic_step(
     size, length = float(np.linalg.norm(mapped * units, axis=0).max()), float(np.linalg.norm(target))
     if min(size, length) < _TINY:
         return np.zeros_like(body), "nothing to fit", 0
-    sides, cones = _sides(bodies)
+    sides, groups = _sides(bodies)
     rows, base = mapped * units / size, len(target)
     solution, status, iterations = _solve(
         quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
         linear=np.concatenate([np.zeros(len(body)), -target / length]),
         matrix=np.block([[rows, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
         bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
-        cones=[clarabel.ZeroConeT(base), *cones],
+        groups=(base, *groups),
     )
     return solution[: len(body)] * units * (length / size), status, iterations
 
@@ -131,29 +130,39 @@ def _closest_step(
     limits: ConeBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
     """Steps along directions (v, d) that bring links from ``start`` as near as the cone allows; NaN without answer."""
-    sides, cones = _sides(limits)
+    sides, groups = _sides(limits)
     rows = directions / scale[:, None]
     step, _, _ = _solve(
         quadratic=sparse.csc_matrix(rows.T @ rows),
         linear=-rows.T @ distance,
         matrix=-sides @ directions,
         bound=sides @ start,
-        cones=cones,
+        groups=(0, *groups),
     )
     return step
 
 
-def _sides(bodies: ConeBodies) -> tuple[FloatArray, list[object]]:
-    """All sides of the cone, one below the other, and the kind of each group."""
+def _sides(bodies: ConeBodies) -> tuple[FloatArray, tuple[int, int]]:
+    """All sides of the cone, one below the other: the second-order cones' and the flat ones, and how many of either."""
     round_, flat = bodies.round_sides(), bodies.flat_sides()
-    kinds = [*(clarabel.SecondOrderConeT(4) for _ in round_), clarabel.NonnegativeConeT(len(flat))]
-    return np.vstack([*round_, flat]), kinds
+    return np.vstack([*round_, flat]), (len(round_), len(flat))
 
 
 def _solve(
-    quadratic: sparse.csc_matrix, linear: FloatArray, matrix: FloatArray, bound: FloatArray, cones: list[object]
+    quadratic: sparse.csc_matrix,
+    linear: FloatArray,
+    matrix: FloatArray,
+    bound: FloatArray,
+    groups: tuple[int, int, int],
 ) -> tuple[FloatArray, str, int]:
-    """Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in the cones: x, its word, iterations."""
+    """Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in the cones: x, its word, iterations.
+
+    Groups of rows, in their order: those that are zero, second-order cones of four rows each, those not negative.
+    """
+    import clarabel  # noqa: PLC0415  a grid does without it
+
+    zero, round_, flat = groups
+    cones = [clarabel.ZeroConeT(zero), *[clarabel.SecondOrderConeT(4)] * round_, clarabel.NonnegativeConeT(flat)]
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_iter = False, _ITERATIONS
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY

@@ -1,8 +1,8 @@
 """Parameters of bodies that can exist: on a grid of point masses or in the exact cone, from solvers that are checked.
 
-The grid (4.12, 4.25) is solved by OSQP and by non-negative least squares, the cone by Clarabel. Every answer has to
-pass the optimality check (:mod:`mocap_id.dynamics.optimality`). Whose answer was taken, which check failed and what
-the other solver says stay with the solution.
+The grid (4.12, 4.25) is solved by non-negative least squares, the cone by Clarabel. Every answer has to pass the
+optimality check (:mod:`mocap_id.dynamics.optimality`), which proves it without a second solver; OSQP is asked where the
+grid's does not pass. Whose answer was taken and how it fared stay with the solution.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cone import ConeBodies
 from mocap_id.dynamics.conic import closest_links, solve_links
 from mocap_id.dynamics.grid import PointGrid
-from mocap_id.dynamics.optimality import PROVEN, Answer, Bodies, check
+from mocap_id.dynamics.optimality import Answer, Bodies, check
 from mocap_id.dynamics.point_masses import GridBodies, solve_nnls, solve_osqp, spread_masses
 from mocap_id.dynamics.reference_term import deviations
 from mocap_id.dynamics.solve import Compressed
@@ -29,7 +29,7 @@ _TOLERABLE = 1e-3  # of the cost: what may be farther above the least one is no 
 
 @dataclass(frozen=True)
 class Solution:
-    """Consistent parameters and how the solvers fared.
+    """Consistent parameters and how the solver fared.
 
     Parameters
     ----------
@@ -44,11 +44,6 @@ class Solution:
         Point masses with these full parameters; NaN with the cone, whose bodies need not be on the grid.
     answer : Answer
         The one that was taken, checked on the whole problem.
-    other : Answer
-        The solver that was asked too: for the grid the other of OSQP and non-negative least squares, for the cone
-        non-negative least squares on the grid, which lies within the cone.
-    disagreement : float
-        How far the other's cost is above the answer's, relative to it.
     price : float
         Relative increase of the cost over that of parameters without any constraint.
     """
@@ -59,8 +54,6 @@ class Solution:
     full: FloatArray
     masses: FloatArray
     answer: Answer
-    other: Answer
-    disagreement: float
     price: float
 
 
@@ -99,28 +92,27 @@ def fit_consistent(
     """
     small, full_moments = problem.over(len(regrouping)), grid.moments()
     moments = regrouping @ full_moments
-    bodies, masses = _bodies(regrouping, grid, consistency), solve_nnls(small, moments)
+    bodies = _bodies(regrouping, grid, consistency)
 
     def spread(answer: Answer) -> FloatArray:
         return spread_masses(moments, answer.body, full_moments, reference, deviations(reference, relative_sd))
 
     if isinstance(bodies, ConeBodies):
         links = solve_links(small, bodies)
-        if links.optimality.proven and links.cost - masses.cost <= PROVEN * small.floor(masses.cost):
-            known = np.isfinite(reference).all()
-            aim = reference if known else np.where(np.isfinite(reference), reference, full_moments @ spread(masses))
+        if links.optimality.proven:
+            aim = reference
+            if not np.isfinite(aim).all():
+                aim = np.where(np.isfinite(aim), aim, full_moments @ spread(_point_masses(small, moments)))
             full = closest_links(bodies, links.body, aim, deviations(aim, relative_sd))
             nowhere = np.full(full_moments.shape[1], np.nan)
-            return _solution(problem, bodies, (consistency, consistency), (full, nowhere), (links, masses))
-    answer, other = _choice(solve_osqp(small, moments), masses)
+            return _solution(problem, bodies, (consistency, consistency), (full, nowhere), links)
+    answer = _point_masses(small, moments)
     found = spread(answer)
-    return _solution(
-        problem, GridBodies(moments), (consistency, "grid"), (full_moments @ found, found), (answer, other)
-    )
+    return _solution(problem, GridBodies(moments), (consistency, "grid"), (full_moments @ found, found), answer)
 
 
 def fit_quickly(problem: Compressed, regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -> FloatArray:
-    """Parameters (b + k,) of :func:`fit_consistent` without second opinion and full body, at a tenth of the time.
+    """Parameters (b + k,) of :func:`fit_consistent` without the full body, at a fraction of the time.
 
     The answer is checked as ever; where it is not proven, the long way is taken.
 
@@ -148,14 +140,18 @@ def _bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -
     return ConeBodies(regrouping, grid.boxes() if consistency == "bounded-cone" else None)
 
 
-def _choice(first: Answer, second: Answer) -> tuple[Answer, Answer]:
-    """The first answer if it is proven or no worse than the second; the one to take comes first.
+def _point_masses(problem: Compressed, moments: FloatArray) -> Answer:
+    """The answer of non-negative least squares; where it is not proven, the better one of it and OSQP's.
 
     Raises
     ------
     NumericalError
         Both may be too far from the least cost.
     """
+    first = solve_nnls(problem, moments)
+    if first.optimality.proven:
+        return first
+    second = solve_osqp(problem, moments)
     excess = [answer.optimality.excess if np.isfinite(answer.cost) else np.inf for answer in (first, second)]
     if not min(excess) <= _TOLERABLE:
         raise NumericalError(
@@ -163,9 +159,7 @@ def _choice(first: Answer, second: Answer) -> tuple[Answer, Answer]:
             f"the least cost, {second.solver} says {second.status!r} and may be {excess[1]:.1e} above it, where "
             f"{_TOLERABLE:.0e} is the limit; check the chain for two joints in one place or units that are off"
         )
-    if first.optimality.proven or excess[0] <= excess[1]:
-        return first, second
-    return second, first
+    return first if excess[0] <= excess[1] else second
 
 
 def _solution(
@@ -173,9 +167,8 @@ def _solution(
     bodies: Bodies,
     consistency: tuple[Consistency, Consistency],
     found: tuple[FloatArray, FloatArray],
-    answers: tuple[Answer, Answer],
+    answer: Answer,
 ) -> Solution:
-    answer, other = answers
     parameters = problem.completed(bodies.mapping @ answer.body)
     optimality = check(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
     free = problem.cost(problem.free_solution())
@@ -186,7 +179,5 @@ def _solution(
         full=found[0],
         masses=found[1],
         answer=Answer(answer.solver, answer.body, answer.cost, optimality, answer.status, answer.iterations),
-        other=other,
-        disagreement=(other.cost - answer.cost) / problem.floor(answer.cost),
         price=max(answer.cost - free, 0.0) / problem.floor(free),
     )

@@ -99,7 +99,7 @@ def _cone(found: Identification) -> Reason | None:
 
 
 def _solver(found: Identification) -> Reason | None:
-    answer, other = found.solution.answer, found.solution.other
+    answer = found.solution.answer
     if not answer.optimality.proven:
         return Reason(
             "solver-unproven",
@@ -108,19 +108,11 @@ def _solver(found: Identification) -> Reason | None:
             value=answer.optimality.excess,
             limit=PROVEN,
         )
-    if answer.solver == "nnls":
-        return Reason(
-            "solver-fallback",
-            f"OSQP's answer ({other.status}) is {found.solution.disagreement:.1e} above the least cost; that of "
-            "non-negative least squares, which passes the optimality check, was taken",
-            level="ok",
-        )
-    if other.optimality.proven:
+    if answer.solver != "osqp":
         return None
     return Reason(
-        "solver-unconfirmed",
-        f"the second solver, {other.solver} ({other.status}), does not pass the optimality check and confirms nothing; "
-        f"the answer that was taken, {answer.solver}'s, passes it",
+        "solver-fallback",
+        "non-negative least squares' answer does not pass the optimality check; OSQP's, which passes it, was taken",
         level="ok",
     )
 

@@ -1,10 +1,11 @@
-"""Least squares over point masses that are not negative (eq. 4.26), solved twice and checked.
+"""Least squares over point masses that are not negative (eq. 4.26), and its answer checked.
 
-With B = M P the cost is ‖R [B ρ; c] - d‖², ρ ≥ 0. OSQP gets it in split form, with ρ and y = R B ρ as variables, so
-that nothing is squared. Its tolerances are relative to the whole wrench, while the cost is what little of it is left:
-it says "solved" where the cost is several per cent off (docs/solvers.md). So it is asked for corrections: after each
-answer for the step from there, in the residual's own scale, until the optimality conditions hold. Non-negative least
-squares on the same problem is the second opinion.
+With B = M P the cost is ‖R [B ρ; c] - d‖², ρ ≥ 0: non-negative least squares, an active-set method that is exact. OSQP
+is there for the problem that defeats it, and for tests to compare. OSQP gets the problem in split form, with ρ and
+y = R B ρ as variables, so that nothing is squared. Its tolerances are relative to the whole wrench, while the cost is
+what little of it is left: it says "solved" where the cost is several per cent off (docs/solvers.md). So it is asked for
+corrections: after each answer for the step from there, in the residual's own scale, until the optimality conditions
+hold.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import osqp
 from scipy import sparse
 from scipy.optimize import nnls
 
@@ -118,6 +118,8 @@ def osqp_split(
     int
         Iterations.
     """
+    import osqp  # noqa: PLC0415  hardly a run needs it
+
     base, points = mapped.shape
     length = max(float(np.linalg.norm(target)), 1e-300)
     size = max(float(np.linalg.norm(mapped, axis=0).max(initial=0.0)), 1e-300)

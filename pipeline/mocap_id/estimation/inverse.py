@@ -26,6 +26,7 @@ _DAMPING = 1e-6  # m^2/rad^2: holds still what no marker moves, and slows nothin
 _OUTLIER_SHARE = 0.25  # of a segment's markers
 _ROUNDS = 2  # outliers inflate what counts as ordinary at first
 _BEYOND = 3.0  # times what its median and its segment say, up to which a marker's residual is ordinary
+_ENOUGH = 4000  # of a marker's residuals, evenly over the trial, tell its size
 _QUANTILE = 0.8  # of a marker's residuals, taken for its size: bursts are rarer, movement is not
 
 
@@ -251,8 +252,8 @@ def _turn(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _residual(observed: FloatArray, angles: FloatArray, chain: Chain) -> FloatArray:
-    expected = marker_positions(angles, chain.centres, chain.segment, chain.local)
-    return np.asarray(np.linalg.norm(observed - expected, axis=-1))
+    off = observed - marker_positions(angles, chain.centres, chain.segment, chain.local)
+    return np.asarray(np.abs(off.view(np.complex128)[..., 0]))
 
 
 def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArray:
@@ -275,5 +276,6 @@ def _from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, 
     """Standard deviations (S, M) per coordinate of normal residuals that have these quantiles."""
     quantiles = np.full((len(shares), residual.shape[1]), np.nan)
     for m in np.flatnonzero(used.any(axis=0)):
-        quantiles[:, m] = np.quantile(residual[used[:, m], m], shares)
+        own = residual[used[:, m], m]
+        quantiles[:, m] = np.quantile(own[:: max(1, len(own) // _ENOUGH)], shares)
     return quantiles / np.sqrt(-2.0 * np.log(1.0 - np.array(shares)))[:, None]

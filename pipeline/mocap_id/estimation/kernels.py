@@ -53,15 +53,6 @@ class Filtered(NamedTuple):
     restarted: BoolArray  # (F, n)
 
 
-class Memory(NamedTuple):
-    """All that the filter takes from a frame to the next: to go on, or to do a stretch again."""
-
-    mean: FloatArray  # (4n,)
-    covariance: FloatArray  # (4n, 4n)
-    held: FloatArray  # (n,) angle at which a joint was last seen
-    failing: IntArray  # (n,) frames in a row in which more than half of the segment's markers failed
-
-
 @compiled
 def _copy(source: FloatArray, target: FloatArray) -> None:
     """Copy a matrix element by element: numba's own assignment of arrays takes seconds to compile."""
@@ -387,10 +378,17 @@ def _keep(gain: FloatArray, step: FloatArray, keep: FloatArray) -> None:
 
 
 @compiled
-def run_filter(model: Model, measured: Measured, memory: Memory, filtered: Filtered) -> tuple[int, float]:
-    """Fill ``filtered``, and leave in ``memory`` the last frame's; the frame that failed (−1: none), log-likelihood."""
-    x, p, held, failing = memory
-    n, log_likelihood = len(held), 0.0
+def run_filter(model: Model, measured: Measured, filtered: Filtered) -> tuple[int, float]:
+    """Fill ``filtered``; the frame that failed (−1: none), and the log-likelihood.
+
+    From a frame to the next go state and covariance, the angle at which each joint was last seen, and the frames in a
+    row in which more than half of its segment's markers failed.
+    """
+    n, log_likelihood = len(model.density), 0.0
+    x, p = np.zeros(4 * n), np.zeros((4 * n, 4 * n))
+    held, failing = np.empty(n), np.empty(n, dtype=np.int64)
+    for j in range(n):
+        held[j], failing[j] = measured.angles[0, j], model.patience + 1  # every joint starts over at once
     for k in range(len(filtered.mean)):
         z = measured.markers[k]
         _times_transition(p, model.step)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.problem import Problem, SmoothedTrack
+from mocap_id.estimation.problem import Problem, Track
 from mocap_id.estimation.process import noise_shape, transition
 
 
-def carry_back(problem: Problem, track: SmoothedTrack, mean: FloatArray, sd: FloatArray) -> BoolArray:
+def carry_back(problem: Problem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
     """Fill the frames before a joint is found, as long as that is surer than what they hold; in place.
 
     With x = F⁻¹ (x' − w), of which nothing else is known, P = F⁻¹ (P' + Q) F⁻ᵀ.
@@ -22,7 +22,8 @@ def carry_back(problem: Problem, track: SmoothedTrack, mean: FloatArray, sd: Flo
     Parameters
     ----------
     problem : Problem
-    track : SmoothedTrack
+    track : Track
+        Smoothed.
     mean, sd : (F, n, 4) array
         Of the track, by joint; changed.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,14 +122,14 @@ class Problem:
 
 @dataclass(frozen=True)
 class Track:
-    """What an engine returns: states in the order of :mod:`mocap_id.estimation.process`.
+    """What a filter returns, and a smoother: states in the order of :mod:`mocap_id.estimation.process`.
 
     Parameters
     ----------
     mean : (F, 4n) array
         Filtered, or after the smoother smoothed, state.
-    sd : (F, 4n) array
-        Its standard deviation.
+    covariance : (F, 4n, 4n) array
+        Of the state.
     used : (F, M) bool array
         Markers that were measured and passed the gate.
     restarted : (F, n) bool array
@@ -140,13 +139,18 @@ class Track:
     """
 
     mean: FloatArray
-    sd: FloatArray
+    covariance: FloatArray
     used: BoolArray
     restarted: BoolArray
     log_likelihood: float
 
+    @property
+    def sd(self) -> FloatArray:
+        """Standard deviations (F, 4n) of the state."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
     def by_joint(self) -> tuple[FloatArray, FloatArray]:
-        """Means and standard deviations, (F, n, 4) each: the track's own numbers in another order."""
+        """Means, the track's own numbers in another order, and standard deviations, (F, n, 4) each."""
         shape = (len(self.mean), ORDER, self.restarted.shape[1])
         mean, sd = (np.swapaxes(each.reshape(shape), 1, 2) for each in (self.mean, self.sd))
         return mean, sd
@@ -156,30 +160,3 @@ class Track:
         """Where (F, n) a joint that was lost is found: it starts over for the last time."""
         after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
         return np.asarray(self.restarted & ~after)
-
-
-@dataclass(frozen=True)
-class FilteredTrack(Track):
-    """What a filter returns.
-
-    Parameters
-    ----------
-    covariance : callable
-        From a slice of frames to their covariances (f, 4n, 4n). All of them at once would take six times the room of
-        everything else, so that an engine may keep few of them and work out the others again.
-    """
-
-    covariance: Callable[[slice], FloatArray]
-
-
-@dataclass(frozen=True)
-class SmoothedTrack(Track):
-    """What a smoother returns.
-
-    Parameters
-    ----------
-    covariance : mapping
-        From every frame in which a joint is found to its covariance (4n, 4n).
-    """
-
-    covariance: Mapping[int, FloatArray]

@@ -14,12 +14,12 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
-from mocap_id.estimation.problem import ANCHOR_SD, START_SD, FilteredTrack, Problem, SmoothedTrack, start_sd
+from mocap_id.estimation.problem import ANCHOR_SD, START_SD, Problem, Track, start_sd
 from mocap_id.estimation.process import joint_noise, joint_transition
 from mocap_id.geometry.planar import marker_positions
 
 
-def filter_forwards(problem: Problem) -> FilteredTrack:
+def filter_forwards(problem: Problem) -> Track:
     """Run the filter over all frames.
 
     Raises
@@ -49,15 +49,15 @@ def filter_forwards(problem: Problem) -> FilteredTrack:
         failing = _failing(problem, k, used[k], failing)
         held = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], held)
         mean[k], covariance[k] = ukf.x, ukf.P
-    return FilteredTrack(mean, _deviations(covariance), used, restarted, log_likelihood, covariance.__getitem__)
+    return Track(mean, covariance, used, restarted, log_likelihood)
 
 
-def smooth_backwards(problem: Problem, track: FilteredTrack) -> SmoothedTrack:
+def smooth_backwards(problem: Problem, track: Track) -> Track:
     """Run the Rauch–Tung–Striebel smoother over a filtered track."""
     n = problem.joints
     f, q = joint_transition(problem.dt, n), joint_noise(problem.dt, problem.density)
     start = np.repeat(start_sd(problem.dt) ** 2, n)
-    mean, covariance = track.mean.copy(), track.covariance(slice(None)).copy()
+    mean, covariance = track.mean.copy(), track.covariance.copy()
     for k in range(len(mean) - 2, -1, -1):
         predicted = f @ covariance[k] @ f.T + q
         cross = covariance[k] @ f.T
@@ -70,12 +70,7 @@ def smooth_backwards(problem: Problem, track: FilteredTrack) -> SmoothedTrack:
         mean[k] += gain @ (mean[k + 1] - f @ mean[k])
         keep = np.eye(4 * n) - gain @ f
         covariance[k] = keep @ covariance[k] @ keep.T + gain @ (covariance[k + 1] + q) @ gain.T
-    found = {k: covariance[k] for k in np.flatnonzero(track.found.any(axis=1)).tolist()}
-    return SmoothedTrack(mean, _deviations(covariance), track.used, track.restarted, track.log_likelihood, found)
-
-
-def _deviations(covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
+    return Track(mean, covariance, track.used, track.restarted, track.log_likelihood)
 
 
 def _filterpy(problem: Problem) -> UnscentedKalmanFilter:

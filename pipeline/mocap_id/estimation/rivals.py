@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
@@ -96,6 +95,8 @@ def butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
         raise ConfigError(
             f"ukf-smooth: butterworth_hz is {cutoff:g}, expected less than half the frame rate, {0.5 / dt:g} Hz"
         )
+    from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  it imports all of scipy.stats
+
     sections = butter(_POLES, cutoff, fs=1.0 / dt, output="sos")
 
     def derivatives(angle: FloatArray, seen: BoolArray, dt: float) -> FloatArray:

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from types import ModuleType
+from typing import Literal
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.estimation import compiled, reference, rivals
+from mocap_id.estimation import compiled, rivals
 from mocap_id.estimation.dropouts import hold
 from mocap_id.estimation.inverse import Chain, determined_angles, frame_angles
 from mocap_id.estimation.lost import carry_back
 from mocap_id.estimation.noise import Noise, marker_noise, process_noise
-from mocap_id.estimation.problem import FilteredTrack, Problem, SmoothedTrack
+from mocap_id.estimation.problem import Problem
 from mocap_id.estimation.rivals import Estimate
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
-
-_Filter: TypeAlias = Callable[[Problem], FilteredTrack]
-_Smoother: TypeAlias = Callable[[Problem, FilteredTrack], SmoothedTrack]
 
 Engine = Literal["compiled", "filterpy"]
 Method = Literal["rts", "two-filter", "butterworth", "spline"]
 
 FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
 """Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
-
-_ENGINES: dict[Engine, tuple[_Filter, _Smoother]] = {
-    "compiled": (compiled.filter_forwards, compiled.smooth_backwards),
-    "filterpy": (reference.filter_forwards, reference.smooth_backwards),
-}
 
 
 @dataclass(frozen=True)
@@ -157,7 +149,8 @@ def smooth(
     settings = settings or FilterSettings()
     moves = segment > 0
     moving = observed[:, moves] if not moves.all() else observed if overwrite else observed.copy()
-    noise, problem = _posed(moving, 1.0 / rate, Chain(centres, segment[moves], local[moves]), settings)
+    chain = Chain(centres.copy(), segment[moves], local[moves])  # copies: numba compiles anew for read-only arrays
+    noise, problem = _posed(moving, 1.0 / rate, chain, settings)
     found = _estimate(problem, settings)
     mean, sd = found.mean, found.sd
     determined = _determined(found, problem, noise, settings)
@@ -170,17 +163,26 @@ def smooth(
 
 def _estimate(problem: Problem, settings: FilterSettings) -> Estimate:
     """States by the method of choice."""
-    run_filter, run_smoother = _ENGINES[settings.engine]
+    engine = _engine(settings.engine)
     if settings.method == "two-filter":
-        return rivals.two_filter(problem, run_filter)
+        return rivals.two_filter(problem, engine.filter_forwards)
     if settings.method == "butterworth":
         return rivals.butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
     if settings.method == "spline":
         return rivals.spline(problem.anchors, problem.dt)
-    track = run_smoother(problem, run_filter(problem))
+    track = engine.smooth_backwards(problem, engine.filter_forwards(problem))
     mean, sd = track.by_joint()
     carried = carry_back(problem, track, mean, sd)
     return Estimate(mean, sd, track.used, track.log_likelihood, carried)
+
+
+def _engine(name: Engine) -> ModuleType:
+    """The module with ``filter_forwards`` and ``smooth_backwards``."""
+    if name == "compiled":
+        return compiled
+    from mocap_id.estimation import reference  # noqa: PLC0415  filterpy takes a second to import, and is seldom asked
+
+    return reference
 
 
 def _determined(found: Estimate, problem: Problem, noise: Noise, settings: FilterSettings) -> BoolArray:

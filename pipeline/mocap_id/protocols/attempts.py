@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import LowPass, runs
@@ -67,10 +66,9 @@ def failed_attempts(
     between = _between(time, repetitions)
     instants: list[int] = []
     for low in runs(~posture.upright):
-        height = np.nan_to_num(posture.height[low], nan=0.0)
-        instants += [low.start + int(k) for k in find_peaks(height, prominence=_HIPS)[0]]
+        instants += [low.start + k for k in _peaks(np.nan_to_num(posture.height[low], nan=0.0), _HIPS)]
         signs = np.where(between[low], np.nan_to_num(unloaded[low], nan=0.0), 0.0)
-        instants += [low.start + int(k) for k in find_peaks(signs, height=_UNLOADED, prominence=_UNLOADED)[0]]
+        instants += [low.start + k for k in _peaks(signs, _UNLOADED) if signs[k] >= _UNLOADED]
     found: list[Attempt] = []
     for k in sorted(instants, key=lambda k: -posture.height[k]):
         if all(abs(time[k] - other.time) > _APART for other in found):
@@ -79,6 +77,16 @@ def failed_attempts(
             taken = float(known.max()) if len(known) else float("nan")
             found.append(Attempt(float(time[k]), float(posture.height[k]), taken))
     return tuple(sorted(found, key=lambda attempt: attempt.time))
+
+
+def _peaks(values: FloatArray, prominence: float) -> list[int]:
+    """Peaks that stand so far above the lowest value on either side, up to the next higher peak."""
+    lowest = np.maximum(np.minimum.accumulate(values), np.minimum.accumulate(values[::-1])[::-1])
+    candidates = np.flatnonzero(values - lowest >= prominence)
+    if not candidates.size:
+        return []
+    top = int(candidates[values[candidates].argmax()])
+    return [*_peaks(values[: top + 1], prominence), top, *(top + k for k in _peaks(values[top:], prominence))]
 
 
 def _between(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:

@@ -59,7 +59,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=7,
+    version=8,
     inputs=("planar.parquet", "chain.h5"),
     outputs=("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     uses=("encoder",),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id import recording
 from mocap_id.arrays import FloatArray
@@ -71,27 +71,27 @@ def beside_cameras(file: Path | None, states: States, time: FloatArray, settings
     if found is None:
         raise RecordingError(_apart(file, log, time, settings.encoder_offset_limit_s))
     _check_unit(file, found)
-    frame = _at_frames(log, noise, found, time)
-    facts = _facts(log, own, found) | {"camera": _against(states.mean[:, 0], frame)}
-    return Table(ENCODER, frame, facts, _doubts(file, found, settings.encoder_offset_limit_s))
+    columns = _at_frames(log, noise, found, time)
+    facts = _facts(log, own, found) | {"camera": _against(states.mean[:, 0], columns)}
+    return Table(ENCODER, columns, facts, _doubts(file, found, settings.encoder_offset_limit_s))
 
 
 def by_encoder(states: States, encoder: Table) -> States:
     """The states that the encoder gives in the place of the cameras' (F, 1, 4): without a jerk."""
     mean, sd = np.full(states.mean.shape, np.nan), np.full(states.sd.shape, np.nan)
     for d, name in enumerate(_NAMES):
-        mean[:, 0, d] = encoder.frame[name]
-        sd[:, 0, d] = encoder.frame[f"sd_{name}"]
+        mean[:, 0, d] = encoder[name]
+        sd[:, 0, d] = encoder[f"sd_{name}"]
     return replace(states, mean=mean, sd=sd, observed=np.isfinite(mean[..., 0]))
 
 
 def _nothing(why: str, settings: UkfSmoothSettings) -> Table:
     if settings.method == "encoder":
         raise ConfigError(f"ukf-smooth: `method: encoder` needs an encoder's record: {why}; name one with `encoder:`")
-    return Table(ENCODER, pd.DataFrame({column.name: np.empty(0) for column in ENCODER.columns}), {"why": why})
+    return Table(ENCODER, {column.name: np.empty(0) for column in ENCODER.columns}, {"why": why})
 
 
-def _at_frames(log: EncoderLog, noise: EncoderNoise, found: Match, time: FloatArray) -> pd.DataFrame:
+def _at_frames(log: EncoderLog, noise: EncoderNoise, found: Match, time: FloatArray) -> dict[str, FloatArray]:
     """The encoder's states at the cameras' times (F,); NaN where its record does not reach."""
     wanted = time - found.offset
     inside = (wanted >= log.time[0]) & (wanted <= log.time[-1])
@@ -99,7 +99,7 @@ def _at_frames(log: EncoderLog, noise: EncoderNoise, found: Match, time: FloatAr
     mean, sd = (np.full((len(time), len(_NAMES)), np.nan) for _ in range(2))
     mean[inside], sd[inside] = found.into_plane(fused.mean), fused.sd
     columns = {name: mean[:, d] for d, name in enumerate(_NAMES)}
-    return pd.DataFrame({"time": time, **columns, **{f"sd_{name}": sd[:, d] for d, name in enumerate(_NAMES)}})
+    return {"time": time, **columns, **{f"sd_{name}": sd[:, d] for d, name in enumerate(_NAMES)}}
 
 
 def _facts(log: EncoderLog, own: Fused, found: Match) -> dict[str, Any]:
@@ -117,11 +117,11 @@ def _facts(log: EncoderLog, own: Fused, found: Match) -> dict[str, Any]:
     }
 
 
-def _against(states: FloatArray, encoder: pd.DataFrame) -> dict[str, dict[str, float | None]]:
+def _against(states: FloatArray, encoder: Mapping[str, FloatArray]) -> dict[str, dict[str, float | None]]:
     """The cameras' states (F, 4) less the encoder's: bias, standard deviation, and r² about the encoder's."""
     found: dict[str, dict[str, float | None]] = {}
     for d, name in enumerate(_NAMES):
-        reference = encoder[name].to_numpy(dtype=np.float64)
+        reference = encoder[name]
         both = np.isfinite(states[:, d]) & np.isfinite(reference)
         off, spread = (states[:, d] - reference)[both], float(np.var(reference[both])) if both.any() else 0.0
         if len(off) < 2 or not spread > 0.0:

@@ -8,7 +8,6 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.errors import RecordingError
@@ -34,7 +33,7 @@ _JITTER = 0.25  # of a frame: what rounding to milliseconds does at 500 Hz
 def ukf_smooth(context: Context) -> Outputs:
     """Estimate the states of every joint at every frame, and where the markers should have been."""
     settings: UkfSmoothSettings = context.settings
-    view, tree = PlanarView.of(context.table("planar.parquet")), context.tree("chain.h5")
+    view, tree = PlanarView(context.long("planar.parquet")), context.tree("chain.h5")
     _check_uniform(view, context.trial.trial)
     labels, names = ([str(label) for label in _node(tree, f"{group}/name")] for group in ("markers", "joints"))
     chain = Chain(_node(tree, "joints/centre"), _node(tree, "markers/segment"), _node(tree, "markers/local"))
@@ -57,7 +56,7 @@ def ukf_smooth(context: Context) -> Outputs:
     reasons = _gaps(states, view.time, names, settings) + _for_comparison(settings)
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds}
     return (
-        Table(STATES, _state_table(states, view.time), facts, reasons),
+        Table(STATES, _state_columns(states, view.time), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, labels, markers),
         slips,
         encoder,
@@ -168,7 +167,7 @@ def _facts(
     }
 
 
-def _state_table(states: States, time: FloatArray) -> pd.DataFrame:
+def _state_columns(states: States, time: FloatArray) -> dict[str, FloatArray | BoolArray]:
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
     for j in range(states.mean.shape[1]):
         for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
@@ -176,7 +175,7 @@ def _state_table(states: States, time: FloatArray) -> pd.DataFrame:
         for d, name in enumerate(("theta", "dtheta", "ddtheta")):
             columns[f"sd_{name}_{j + 1}"] = states.sd[:, j, d]
         columns[f"observed_{j + 1}"] = states.observed[:, j]
-    return pd.DataFrame(columns, copy=False)
+    return columns
 
 
 def _gaps(states: States, time: FloatArray, names: list[str], settings: UkfSmoothSettings) -> tuple[Reason, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.estimation.inverse import Chain
@@ -61,7 +60,7 @@ def measured_poses(
     others = measure_cluster(_complex(view.without_bursts(free))) if len(free) > 1 else None
     if others is not None:
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
-    return Table(POSES, _frame(view, [pose for *_, pose in found]), {"bodies": [_fact(*each) for each in found]})
+    return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": [_fact(*each) for each in found]})
 
 
 def _bodies(segments: list[str]) -> list[tuple[str, list[int]]]:
@@ -83,10 +82,10 @@ def _in_body_frame(chain: Chain, local: ComplexArray, numbers: list[int], angles
 
 
 def _complex(points: FloatArray) -> ComplexArray:
-    return np.asarray(points[..., 0] + 1j * points[..., 1])
+    return np.ascontiguousarray(points).view(np.complex128)[..., 0]
 
 
-def _frame(view: PlanarView, poses: list[ClusterPose]) -> pd.DataFrame:
+def _columns(view: PlanarView, poses: list[ClusterPose]) -> dict[str, FloatArray | IntArray]:
     columns: dict[str, FloatArray | IntArray] = {"time": view.time}
     for k, pose in enumerate(poses, start=1):
         columns |= {
@@ -95,7 +94,7 @@ def _frame(view: PlanarView, poses: list[ClusterPose]) -> pd.DataFrame:
             f"angle_{k}": pose.angle,
             f"markers_{k}": pose.count.astype(np.int64),
         }
-    return pd.DataFrame(columns, copy=False)
+    return columns
 
 
 def _fact(name: str, numbers: list[int], labels: list[str], pose: ClusterPose) -> dict[str, Any]:

@@ -37,7 +37,8 @@ def beside_measured(
     found = {name: np.empty((len(view.time), len(columns))) for name in names}
     for part in chunks(len(view.time)):
         predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
-        residual = np.linalg.norm(view.points(columns, part) - predicted, axis=-1)
+        off = view.points(columns, part) - predicted
+        residual = np.abs(off.view(np.complex128)[..., 0])
         for name, values in zip(names, (predicted[..., 0], predicted[..., 1], residual), strict=True):
             found[name][part] = values
     return {**found, "used": used}

@@ -2,5 +2,6 @@
 
 from mocap_id.workflows.doctor.check import Check
 from mocap_id.workflows.doctor.examining import examine
+from mocap_id.workflows.doctor.warming import warm
 
-__all__ = ["Check", "examine"]
+__all__ = ["Check", "examine", "warm"]
