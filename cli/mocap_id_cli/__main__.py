@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import os
 import signal
 import sys
@@ -59,6 +60,7 @@ def _command_line() -> None:
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # which gives back what tables no longer need
     _return_memory()
+    gc.set_threshold(50_000, 20, 20)  # the libraries' objects stay: looking for garbage among them takes 0.1 s of a run
     from mocap_id_cli import live  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
     from mocap_id_cli.app import build  # noqa: PLC0415
 

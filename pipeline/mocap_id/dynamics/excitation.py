@@ -13,11 +13,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base import base_names
 from mocap_id.dynamics.course import Course, joined, recorded_course
 from mocap_id.dynamics.fit import DEPENDENT
-from mocap_id.dynamics.foresight import Body, Foresight, unit_variances
+from mocap_id.dynamics.foresight import SAMPLES, Body, Foresight, unit_variances
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.prepare import Prepared
 
@@ -29,6 +29,8 @@ WEAK_ROBOT = 0.05  # a robot's parameters are wanted to per cents
 LOST = 1.0
 FACTOR = 1.5  # by which a movement is made faster or larger
 _HELPS = 0.8  # of the standard deviation: more is within what the foresight is off by
+_FEW, _MAYBE = 40, 1.1
+"""Samples that tell whether a movement may help, and by how much they may be off: most movements need no more."""
 _RATE = 40.0  # Hz; movements are below 3 Hz
 _LEAST_LEVER = 0.05  # m
 
@@ -126,7 +128,7 @@ def excitation(prepared: Prepared, found: Identification, weak: float = WEAK) ->
         relative_sd=relative,
         own=own,
         share=share,
-        advice=() if set(verdict) == {"known"} else advise(prepared, found),
+        advice=() if set(verdict) == {"known"} else advise(prepared, found, np.array(verdict) != "known"),
         weak=weak,
     )
 
@@ -165,29 +167,41 @@ def _own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:
     return own, own / np.maximum(np.linalg.norm(rows, axis=0)[:base], 1e-300)
 
 
-def advise(prepared: Prepared, found: Identification) -> tuple[Advice | None, ...]:
+def advise(prepared: Prepared, found: Identification, wanted: BoolArray | None = None) -> tuple[Advice | None, ...]:
     """For each parameter the change of the movement that takes most off its standard deviation.
 
     Parameters
     ----------
     prepared, found
         As for :func:`excitation`.
+    wanted : (b,) bool array, optional
+        Parameters that need it; all by default.
 
     Returns
     -------
     tuple of (Advice or None)
         b long.
     """
+    wanted = np.ones(len(found.base), dtype=np.bool_) if wanted is None else wanted
     sight = Foresight.of(Body(prepared, found), recorded_course(prepared.recorded, found.fit.in_fit).thinned(_RATE))
     best: list[Advice | None] = [None] * len(found.base)
     for change, joint in changes(len(prepared.recorded.centres)):
         movement = changed(sight.own, change, joint)
-        after = sight.foresee(movement, seconds=sight.now.samples, exactly=False).sd
-        for i, value in enumerate(after / np.maximum(sight.now.sd, 1e-300)):
+        if np.min(_ratios(sight, movement, _FEW)[wanted]) > _MAYBE * _HELPS:
+            continue
+        ratios = _ratios(sight, movement, SAMPLES)
+        for i in np.flatnonzero(wanted):
+            value = ratios[i]
             least = best[i].ratio if best[i] is not None else _HELPS  # type: ignore[union-attr]
             if value < least:
                 best[i] = Advice(change, joint, float(value))
     return tuple(best)
+
+
+def _ratios(sight: Foresight, movement: Course, samples: int) -> FloatArray:
+    """Standard deviations (b,) after a movement that lasts as long as the trial's own, by those of the trial."""
+    after = sight.foresee(movement, seconds=sight.now.samples, samples=samples, exactly=False).sd
+    return np.asarray(after / np.maximum(sight.now.sd, 1e-300))
 
 
 def changes(joints: int) -> list[tuple[Change, int | None]]:

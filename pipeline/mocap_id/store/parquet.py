@@ -57,8 +57,10 @@ def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStr
     columns = _columns(table)
     provenance = Provenance(table.schema.file, table.schema.version, origin, table.facts, table.reasons)
     schema = pa.schema([_field(column) for column in columns], metadata=provenance.encode())
-    coded = [column.name for column in columns if column.dtype != "float64"]  # measurements hardly repeat
-    with pq.ParquetWriter(stream, schema, compression="zstd", use_dictionary=coded, write_page_checksum=True) as writer:
+    numbers = [column.name for column in columns if column.dtype == "float64"]  # they hardly repeat: split into bytes
+    coded = [column.name for column in columns if column.dtype != "float64"]
+    how = {"compression": "zstd", "use_dictionary": coded, "use_byte_stream_split": numbers}
+    with pq.ParquetWriter(stream, schema, **how, write_page_checksum=True) as writer:
         for rows in chunks(table.length, _ROWS):
             writer.write_table(_stretch(table, columns, schema, rows))
 
