@@ -123,8 +123,7 @@ has a stream of chance of its own, drawn from one seed, and a higher level is th
 
 | file | content |
 |---|---|
-| `sensitivity.html` | what the trial tolerates, the tornado, every perturbation |
-| `tornado.svg`, `tornado.pdf` | for each parameter, how far each kind of error moves it |
+| `sensitivity.html` | what it tolerates; how far each error moves each parameter (tornado); every perturbation |
 | `tolerates.csv`, `.parquet` | the sentences, and the numbers in them |
 | `perturbations.csv`, `.parquet` | of each: verdict, new codes, condition number, r², CoP, torques, states |
 | `responses.csv`, `.parquet` | of each and every parameter: change in units, % of its size, stated deviations |

@@ -90,6 +90,11 @@ COMMANDS = (
         partial(_found, "exporting", "export"),
     ),
     Entry(
+        "figures",
+        "Draw the figures of a report, of a study's page or of a validation's as SVG and PDF, with their captions.",
+        partial(_found, "drawing", "figures"),
+    ),
+    Entry(
         "explain",
         "Say what a code of a verdict, an error or an exit code means, how it is judged, and what to do.",
         partial(_found, "explaining", "explain"),

@@ -14,6 +14,7 @@ import pytest
 
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.errors import ConfigError
+from mocap_id.workflows.figures import figures
 from mocap_id.workflows.robot_study import Outcome, validate_robot
 from mocap_id.workflows.robot_study.columns import TABLES
 from mocap_id.workflows.simulate import Options, RobotSet, simulate_set
@@ -112,9 +113,11 @@ def test_files_say_what_they_hold(study: tuple[Path, Outcome]) -> None:
         assert stored.num_rows == table["rows"] == len(pd.read_csv(out / f"{name}.csv"))
         assert stored.schema.field(-1).metadata[b"meaning"].decode() == table["columns"][-1]["meaning"]
     page = (out / "robot.html").read_text()
-    assert page.count("<svg") == 4 and "2 of 2 trials went through" in page  # one cell: one recovery
+    assert page.count('class="chart" data-figure=') == 4  # one cell: one recovery
+    assert "2 of 2 trials went through" in page
     assert "| elbow |" in (out / "robot.md").read_text()
-    assert {path.stem for path in (out / "figures").iterdir()} == {"recovery-1", "wrench", "residuals", "accelerations"}
+    drawn = {path.stem for path in figures(out)}
+    assert drawn == {"recovery-1", "wrench", "residuals", "accelerations", "captions"}
 
 
 def test_what_no_method_changes_is_computed_once(study: tuple[Path, Outcome]) -> None:

@@ -15,7 +15,7 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
 from mocap_id.stages.identify_dim.repetition_averages import averages
 from mocap_id.stages.report import STAGE, ReportSettings
-from mocap_id.store import Artefact, Document, Table, Tree
+from mocap_id.store import Artefact, Document, Facts, LongTable, Table, TableSchema, Tree
 from mocap_id.store.schemas import (
     CHAIN,
     DYNAMICS_TABLE,
@@ -61,11 +61,9 @@ class Trial:
         self.noise = 0.002 * self.random.standard_normal(self.predicted.shape)
         self.seen = self.random.random(self.predicted.shape[:2]) > 0.02
 
-    def planar(self, reasons: tuple[Reason, ...] = ()) -> Table:
+    def planar(self, reasons: tuple[Reason, ...] = ()) -> LongTable:
         measured = np.where(self.seen[..., None], self.predicted + self.noise, np.nan)
-        frame = self._long({"x": measured[..., 0], "y": measured[..., 1]})
-        frame["z"] = np.where(self.seen, 0.1, np.nan).ravel()
-        frame["visible"] = self.seen.ravel()
+        values = {"x": measured[..., 0], "y": measured[..., 1], "z": np.where(self.seen, 0.1, np.nan)}
         facts = {
             "plane": {"yaw_deg": 12.5, "planarity": 0.004, "origin_m": [0.1, 0.2, 0.0]},
             "window_s": [0.0, self.frames / RATE],
@@ -76,7 +74,7 @@ class Trial:
             "units": "mm",
             "files": ["trial.c3d"],
         }
-        return Table(PLANAR, frame, facts, reasons)
+        return self._long(PLANAR, values | {"visible": self.seen}, facts, reasons)
 
     def wrench(self, *, plates: bool = True) -> Table:
         force = 700 + 60 * np.sin(2 * np.pi * self.time / CYCLE)
@@ -92,7 +90,7 @@ class Trial:
             "mass_kg": 71.4 if plates else None,
             "why": None if plates else "the recording has no force plate",
         }
-        return Table(WRENCH, frame, facts)
+        return Table.from_frame(WRENCH, frame, facts)
 
     def segments(self, reasons: tuple[Reason, ...] = ()) -> Table:
         frame = pd.DataFrame(
@@ -124,7 +122,7 @@ class Trial:
             "static_gap": 21.0,
             "hypotheses": [self._hypothesis(self.n, -120.5, "chosen"), self._hypothesis(self.n - 1, -80.25, LOST)],
         }
-        return Table(SEGMENTS, frame, facts, reasons)
+        return Table.from_frame(SEGMENTS, frame, facts, reasons)
 
     def _hypothesis(self, joints: int, cost: float, why: str) -> dict[str, object]:
         bodies = [
@@ -183,12 +181,12 @@ class Trial:
             "method": "rts",
             "engine": "numba",
         }
-        return Table(STATES, frame, facts)
+        return Table.from_frame(STATES, frame, facts)
 
-    def markers(self) -> Table:
-        frame = self._long({"x": self.predicted[..., 0], "y": self.predicted[..., 1]})
-        frame["residual"] = np.where(self.seen, np.hypot(*np.moveaxis(self.noise, -1, 0)), np.nan).ravel()
-        return Table(MARKERS, frame)
+    def markers(self) -> LongTable:
+        residual = np.where(self.seen, np.hypot(*np.moveaxis(self.noise, -1, 0)), np.nan)
+        values = {"x": self.predicted[..., 0], "y": self.predicted[..., 1], "residual": residual}
+        return self._long(MARKERS, values, {}, ())
 
     def events(self, repetitions: int = 3) -> Table:
         start = CYCLE * np.arange(repetitions, dtype=float)
@@ -237,7 +235,7 @@ class Trial:
                 "why": None,
             },
         }
-        return Table(EVENTS, frame.astype({"complete": bool, "why": object}), facts)
+        return Table.from_frame(EVENTS, frame.astype({"complete": bool, "why": object}), facts)
 
     def dynamics_table(self, *, plates: bool = True) -> Table:
         frame = self.wrench().frame.drop(columns="plate_ok")
@@ -251,7 +249,7 @@ class Trial:
         if not plates:
             numbers = frame.columns.drop(["time", "in_fit"])
             frame[numbers], frame["in_fit"] = np.nan, False
-        return Table(DYNAMICS_TABLE, frame)
+        return Table.from_frame(DYNAMICS_TABLE, frame)
 
     def dynamics_tree(self, *, plates: bool = True) -> Tree:
         full = 4 * (self.n + 1)
@@ -374,14 +372,14 @@ class Trial:
         data["base"] = dict(data["base"]) | {"prior_share": share}
         data["grid"] = dict(data["grid"]) | {"mass": np.full_like(data["grid"]["mass"], np.nan)}
         table = self.dynamics_table()
-        untold = {f"tau_{self.n}": np.nan, f"sd_tau_{self.n}": np.nan}
-        table = replace(table, frame=table.frame.assign(**untold))
+        nothing = np.full(self.frames, np.nan)
+        table = table.having(**{f"tau_{self.n}": nothing, f"sd_tau_{self.n}": nothing})
         found = self.artefacts() | {
             "poses.parquet": self.poses(),
             "dynamics.h5": replace(tree, data=data, facts=facts),
             "dynamics.parquet": table,
         }
-        return found | {"phases.parquet": averages(context(found), self.events().frame, table.frame)}
+        return found | {"phases.parquet": averages(context(found), self.events(), table)}
 
     def poses(self) -> Table:
         """A body a segment, one of the last two together, one of all other markers."""
@@ -391,7 +389,7 @@ class Trial:
             f"{name}_{k}": np.zeros(self.frames) for k in range(1, len(bodies) + 1) for name in ("x", "y", "angle")
         }
         counts = {f"markers_{k}": np.full(self.frames, 4) for k in range(1, len(bodies) + 1)}
-        return Table(POSES, pd.DataFrame({"time": self.time} | columns | counts), {"bodies": bodies})
+        return Table.from_frame(POSES, pd.DataFrame({"time": self.time} | columns | counts), {"bodies": bodies})
 
     def _errors(self, bias: float) -> dict[str, dict[str, float]]:
         return {name: {"bias": bias, "sd": 3.3, "r2": 0.99} for name in ("Fx", "Fy", "tauz")} | {
@@ -405,21 +403,14 @@ class Trial:
             self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
         )  # fmt: skip
         found = {artefact.schema.file: artefact for artefact in made}
-        averaged = averages(context(found), self.events().frame, self.dynamics_table(plates=plates).frame)
+        averaged = averages(context(found), self.events(), self.dynamics_table(plates=plates))
         return found | {"phases.parquet": averaged}
 
-    def _long(self, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
-        """A long table, sorted by frame then marker, of (F, M) arrays."""
-        count = len(self.labels)
-        codes = np.tile(np.arange(count), self.frames)
-        frame = pd.DataFrame(
-            {
-                "frame": np.repeat(np.arange(1, self.frames + 1), count),
-                "time": np.repeat(self.time, count),
-                "marker": pd.Categorical.from_codes(codes, categories=pd.Index(self.labels)),
-            }
-        )
-        return frame.assign(**{name: values.ravel() for name, values in columns.items()})
+    def _long(
+        self, schema: TableSchema, values: Mapping[str, np.ndarray], facts: Facts, reasons: tuple[Reason, ...]
+    ) -> LongTable:
+        frames = np.arange(1, self.frames + 1)
+        return LongTable(schema, frames, self.time, list(self.labels), values, facts, reasons)
 
 
 def context(artefacts: Mapping[str, Artefact], refused: Refused | None = None) -> Context:

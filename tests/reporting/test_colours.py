@@ -73,6 +73,14 @@ def test_on_a_light_page_nothing_changes() -> None:
     assert {name: colour for colour, name in style.ON_PAGE.items()}.items() <= on_page(dark=False).items()
 
 
+def test_the_page_has_its_own_of_every_colour_that_plotly_writes_into_its_elements() -> None:
+    text = files("mocap_id.reporting").joinpath("templates", "report.css").read_text("utf-8")
+    for colour, name in style.ON_PAGE.items():
+        written = ", ".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5))
+        rule = f'.plot [style*="stroke: rgb({written})"] {{ stroke: var({name}) !important; }}'
+        assert rule in text, name
+
+
 def test_no_two_joints_up_to_the_sixth_look_alike() -> None:
     assert len({style.colour(k) for k in range(7)}) == 7
     assert len({(style.colour(k), style.dashes(k)) for k in range(1, 13)}) == 12

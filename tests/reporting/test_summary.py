@@ -19,7 +19,7 @@ from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.shape import Summary
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.stages.report.function import material
-from mocap_id.store import Artefact, Table
+from mocap_id.store import Artefact
 from mocap_id.verdict import Reason
 
 PROMISED = {
@@ -213,7 +213,7 @@ def test_refused_trial_says_what_is_known_so_far() -> None:
     assert [reason["code"] for reason in summary["verdict"]["reasons"]] == ["no-motion", "planarity"]
     assert summary["plane"]["planarity"] == 0.004
     assert summary["dynamics"]["mass_kg"] == 71.4
-    assert summary["dynamics"]["cop_mean_m"] == pytest.approx(np.mean(trial.wrench().frame["cop_x"]))
+    assert summary["dynamics"]["cop_mean_m"] == pytest.approx(np.mean(trial.wrench()["cop_x"]))
     assert summary["joints"] is None and summary["lengths_m"] is None and summary["repetitions"] is None
     assert "no-motion" in summary["why"] and "no-motion" in summary["segments"]["why"]
     assert_nulls_explained(summary)
@@ -261,11 +261,9 @@ def test_no_repetition_is_an_empty_list() -> None:
 
 def test_unloaded_samples_do_not_count_for_the_mean_centre_of_pressure() -> None:
     trial = Trial()
-    frame = trial.wrench().frame
-    frame["cop_x"] = np.where(np.arange(len(frame)) % 2, 0.01, np.nan)
-    frame.loc[:99, "cop_x"], frame.loc[:99, "plate_ok"] = 5.0, False
-    table = trial.wrench()
-    artefacts = trial.artefacts() | {"wrench.parquet": Table(table.schema, frame, table.facts)}
+    row = np.arange(trial.frames)
+    cop = np.where(row < 100, 5.0, np.where(row % 2, 0.01, np.nan))
+    artefacts = trial.artefacts() | {"wrench.parquet": trial.wrench().having(cop_x=cop, plate_ok=row >= 100)}
     assert summary_of(artefacts)["dynamics"]["cop_mean_m"] == pytest.approx(0.01)
 
 

@@ -10,7 +10,7 @@ from small_study import Ran
 from study_cases import Made, body, landmarks
 
 from mocap_id.reporting.cohort.material import CohortMaterial, TrialEntry
-from mocap_id.reporting.cohort.page import documents
+from mocap_id.reporting.cohort.page import page
 from mocap_id.reporting.shape import ReasonEntry
 from mocap_id.workflows.study.cases import Case
 from mocap_id.workflows.study.study import tables
@@ -48,13 +48,15 @@ class Parsed(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
+        if self.open[-1:] == ["script"]:
+            return
         self.text += " ".join(data.split()) + " "
 
 
 def checked(content: bytes) -> Parsed:
     """The page, known to fetch nothing."""
     found = Parsed(content)
-    assert not {"script", "link", "iframe", "img", "form", "object"} & set(found.tags)
+    assert not {"link", "iframe", "img", "form", "object"} & set(found.tags)
     assert len(found.ids) == len(set(found.ids))
     outside = [one for one in found.references if not one.startswith("#")]
     assert all(re.fullmatch(r"\.\./[\w.+-]+/report\.html", one) for one in outside), outside
@@ -93,7 +95,7 @@ def test_every_reason_is_explained_in_words() -> None:
     person = landmarks(0.4, 0.4)
     own = (body("own", 0.001, 0.002), body("winter", 0.01, 0.02))
     cases = [Made("a", bodies=own, person=person).case(), Made("b", failed="the C3D file: empty").case()]
-    found = checked(documents(material(cases))["cohort.html"])
+    found = checked(page(material(cases)))
     for words in ("Usable with care", "What to do.", "code parameters-weak", "The C3D file: empty."):
         assert words in found.text, words
 
@@ -101,14 +103,14 @@ def test_every_reason_is_explained_in_words() -> None:
 def test_what_comes_from_files_is_only_text() -> None:
     made = Made("a", subject=HOSTILE, strategy=HOSTILE, bodies=(body("own", 0.0, 1.0),))
     broken = Made("b", failed=HOSTILE)
-    content = documents(material([made.case(), broken.case()]))["cohort.html"]
+    content = page(material([made.case(), broken.case()]))
     checked(content)
-    assert b"<script" not in content
+    assert content.count(b"<script") == 3 and b"<script>alert" not in content
 
 
 @pytest.mark.parametrize("made", [Made("a", failed="gone"), Made("a", value=None, shank=None, thigh=None)])
 def test_where_nothing_was_found_the_page_says_so(made: Made) -> None:
-    found = checked(documents(material([made.case()]))["cohort.html"])
+    found = checked(page(material([made.case()])))
     assert "No base parameters: nothing was identified on any trial." in found.text
     assert "No segment lengths" in found.text
     assert "No centre of pressure was predicted" in found.text

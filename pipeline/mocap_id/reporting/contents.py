@@ -11,19 +11,11 @@ PdfFonts: TypeAlias = Literal["type-3", "truetype"]
 
 @dataclass(frozen=True)
 class FigureEntry:
-    """A figure of the report; ``name`` is its file's stem and its anchor on the page."""
+    """A figure of the report; ``name`` is its file's stem."""
 
     name: str
     title: str
     caption: str
-
-    @property
-    def svg(self) -> str:
-        return f"figures/{self.name}.svg"
-
-    @property
-    def pdf(self) -> str:
-        return f"figures/{self.name}.pdf"
 
 
 FIGURES: tuple[FigureEntry, ...] = (
@@ -90,9 +82,5 @@ FIGURES: tuple[FigureEntry, ...] = (
 )
 
 SUMMARY_FILE, PAGE_FILE, CAPTIONS_FILE = "summary.json", "report.html", "figures/captions.md"
-FILES: tuple[str, ...] = (
-    SUMMARY_FILE,
-    PAGE_FILE,
-    CAPTIONS_FILE,
-    *(file for entry in FIGURES for file in (entry.svg, entry.pdf)),
-)
+FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE)
+"""What every report has; figures for papers come where they are asked for."""

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import pandas as pd
-
 from mocap_id.reporting.numbers import known
-from mocap_id.reporting.residuals import by_marker
+from mocap_id.reporting.residuals import Residual, by_marker
 from mocap_id.reporting.views import Dynamics, Motion, Skeleton
 from mocap_id.store import Artefact, Held
 from mocap_id.verdict import Level, Reason, overall
@@ -74,8 +72,8 @@ class Material(Held):
     @cached_property
     def motion(self) -> Motion | None:
         """The joint states, None where they were not estimated."""
-        frame = self.frame("states.parquet")
-        return None if frame is None else Motion.from_frame(frame)
+        table = self.table("states.parquet")
+        return None if table is None else Motion.from_table(table)
 
     @cached_property
     def dynamics(self) -> Dynamics | None:
@@ -107,9 +105,9 @@ class Material(Held):
         return tuple(str(name) for name in self.facts("dynamics.h5")["motion"].get("bodies") or ())
 
     @cached_property
-    def residuals(self) -> pd.DataFrame:
-        """Residuals of each marker, see :func:`mocap_id.reporting.residuals.by_marker`; empty where unknown."""
-        return by_marker(self.frame("markers.parquet"), self.skeleton)
+    def residuals(self) -> dict[str, Residual]:
+        """Residuals of each marker by its label; empty where unknown."""
+        return by_marker(self.long("markers.parquet"), self.skeleton)
 
     @cached_property
     def segment_names(self) -> tuple[str, ...]:

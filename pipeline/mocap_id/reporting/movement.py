@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 
 from mocap_id.dynamics.course import Course
 from mocap_id.dynamics.limits import Limits
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 
 _PANEL = 1.25  # inches
 _CLOSELY = 8.0  # s
 
 
 def draw(course: Course, joints: Sequence[str], limits: Limits, words: str) -> Figure:
-    """Draw it; call it under :func:`mocap_id.reporting.style.house`.
+    """Draw it; call it under :func:`mocap_id.reporting.paper.house`.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def draw(course: Course, joints: Sequence[str], limits: Limits, words: str) -> F
     words : str
         What to do, above the figure.
     """
-    drawing = style.figure(0.9 + _PANEL * len(joints))
+    drawing = paper.blank(0.9 + _PANEL * len(joints))
     panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])
     time = course.time - course.time[0]
     start = max(0.0, (time[-1] - _CLOSELY) / 2)

@@ -1,18 +1,18 @@
-"""``report.html``: one file that opens anywhere, with nothing to fetch and no script but the player's own."""
+"""``report.html``: one file that opens anywhere, with nothing to fetch and no script but what draws its figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mocap_id.reporting import style
+from mocap_id.reporting.embedding import embedded
 from mocap_id.reporting.explanations import EXPLANATIONS, LEVELS
-from mocap_id.reporting.figures import Drawing
+from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.material import Material
-from mocap_id.reporting.player.embedding import player
+from mocap_id.reporting.player import player
 from mocap_id.reporting.sections import glance, sections
 from mocap_id.reporting.shape import ReasonEntry, Summary
 
@@ -34,17 +34,18 @@ class Advice:
     action: Prose
 
 
-def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> bytes:
+def page(material: Material, summary: Summary, figures: Drawings) -> bytes:
     """The page as UTF-8.
 
     Parameters
     ----------
     material, summary
         The trial and its summary.
-    figures : sequence of Drawing
+    figures : Drawings
         Every figure of :data:`mocap_id.reporting.contents.FIGURES`.
     """
     headline, lead = LEVELS[summary.verdict.level]
+    moving = player(material)
     html = (
         environment()
         .get_template("report.html.j2")
@@ -58,9 +59,9 @@ def page(material: Material, summary: Summary, figures: Sequence[Drawing]) -> by
             notes=[advice(reason) for reason in summary.verdict.notes],
             glance=glance(material, summary),
             sections=sections(material, summary),
-            figures={drawing.entry.name: drawing for drawing in figures},
-            player=player(material),
-            inline=style.inline,
+            figures=figures,
+            player=moving,
+            embedded=embedded(figures, moving),
         )
     )
     return html.encode("utf-8")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from mocap_id.reporting.material import Material
@@ -27,10 +27,11 @@ _FILE = "events.parquet"
 
 def repetitions(material: Material) -> list[RepetitionEntry] | None:
     """One entry a repetition; None where they were not looked for."""
-    events = material.frame(_FILE)
+    events = material.table(_FILE)
     if events is None:
         return None
-    return [_repetition(row) for row in events.to_dict("records")]
+    rows = zip(*(events[name].tolist() for name in events.names), strict=True)
+    return [_repetition(dict(zip(events.names, row, strict=True))) for row in rows]
 
 
 def five_times(material: Material) -> FiveTimesEntry:
@@ -81,12 +82,12 @@ def load_share(material: Material) -> LoadShareEntry:
 
 
 def _unknown(material: Material) -> str:
-    if material.frame(_FILE) is None:
+    if _FILE not in material.artefacts:
         return material.why_missing(_FILE)
     return "the protocol is not sit-to-stand"
 
 
-def _repetition(row: Mapping[Hashable, object]) -> RepetitionEntry:
+def _repetition(row: Mapping[str, object]) -> RepetitionEntry:
     times = {f"{event}_s": known(row[event]) for event in EVENTS}
     details = {
         "seat_off_72_s": known(row.get("seat_off_72")),

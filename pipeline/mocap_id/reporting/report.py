@@ -1,22 +1,22 @@
-"""A trial's report: the page, the figures and the summary, as files."""
+"""A trial's report: the page and the summary, and figures for papers where they are asked for, as files."""
 
 from __future__ import annotations
 
-from mocap_id.reporting.contents import CAPTIONS_FILE, FIGURES, PAGE_FILE, SUMMARY_FILE, PdfFonts
-from mocap_id.reporting.figures import captions, render
+from mocap_id.reporting.contents import PAGE_FILE, SUMMARY_FILE, PdfFonts
+from mocap_id.reporting.embedding import read
+from mocap_id.reporting.figures import drawings
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.page import page
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.store import Document
 
 
-def documents(material: Material, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
-    """The files in the order of :data:`mocap_id.reporting.contents.FILES`."""
+def documents(material: Material, *, figures: bool = False, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
+    """The files of :data:`mocap_id.reporting.contents.FILES` in their order, and then the figures."""
     summary = summarise(material)
-    drawn = [render(entry, material, pdf_fonts) for entry in FIGURES]
-    return (
-        Document(SUMMARY_FILE, to_json(summary)),
-        Document(PAGE_FILE, page(material, summary, drawn)),
-        Document(CAPTIONS_FILE, captions(material.trial, drawn)),
-        *(Document(file, content) for drawing in drawn for file, content in drawing.files.items()),
-    )
+    written = {SUMMARY_FILE: to_json(summary), PAGE_FILE: page(material, summary, drawings(material))}
+    if figures:
+        from mocap_id.reporting import paper  # noqa: PLC0415  matplotlib is imported by whoever draws with it
+
+        written |= paper.files(read(written[PAGE_FILE].decode("utf-8")), pdf_fonts)  # the same as `mocap-id figures`
+    return tuple(Document(file, content) for file, content in written.items())

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.dynamics_shape import BaseEntry, DynamicsEntry, RivalEntry
@@ -30,6 +29,7 @@ from mocap_id.reporting.shape import (
 )
 from mocap_id.reporting.views import Dynamics
 from mocap_id.reporting.whys import because, joined
+from mocap_id.store import Table
 from mocap_id.verdict import Reason
 
 NOTHING_HELPS = "none of those tried"
@@ -104,13 +104,13 @@ def _plane(material: Material) -> PlaneEntry:
 
 
 def _segments(material: Material) -> SegmentsEntry:
-    facts, frame = material.facts("segments.parquet"), material.frame("segments.parquet")
+    facts, table = material.facts("segments.parquet"), material.table("segments.parquet")
     count, confidence = known(facts.get("count")), known(facts.get("confidence"))
     names = facts.get("names")
     assignment = None
-    if frame is not None:
-        assigned = frame.dropna(subset="segment")
-        assignment = {str(label): int(k) for label, k in zip(assigned["marker"], assigned["segment"], strict=True)}
+    if table is not None:
+        assigned = zip(table["marker"], table["segment"].tolist(), strict=True)
+        assignment = {label: k for label, k in assigned if k >= 0}
     why = facts.get("why") or material.why_missing("segments.parquet")
     against, hypotheses = facts.get("against"), _hypotheses(material)
     return SegmentsEntry(
@@ -203,7 +203,7 @@ def _dynamics(material: Material) -> DynamicsEntry:
     samples = known(facts.get("samples"))
     base, wrench = _base(material), channels(facts.get("wrench")) or None
     consistency, moved = facts.get("consistency"), motion(material)
-    mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.frame("wrench.parquet"))
+    mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.table("wrench.parquet"))
     why = [
         because(
             facts.get("why") or material.why_missing("dynamics.h5"),
@@ -227,11 +227,11 @@ def _dynamics(material: Material) -> DynamicsEntry:
     )
 
 
-def mean_cop(wrench: pd.DataFrame | None) -> float | None:
+def mean_cop(wrench: Table | None) -> float | None:
     """Mean centre of pressure along the motion, m, over the samples where the plates are loaded and sound."""
     if wrench is None:
         return None
-    cop = wrench["cop_x"].to_numpy(dtype=np.float64)[wrench["plate_ok"].to_numpy(dtype=np.bool_)]
+    cop = wrench["cop_x"][wrench["plate_ok"]]
     cop = cop[np.isfinite(cop)]
     return float(cop.mean()) if len(cop) else None
 

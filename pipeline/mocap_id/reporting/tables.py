@@ -195,25 +195,18 @@ def plates(material: Material) -> Grid:
 
 def markers(material: Material) -> Grid:
     """Every marker: its segment, why, and how well the chain predicts it."""
-    segments = material.frame("segments.parquet")
+    segments = material.table("segments.parquet")
     if segments is None:
         return grid("Markers", (), ())
     names = dict(enumerate(material.segment_names))
-    predicted = material.residuals.reindex(segments["marker"].astype(str))
-    rows = [
-        (
-            str(label),
-            "none" if known(segment) is None else names.get(int(segment), str(segment)),
-            *(millimetres(distance) for distance in (rigid, rms, q95)),
-            percent(seen),
-            str(reason),
-        )
-        for label, segment, rigid, reason, rms, q95, seen in zip(
-            *(segments[name].tolist() for name in ("marker", "segment", "residual", "reason")),
-            *(predicted[name].tolist() for name in ("rms", "q95", "seen")),
-            strict=True,
-        )
-    ]
+    rows = []
+    for label, segment, rigid, reason in zip(
+        *(segments[name].tolist() for name in ("marker", "segment", "residual", "reason")), strict=True
+    ):
+        found = material.residuals.get(label)
+        chain = (None, None, None) if found is None else (found.rms, found.q95, found.seen)
+        own = "none" if segment < 0 else names.get(segment, str(segment))
+        rows.append((label, own, *map(millimetres, (rigid, *chain[:2])), percent(chain[2]), reason))
     head = ("marker", "segment", "rigid (mm)", "chain (mm)", "95 % (mm)", "seen (%)", "why")
     caption = "Markers: rms distance from the rigid segment, rms and 95 % distance from the chain's prediction"
     return grid(caption, head, rows, (0, 1, 6))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.store import Tree
+from mocap_id.store import Table, Tree
 
 
 def _node(tree: Tree, path: str) -> Any:
@@ -94,16 +93,17 @@ class Motion:
     observed: BoolArray  # (T, n)
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame) -> Motion:
-        joints = sum(name.startswith("theta_") for name in frame.columns)
+    def from_table(cls, table: Table) -> Motion:
+        joints = sum(name.startswith("theta_") for name in table.names)
         orders = ("theta", "dtheta", "ddtheta")
 
         def stack(prefix: str) -> FloatArray:
             names = [f"{prefix}{order}_{k}" for k in range(1, joints + 1) for order in orders]
-            return frame[names].to_numpy(dtype=np.float64).reshape(len(frame), joints, 3)
+            return table.stack(names).reshape(-1, joints, 3) if joints else np.zeros((table.length, 0, 3))
 
-        observed = frame[[f"observed_{k}" for k in range(1, joints + 1)]].to_numpy(dtype=np.bool_)
-        return cls(frame["time"].to_numpy(dtype=np.float64), stack(""), stack("sd_"), observed)
+        seen = [table[f"observed_{k}"] for k in range(1, joints + 1)]
+        observed = np.stack(seen, axis=1) if joints else np.zeros((table.length, 0), dtype=np.bool_)
+        return cls(table["time"], stack(""), stack("sd_"), observed)
 
     @property
     def angles(self) -> FloatArray:

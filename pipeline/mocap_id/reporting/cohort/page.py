@@ -1,8 +1,7 @@
-"""``cohort.html``: one file that opens anywhere, with no script and nothing to fetch."""
+"""``cohort.html``: one file that opens anywhere, with nothing to fetch."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +9,10 @@ import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort import tables
-from mocap_id.reporting.cohort.figures import FIGURES, render
-from mocap_id.reporting.cohort.material import PAGE_FILE, CohortMaterial, Fate, TrialEntry
-from mocap_id.reporting.contents import CAPTIONS_FILE
+from mocap_id.reporting.cohort.figures import drawings
+from mocap_id.reporting.cohort.material import CohortMaterial, Fate, TrialEntry
+from mocap_id.reporting.embedding import embedded
 from mocap_id.reporting.explanations import LEVELS
-from mocap_id.reporting.figures import Drawing, captions
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.page import Advice, Prose, advice, environment, prose, sentence
 from mocap_id.reporting.sections import Glance
@@ -48,15 +46,9 @@ class Part:
     of_people: tuple[Grid, ...]
 
 
-def documents(material: CohortMaterial) -> dict[str, bytes]:
-    """The page, its figures and their captions, by file."""
-    drawn = [render(entry, material) for entry in FIGURES]
-    files = {file: content for drawing in drawn for file, content in drawing.files.items()}
-    return {PAGE_FILE: page(material, drawn), CAPTIONS_FILE: captions(material.study, drawn), **files}
-
-
-def page(material: CohortMaterial, drawn: Sequence[Drawing]) -> bytes:
-    """The page as UTF-8, of every figure of :data:`mocap_id.reporting.cohort.figures.FIGURES`."""
+def page(material: CohortMaterial) -> bytes:
+    """The page as UTF-8."""
+    figures = drawings(material)
     html = (
         environment()
         .get_template("cohort.html.j2")
@@ -70,8 +62,8 @@ def page(material: CohortMaterial, drawn: Sequence[Drawing]) -> bytes:
             trials=[told(trial) for trial in material.trials],
             overview=tables.trials(material),
             parts=_parts(material),
-            figures={drawing.entry.name: drawing for drawing in drawn},
-            inline=style.inline,
+            figures=figures,
+            embedded=embedded(figures),
         )
     )
     return html.encode("utf-8")

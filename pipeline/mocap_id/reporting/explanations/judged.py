@@ -175,7 +175,6 @@ JUDGED: Mapping[str, tuple[str, str]] = {
     "no-reference": ("identify-dim", "No table has a body of as many segments, or mass or height are not known."),
     "cone-unproven": ("identify-dim", "Distance from the least cost (KKT) of the answer in the cone, against 1e-6."),
     "solver-unproven": ("identify-dim", "Distance from the least cost (KKT) of the best answer; limit 1e-6."),
-    "solver-unconfirmed": ("identify-dim", "The second solver's answer is farther than 1e-6 from the least cost."),
     "solver-fallback": ("identify-dim", "The first solver's answer is farther than 1e-6 from the least cost."),
     # transfer
     "transfer-worse": ("transfer", "rms error of the carried body over that of the table's; limit 1."),

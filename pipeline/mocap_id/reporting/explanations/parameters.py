@@ -157,18 +157,11 @@ PARAMETERS: Mapping[str, Explanation] = {
         "far its cost may be above the least one.",
         "Look at the skeleton and the units. If they are right, a coarser `identify-dim: {grid: …}` is easier.",
     ),
-    "solver-unconfirmed": Explanation(
-        ("ok",),
-        "The second solver confirms nothing",
-        "Two solvers look for the same parameters. The answer that was taken passed the check of optimality, which "
-        "suffices; the other one's failed it.",
-        "Nothing.",
-    ),
     "solver-fallback": Explanation(
         ("ok",),
         "The second solver's answer was taken",
-        "Two solvers look for the same point masses. The first one's answer failed the check of optimality, the second "
-        "one's passed it: the result is as good as ever.",
+        "The first solver's point masses failed the check of optimality. A second one was asked, whose answer passed "
+        "it: the result is as good as ever.",
         "Nothing.",
     ),
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from mocap_id.reporting.contents import FigureEntry
 from mocap_id.reporting.material import Material
@@ -20,17 +19,17 @@ _OF_CHAIN: Mapping[str, str] = {
 }
 
 
-def captioned(entry: FigureEntry, material: Material) -> FigureEntry:
-    """The entry of a figure of the dynamics with its motion in the caption; any other as it is."""
+def caption(entry: FigureEntry, material: Material) -> str:
+    """What stands under a figure; under one of the dynamics, what moves the masses too."""
     if entry.name not in _OF_POSES or material.facts("dynamics.h5").get("motion") is None:
-        return entry
+        return entry.caption
     told = [entry.caption, *(_untold(material) if entry.name == "phases" else ())]
     if material.measured_poses:
         cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (material.bands or {}).items())
         told += [f"The masses move as the measured poses, after low-passes ({cutoffs}).", _OF_POSES[entry.name]]
     else:
         told += ["The masses move as the pinned chain.", _OF_CHAIN.get(entry.name, "")]
-    return replace(entry, caption=" ".join(told).rstrip())
+    return " ".join(told).rstrip()
 
 
 def _untold(material: Material) -> list[str]:

@@ -3,63 +3,60 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
+from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
 from mocap_id.reporting.material import Material
+from mocap_id.store import Table
 
+SPAN = "share of the repetition (%)"
 _WRENCH = (("Fx", "Fx (N)"), ("Fy", "Fy (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
-_SOURCES = (
+_COP_TAIL = 0.02
+_SOURCES: tuple[tuple[str, str, Dash, str], ...] = (
     ("", style.MEASURED, "-", "measured"),
     ("_model", style.MODEL, "-", "identified model"),
     ("_reference", style.REFERENCE, "--", "allometric reference"),
 )
 
 
-def draw(material: Material) -> Figure | str:
+def shown(material: Material) -> Figure | str:
     """Four panels of the wrench, one of the torques; mean and one standard deviation over whole repetitions."""
-    frame = material.frame("phases.parquet")
-    if frame is None:
+    table = material.table("phases.parquet")
+    if table is None:
         return f"No averages over repetitions: {material.why_missing('phases.parquet')}."
-    frame = frame[(frame["span"] == "repetition") & ~frame["quantity"].astype(str).str.startswith("theta_")]
-    if not frame["mean"].notna().any():
-        why = material.facts("phases.parquet").get("why") or "neither forces nor torques are known"
-        return f"No averages over repetitions: {why}."
-    figure = style.figure(4.2)
-    *panels, torques, spare = figure.subplots(2, 3).ravel()
-    spare.set_axis_off()
-    for axes, (name, label) in zip(panels, _WRENCH, strict=True):
-        axes.set_title(label)
-        for suffix, colour, dash, what in _SOURCES:
-            _curve(axes, frame, f"{name}{suffix}", (colour, dash, what))
-        curves = [averaged(frame, f"{name}{suffix}")[0] for suffix, *_ in _SOURCES]
-        style.fit_y(axes, [values for values in curves if values.size], 0.02 if name == "cop_x" else 0.0)
     names = material.skeleton.joints if material.skeleton is not None else ()
-    torques.set_title("joint torques (N·m)")
-    for k, name in enumerate(names, start=1):
-        _curve(torques, frame, f"tau_{k}", (style.colour(k), "-", style.printable(name, 14)))
-    if torques.lines:
-        spare.legend(*torques.get_legend_handles_labels(), title="torques", loc="center left", fontsize=7)
-    figure.supxlabel("share of the repetition (%)", fontsize=8)
-    style.legend_above(figure, np.array(panels))
-    return figure
+    wrench = tuple(_panel(table, name, label) for name, label in _WRENCH)
+    torques = tuple(
+        item
+        for k, name in enumerate(names, start=1)
+        for item in _curve(table, f"tau_{k}", style.colour(k), "-", f"torque: {style.printable(name, 14)}")
+    )
+    if not torques and not any(panel.items for panel in wrench):
+        why = material.facts("phases.parquet").get("why") or "neither forces nor torques are known"
+        return f"No averages over repetitions: {style.printable(why)}."
+    last = Panel(torques, "joint torques (N·m)", SPAN, x_range=(0, 100), linked=True)
+    return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
 
 
-def averaged(frame: pd.DataFrame, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, standard deviation and percent of a quantity; empty where it is not there."""
-    own = frame[frame["quantity"] == quantity]
-    mean, sd, percent = (own[name].to_numpy(dtype=np.float64) for name in ("mean", "sd", "percent"))
+def averaged(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean, standard deviation and percent of a quantity over whole repetitions; empty where it is not there."""
+    own = (table["quantity"] == quantity) & (table["span"] == "repetition")
+    mean, sd, percent = table.stack(["mean", "sd", "percent"])[own].T
     return mean, sd, percent
 
 
-def _curve(axes: Axes, frame: pd.DataFrame, quantity: str, look: tuple[str, str, str | None]) -> None:
-    mean, sd, percent = averaged(frame, quantity)
+def _panel(table: Table, name: str, label: str) -> Panel:
+    items, curves = [], []
+    for suffix, colour, dash, what in _SOURCES:
+        items += _curve(table, f"{name}{suffix}", colour, dash, what)
+        curves.append(averaged(table, f"{name}{suffix}")[0])
+    framed = style.framed(curves, _COP_TAIL if name == "cop_x" else 0.0)
+    return Panel(tuple(items), label, SPAN, x_range=(0, 100), y_range=framed, linked=True)
+
+
+def _curve(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
+    mean, sd, percent = averaged(table, quantity)
     if not np.isfinite(mean).any():
-        return
-    colour, dash, label = look
-    axes.fill_between(percent, mean - sd, mean + sd, color=colour, alpha=0.15, lw=0)
-    axes.plot(percent, mean, dash, color=colour, lw=1.2, label=label)
-    axes.set_xlim(0, 100)
+        return []
+    return [Band(percent, mean - sd, mean + sd, colour, 0.15), Line(percent, mean, colour, label, dash, 1.2)]

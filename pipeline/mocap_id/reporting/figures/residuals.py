@@ -3,41 +3,39 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
-from matplotlib.figure import Figure
 
 from mocap_id.reporting import style
+from mocap_id.reporting.figure import Bars, Figure, Item, Key, Panel, Points
 from mocap_id.reporting.material import Material
 
 _ROW = 0.155  # inches per marker
 _MOST = 80  # markers in the figure; the page's table holds them all
 
 
-def draw(material: Material) -> Figure | str:
+def shown(material: Material) -> Figure | str:
     """Bars by segment, the worst first within each."""
-    found = material.residuals[material.residuals["rms"].notna()]
-    if found.empty:
+    found = [one for one in material.residuals.values() if np.isfinite(one.rms)]
+    if not found:
         return f"No residuals: {material.why_missing('markers.parquet')}."
-    shown = found.nlargest(_MOST, "rms").sort_values(["segment", "rms"], ascending=[True, False])
-    figure = style.figure(0.9 + _ROW * len(shown))
-    axes = figure.subplots()
-    rows = np.arange(len(shown))
-    colours = [style.colour(int(k)) if k >= 0 else style.FAINT for k in shown["segment"]]
-    axes.barh(rows, 1e3 * shown["rms"], height=0.7, color=colours, alpha=0.85)
-    axes.plot(1e3 * shown["q95"], rows, "|", color=style.INK, ms=6, mew=1.2, label="95 % quantile")
-    axes.set_yticks(rows, [style.printable(label, 24) for label in shown.index])
-    axes.tick_params(axis="y", labelsize=6.5)
-    axes.set(ylim=(len(shown) - 0.4, -0.6), xlim=(0, None), xlabel="residual (mm)")
-    axes.grid(False, axis="y")
-    if len(shown) < len(found):
-        axes.set_title(f"the {len(shown)} largest of {len(found)} markers")
-    _name_segments(figure, material.segment_names, shown["segment"])
-    return figure
-
-
-def _name_segments(figure: Figure, names: tuple[str, ...], segments: pd.Series[int]) -> None:
-    """A legend of the segments' colours."""
-    for k in sorted(set(segments)):
-        name = style.printable(names[k], 20) if 0 <= k < len(names) else "no segment"
-        figure.axes[0].plot([], [], "s", color=style.colour(max(k, 0)), label=name)
-    style.legend_above(figure, figure.axes)
+    worst = sorted(found, key=lambda one: -one.rms)[:_MOST]
+    of = sorted(worst, key=lambda one: one.segment)  # stable: the worst stay first
+    rms, q95 = 1e3 * np.array([one.rms for one in of]), 1e3 * np.array([one.q95 for one in of])
+    rows = np.arange(len(of), dtype=np.float64)
+    labels = tuple(style.printable(one.label, 24) for one in of)
+    told = tuple(
+        f"{label}: {value:.1f} mm, 95 % {most:.1f}" for label, value, most in zip(labels, rms, q95, strict=True)
+    )
+    names = material.segment_names
+    keys = (
+        Key(style.colour(k), style.printable(names[k], 20) if 0 <= k < len(names) else "no segment")
+        for k in sorted({one.segment for one in of})
+    )
+    items: tuple[Item, ...] = (
+        *keys,
+        Bars(rows, np.zeros(len(of)), rms, tuple(style.colour(one.segment) for one in of), names=told),
+        Points(q95, rows, style.INK, "95 % quantile", "|", 6.0),
+    )
+    title = f"the {len(of)} largest of {len(found)} markers" if len(of) < len(found) else ""
+    most = (0.0, 1.05 * float(max(rms.max(), q95.max())))
+    panel = Panel(items, title, "residual (mm)", x_range=most, rows=labels, height=0.6 + _ROW * len(of))
+    return Figure(((panel,),))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting import style
+from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, Text
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.views import Motion, Skeleton
+from mocap_id.store import LongTable, Table
+
+ALONG, UP = "x, along the motion (m)", "y, up (m)"
 
 
 @dataclass(frozen=True)
@@ -24,26 +26,28 @@ class Moment:
     sample: int
 
 
-def draw(material: Material) -> Figure | str:
+def shown(material: Material) -> Figure | str:
     """Stick figure, joint centres, markers as measured and as predicted, side by side for two postures."""
-    skeleton, motion, planar = material.skeleton, material.motion, material.frame("planar.parquet")
-    moments = () if motion is None else two_moments(motion, material.frame("events.parquet"))
+    skeleton, motion, planar = material.skeleton, material.motion, material.long("planar.parquet")
+    moments = () if motion is None else two_moments(motion, material.table("events.parquet"))
     if skeleton is None or motion is None or not moments:
         return _markers_alone(material, planar)
-    figure = style.figure(4.8)
-    figure.set_layout_engine("constrained", h_pad=0.15)  # a fixed aspect takes a little more room than is reserved
-    columns = figure.subplots(1, len(moments), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, moment in zip(columns, moments, strict=True):
+    found = []
+    for moment in moments:
         time = float(motion.time[moment.sample])
-        _markers(axes, _at(planar, time), skeleton, filled=True)
-        _markers(axes, _at(material.frame("markers.parquet"), time), skeleton, filled=False)
-        _sticks(axes, skeleton, motion.angles[moment.sample])
-        _finish(axes, f"{moment.name}, {time:.2f} s")
-    columns[0].set_ylabel("y, up (m)")
-    return figure
+        items = (
+            *_markers(planar, time, skeleton, filled=True),
+            *_markers(material.long("markers.parquet"), time, skeleton, filled=False),
+            *_sticks(skeleton, motion.angles[moment.sample]),
+        )
+        found.append((f"{moment.name}, {time:.2f} s", items))
+    across, up = _common([items for _, items in found])
+    return Figure(
+        (tuple(Panel(items, title, ALONG, UP, across, up, equal=True, height=4.6) for title, items in found),)
+    )
 
 
-def two_moments(motion: Motion, events: pd.DataFrame | None) -> tuple[Moment, ...]:
+def two_moments(motion: Motion, events: Table | None) -> tuple[Moment, ...]:
     """The two postures to show: seated and standing where a repetition has both, else the two extremes of the motion.
 
     The extremes are the farthest samples along the first principal component of the angles, among those where every
@@ -55,7 +59,7 @@ def two_moments(motion: Motion, events: pd.DataFrame | None) -> tuple[Moment, ..
     if not len(usable):
         return ()
     if events is not None:
-        whole = events[["start", "stand"]].to_numpy(dtype=np.float64)
+        whole = events.stack(["start", "stand"])
         whole = whole[np.isfinite(whole.sum(axis=1))]
         if len(whole):
             nearest = [int(usable[np.abs(motion.time[usable] - time).argmin()]) for time in whole[0]]
@@ -67,61 +71,56 @@ def two_moments(motion: Motion, events: pd.DataFrame | None) -> tuple[Moment, ..
     return tuple(Moment(f"extreme posture {k + 1}", sample) for k, sample in enumerate(ends))
 
 
-def _at(frame: pd.DataFrame | None, time: float) -> pd.DataFrame:
-    """The rows of the long table at the frame nearest to this time; the table is sorted by time."""
-    if frame is None or frame.empty:
-        return pd.DataFrame({"marker": [], "x": [], "y": []})
-    clock = frame["time"].to_numpy(dtype=np.float64)
-    after = min(int(np.searchsorted(clock, time)), len(clock) - 1)
-    nearest = min(clock[max(after - 1, 0)], clock[after], key=lambda candidate: abs(candidate - time))
-    return frame.iloc[np.searchsorted(clock, nearest) : np.searchsorted(clock, nearest, side="right")]
-
-
-def _segment_of(labels: list[str], skeleton: Skeleton | None) -> IntArray:
-    """Segment of each label, -1 for those without one."""
+def _markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
+    """Markers at the frame nearest to this time, coloured by segment: dots where measured, rings where predicted."""
+    if table is None or not table.length:
+        return []
+    frame = int(np.abs(table.time - time).argmin())
+    x, y = table.values["x"][frame], table.values["y"][frame]
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    return np.array([known.get(label, -1) for label in labels], dtype=np.int64)
-
-
-def _markers(axes: Axes, rows: pd.DataFrame, skeleton: Skeleton | None, *, filled: bool) -> None:
-    """Markers coloured by segment: dots where measured, rings where predicted."""
-    position = rows[["x", "y"]].to_numpy(dtype=np.float64)
-    segment = _segment_of(rows["marker"].astype(str).tolist(), skeleton)
+    segment = np.array([known.get(label, -1) for label in table.labels])
+    names = np.array([style.printable(label, 24) for label in table.labels])
+    items: list[Item] = []
     for k in np.unique(segment).tolist():
-        x, y = position[segment == k].T
-        colour = style.colour(max(k, 0))
-        marker = "x" if k < 0 else "o"
-        face = colour if filled else "none"
-        axes.plot(x, y, marker, ms=3 if filled else 5.5, mfc=face, mec=colour, mew=0.6 if filled else 0.8, zorder=3)
+        own = (segment == k) & np.isfinite(x) & np.isfinite(y)
+        symbol = "x" if k < 0 else "dot" if filled else "ring"
+        size = 3.5 if filled else 5.5
+        items.append(
+            Points(x[own], y[own], style.colour(k), symbol=symbol, size=size, names=tuple(names[own].tolist()))  # type: ignore[arg-type]
+        )
+    return items
 
 
-def _sticks(axes: Axes, skeleton: Skeleton, angles: FloatArray) -> None:
+def _sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
     """One line per moving segment, from its joint to the next (the last one to the middle of its markers)."""
     angle, origin = segment_poses(angles, skeleton.centres)
-    tip = origin[-1] + rotate(angle[-1], skeleton.tip)
-    points = np.vstack([origin[1:], tip])
-    for j in range(len(skeleton.joints)):
-        axes.plot(*points[j : j + 2].T, color=style.colour(j + 1), lw=3.5, alpha=0.55, solid_capstyle="round")
-        axes.plot(*points[j], "o", ms=10, mfc="none", mec=style.INK, mew=1.2, zorder=4)
-        label = style.printable(skeleton.joints[j], 20)
-        axes.annotate(label, points[j], (9, -3), textcoords="offset points", fontsize=7.5, color=style.INK)
+    points = np.vstack([origin[1:], origin[-1] + rotate(angle[-1], skeleton.tip)])
+    items: list[Item] = []
+    for j, name in enumerate(skeleton.joints):
+        items += [
+            Line(points[j : j + 2, 0], points[j : j + 2, 1], style.colour(j + 1), width=3.5, opacity=0.55),
+            Points(points[j, :1], points[j, 1:], style.INK, symbol="ring", size=10.0),
+            Text(float(points[j, 0]), float(points[j, 1]), style.printable(name, 20)),
+        ]
+    return items
 
 
-def _finish(axes: Axes, title: str) -> None:
-    axes.margins(0.12)
-    axes.set_aspect("equal")
-    axes.set(title=title, xlabel="x, along the motion (m)")
+def _common(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges of x and y that show everything in every panel, with a margin."""
+    drawn = [item for items in found for item in items if isinstance(item, (Line, Points))]
+    ranges = []
+    for axis in ("x", "y"):
+        low, high = style.extent([getattr(item, axis) for item in drawn]) or (-1.0, 1.0)
+        margin = 0.1 * max(high - low, 1e-3)
+        ranges.append((low - margin, high + margin))
+    return ranges[0], ranges[1]
 
 
-def _markers_alone(material: Material, planar: pd.DataFrame | None) -> Figure | str:
+def _markers_alone(material: Material, planar: LongTable | None) -> Figure | str:
     """Without a chain: the markers of the middle frame, so that the reader sees what the recording holds."""
-    if planar is None or planar.empty:
+    if planar is None or not planar.length:
         return f"No markers to draw: {material.why_missing('planar.parquet')}."
-    figure = style.figure(4.2)
-    axes = figure.subplots()
-    time = float(planar["time"].iloc[len(planar) // 2])
-    _markers(axes, _at(planar, time), None, filled=True)
-    _finish(axes, f"markers as measured, {time:.2f} s: no chain was recovered")
-    axes.set_aspect("equal", adjustable="datalim")  # no second panel to share the axes with: use the width
-    axes.set_ylabel("y, up (m)")
-    return figure
+    time = float(planar.time[len(planar.time) // 2])
+    title = f"markers as measured, {time:.2f} s: no chain was recovered"
+    items = tuple(_markers(planar, time, None, filled=True))
+    return Figure(((Panel(items, title, ALONG, UP, equal=True, height=4.2),),))

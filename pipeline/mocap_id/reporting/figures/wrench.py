@@ -3,64 +3,62 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.decimation import band, envelope, spans
+from mocap_id.reporting.decimation import band, envelope
+from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
+from mocap_id.reporting.figures.states import shades
 from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import NORMAL_95
+from mocap_id.store import Table
 
 _ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy, upwards (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
+_SOURCES: tuple[tuple[str, str, Dash, float, str], ...] = (
+    ("", style.MEASURED, "-", 0.9, "measured"),
+    ("_reference", style.REFERENCE, "--", 1.1, "allometric reference"),
+    ("_model", style.MODEL, "-", 1.1, "identified model"),
+)
 _COP_TAIL = 0.005  # a centre of pressure under a light foot may shoot off to anywhere
 
 
-def draw(material: Material) -> Figure | str:
+def shown(material: Material) -> Figure | str:
     """Four rows over time; before the identification only what the plates measured."""
-    frame = material.frame("dynamics.parquet")
-    if frame is None:
-        frame = material.frame("wrench.parquet")
-    if frame is None or not any(_known(frame, name) for column, _ in _ROWS for name in (column, f"{column}_model")):
+    rows = panels(material, height=1.75)
+    if not any(isinstance(item, Line) for row in rows for item in row.items):
         why = material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet")
-        return f"No contact wrench: {why}."
-    figure = style.figure(7.0)
-    rows = figure.subplots(4, sharex=True)
-    for axes, (name, label) in zip(rows, _ROWS, strict=True):
-        style.label_left(axes, label)
-        _row(axes, frame, name)
-    rows[3].set_xlabel("time (s)")
-    style.legend_above(figure, rows)
-    return figure
+        return f"No contact wrench: {style.printable(why)}."
+    return Figure(tuple((row,) for row in rows))
 
 
-def _known(frame: pd.DataFrame, column: str) -> bool:
-    """Whether the column exists and holds a number."""
-    return column in frame and bool(np.isfinite(frame[column].to_numpy(dtype=np.float64)).any())
+def panels(material: Material, height: float) -> tuple[Panel, ...]:
+    """One for each component; none where there is no table."""
+    table = forces(material)
+    return () if table is None else tuple(_panel(table, name, label, height) for name, label in _ROWS)
 
 
-def _row(axes: Axes, frame: pd.DataFrame, name: str) -> None:
+def forces(material: Material) -> Table | None:
+    """The wrench with the model's, or before the identification what the plates measured."""
+    found = material.table("dynamics.parquet")
+    return material.table("wrench.parquet") if found is None else found
+
+
+def _panel(table: Table, name: str, label: str, height: float) -> Panel:
     """One component: the fit's samples shaded, the model with its band, the reference, the measurement."""
-    time = frame["time"].to_numpy(dtype=np.float64)
-    if "in_fit" in frame:
-        fit = spans(time, frame["in_fit"].to_numpy(dtype=np.bool_))
-        axes.broken_barh(fit, (0, 1), transform=axes.get_xaxis_transform(), color=style.GRID, alpha=0.5, lw=0)
-    if _known(frame, name):
-        axes.plot(*envelope(time, _column(frame, name)), color=style.MEASURED, lw=0.9, label="measured")
-    if _known(frame, f"{name}_reference"):
-        reference = envelope(time, _column(frame, f"{name}_reference"))
-        axes.plot(*reference, "--", color=style.REFERENCE, label="allometric reference")
-    if _known(frame, f"{name}_model"):
-        model = _column(frame, f"{name}_model")
-        if _known(frame, f"sd_{name}_model"):
-            half = NORMAL_95 * _column(frame, f"sd_{name}_model")
-            x, low, high = band(time, model - half, model + half)
-            axes.fill_between(x, low, high, color=style.MODEL, alpha=0.25, lw=0)
-        axes.plot(*envelope(time, model), color=style.MODEL, label="identified model")
-    curves = [_column(frame, column) for column in (name, f"{name}_model", f"{name}_reference") if column in frame]
-    style.fit_y(axes, curves, _COP_TAIL if name == "cop_x" else 0.0)
-
-
-def _column(frame: pd.DataFrame, name: str) -> FloatArray:
-    return frame[name].to_numpy(dtype=np.float64)
+    time = table["time"]
+    known = {
+        suffix: table[name + suffix]
+        for suffix, *_ in _SOURCES
+        if name + suffix in table.names and np.isfinite(table[name + suffix]).any()
+    }
+    items: list[Item] = list(shades(time, table["in_fit"])) if "in_fit" in table.names else []
+    if "_model" in known and f"sd_{name}_model" in table.names:
+        half = NORMAL_95 * table[f"sd_{name}_model"]
+        items.append(Band(*band(time, known["_model"] - half, known["_model"] + half), style.MODEL))
+    for suffix, colour, dash, width, what in _SOURCES:
+        if suffix in known:
+            items.append(Line(*envelope(time, known[suffix]), colour, what, dash, width))
+    framed = style.framed(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
+    below = "time (s)" if name == _ROWS[-1][0] else ""
+    ends = (float(time[0]), float(time[-1])) if len(time) else None
+    height += 0.3 if below else 0.0
+    return Panel(tuple(items), x=below, y=label, x_range=ends, y_range=framed, linked=True, height=height)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.workspace import Workspace
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 
 _SHOWN = 1500
 
@@ -24,7 +24,7 @@ def draw(workspace: Workspace, seen: FloatArray, joint: FloatArray) -> Figure:
     joint : (2,) array
         The first joint, m.
     """
-    figure = style.figure(2.6)
+    figure = paper.blank(2.6)
     track, cloud, area, converged = figure.subplots(1, 4)
     every = max(1, len(seen) // _SHOWN)
     track.plot(*seen[::every].T, ".", ms=1.5, color=style.VERMILLION)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 
 
 def draw(tips: FloatArray, without: BoolArray, held: BoolArray, joint: FloatArray) -> Figure:
@@ -20,7 +20,7 @@ def draw(tips: FloatArray, without: BoolArray, held: BoolArray, joint: FloatArra
     joint : (2,) array
         The first joint, m.
     """
-    figure = style.figure(3.4)
+    figure = paper.blank(3.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     kinds = (("without springs", without, style.VERMILLION), ("with springs", held, style.GREEN))
     for axes, (title, which, colour) in zip(panels, kinds, strict=True):

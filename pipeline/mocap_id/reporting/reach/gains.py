@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from mocap_id.prescription.overlay import Overlay
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 
 _SHOWN = 6000
 _PLANES = {2: (("in the plane", 0, 1),), 3: (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))}
@@ -14,7 +14,7 @@ _PLANES = {2: (("in the plane", 0, 1),), 3: (("front", 2, 1), ("side", 0, 1), ("
 def draw(change: Overlay, names: tuple[str, str]) -> Figure:
     """One panel in the plane, three projections in space; ``names`` are the earlier and the later session's."""
     planes = _PLANES[change.points.shape[1]]
-    figure = style.figure(3.4)
+    figure = paper.blank(3.4)
     kinds = (
         (change.before & change.after, style.FAINT, f"both, {change.kept:.4f}"),
         (change.after & ~change.before, style.GREEN, f"gained: {style.printable(names[1], 24)}, {change.gained:.4f}"),
@@ -28,5 +28,5 @@ def draw(change: Overlay, names: tuple[str, str]) -> Figure:
             axes.plot(points[:, across], points[:, up], ".", ms=1.4, color=colour, label=label)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set(title=name, xlabel=f"{'xyz'[across]} (m)", ylabel=f"{'xyz'[up]} (m)")
-    style.legend_above(figure, panels)
+    paper.legend_above(figure, panels)
     return figure

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting import style
+from mocap_id.reporting import paper
 
 
 def draw(stiffness: FloatArray, rest: FloatArray, width: FloatArray, horizon: float) -> Figure:
@@ -21,10 +21,10 @@ def draw(stiffness: FloatArray, rest: FloatArray, width: FloatArray, horizon: fl
     horizon : float
         s.
     """
-    figure = style.figure(3.6)
+    figure = paper.blank(3.6)
     axes = figure.subplots()
     shown = np.ma.masked_invalid(np.degrees(width))
-    cells = axes.pcolormesh(np.degrees(rest), stiffness, shown, cmap=style.HEAT, shading="nearest", rasterized=True)
+    cells = axes.pcolormesh(np.degrees(rest), stiffness, shown, cmap=paper.HEAT, shading="nearest", rasterized=True)
     figure.colorbar(cells, ax=axes, label="range (°)")
     title = f"reached within {horizon:g} s and held"
     axes.set(xlabel="rest angle (°)", ylabel="stiffness (N·m/rad)", title=title)

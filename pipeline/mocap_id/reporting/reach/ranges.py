@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.one_spring import Prescription
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 
 
 def draw(joint: OneJoint, found: Prescription) -> Figure:
     """Dial (0 hangs down where gravity pulls with the sine) and torques over the angle."""
-    figure = style.figure(3.0)
+    figure = paper.blank(3.0)
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 2))
     dial: Any = figure.add_subplot(grid[0, 0], projection="polar")
     dial.set_theta_zero_location("S")
@@ -37,5 +37,5 @@ def draw(joint: OneJoint, found: Prescription) -> Figure:
         axes.axhline(limit, color=style.INK, ls="--", lw=0.8)
     spring = f"{found.stiffness:.3g} N·m/rad, rest {np.degrees(found.rest):.1f}°" if found.helps else "no spring helps"
     axes.set(title=spring, xlabel="angle (°)", ylabel="torque that holds it (N·m)")
-    style.legend_above(figure, [dial])
+    paper.legend_above(figure, [dial])
     return figure

@@ -8,18 +8,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mocap_id.prescription.level_set import Dynamics, Reached
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 
 
 def draw(reached: Reached, bounds: Sequence[tuple[float, float] | None], dynamics: Dynamics) -> Figure:
     """Time of arrival over angle and velocity, the fronts at the horizons, and the held range at the last."""
-    figure = style.figure(3.6)
+    figure = paper.blank(3.6)
     axes = figure.subplots()
     grid = reached.grid
     angle = np.degrees(grid.angle)
     arrival = np.where(np.isfinite(reached.arrival), reached.arrival, np.nan)
-    levels = np.linspace(0.0, reached.times[-1], style.SHADES + 1)
-    shades = axes.contourf(angle, grid.velocity, arrival.T, levels=levels, cmap=style.HEAT)
+    levels = np.linspace(0.0, reached.times[-1], paper.SHADES + 1)
+    shades = axes.contourf(angle, grid.velocity, arrival.T, levels=levels, cmap=paper.HEAT)
     figure.colorbar(shades, ax=axes, label="first reached (s)")
     for values in reached.values:
         axes.contour(angle, grid.velocity, values.T, levels=[0.0], colors=style.INK, linewidths=0.7)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.workspace import Workspace
-from mocap_id.reporting import style
+from mocap_id.reporting import paper, style
 from mocap_id.reporting.reach.area import convergence
 
 _PLANES = (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))
@@ -17,7 +17,7 @@ _PLANES = (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))
 
 def draw(workspace: Workspace, joint: FloatArray) -> Figure:
     """The surface beside projections onto the coordinate planes; ``joint`` (3,) is the first joint, m."""
-    figure = style.figure(5.0)
+    figure = paper.blank(5.0)
     grid = figure.add_gridspec(2, 3)
     points, facets = workspace.shape.points, workspace.shape.boundary()
     solid: Any = figure.add_subplot(grid[0, :2], projection="3d")

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort.page import told
-from mocap_id.reporting.figures import Drawing
+from mocap_id.reporting.embedding import embedded
+from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.page import environment
 from mocap_id.reporting.robot import tables
 from mocap_id.reporting.robot.material import RobotMaterial
@@ -20,7 +21,7 @@ LEGEND = (
 )
 
 
-def page(material: RobotMaterial, figures: Mapping[str, Drawing]) -> bytes:
+def page(material: RobotMaterial, figures: Drawings) -> bytes:
     """The page as UTF-8."""
     through = sum(trial.fate in ("ok", "caution") for trial in material.trials)
     html = (
@@ -36,7 +37,7 @@ def page(material: RobotMaterial, figures: Mapping[str, Drawing]) -> bytes:
             overview=tables.overview(material),
             grids=[tables.table(shown) for shown in material.tables],
             figures=figures,
-            inline=style.inline,
+            embedded=embedded(figures),
             trials=[told(trial) for trial in material.trials],
         )
     )
@@ -53,7 +54,7 @@ def _lead(material: RobotMaterial) -> str:
 
 
 def markdown(material: RobotMaterial, figures: Mapping[str, str]) -> str:
-    """Tables, and links to figures (name to file), for a page in Markdown."""
+    """Tables, and links to figures (title to file), for a page in Markdown."""
     grids = [tables.overview(material), *(tables.table(shown) for shown in material.tables)]
     parts = [LEGEND, *("\n".join(_table(grid)) for grid in grids if grid.rows)]
     parts += [f"![{name}]({file})" for name, file in figures.items()]

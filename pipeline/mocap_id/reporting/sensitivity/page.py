@@ -1,4 +1,4 @@
-"""``sensitivity.html``: one small file that opens anywhere, with no script and nothing to fetch."""
+"""``sensitivity.html``: one file that opens anywhere, with nothing to fetch."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import pandas as pd
 
 from mocap_id.reporting import style
+from mocap_id.reporting.embedding import embedded
+from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed, show_with_sd
 from mocap_id.reporting.page import environment
 from mocap_id.reporting.sections import Glance
@@ -18,15 +20,9 @@ _TRIED = ("perturbation", "worst of what is tolerated", "parameter", "new cautio
 _MORE = ("CoP rms", "worst torque", "acceleration r²", "offset found")
 
 
-def page(material: SensitivityMaterial, svg: bytes) -> bytes:
-    """The page as UTF-8.
-
-    Parameters
-    ----------
-    material : SensitivityMaterial
-    svg : bytes
-        The tornado.
-    """
+def page(material: SensitivityMaterial) -> bytes:
+    """The page as UTF-8."""
+    figures = Drawings(style.printable(material.trial), (tornado.drawing(material),))
     html = (
         environment()
         .get_template("sensitivity.html.j2")
@@ -37,8 +33,8 @@ def page(material: SensitivityMaterial, svg: bytes) -> bytes:
             criterion=criterion(material.share),
             glance=_glance(material),
             sentences=[style.printable(sentence) for sentence in material.tables["tolerates"]["sentence"]],
-            drawing=style.inline(svg, "tornado"),
-            title=tornado.TITLE,
+            drawing=figures.all[0],
+            embedded=embedded(figures),
             own=_own(material),
             tried=_tried(material),
         )

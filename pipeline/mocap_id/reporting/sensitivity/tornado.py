@@ -6,57 +6,48 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, NullLocator
 
 from mocap_id.reporting import style
+from mocap_id.reporting.figure import Bars, Drawing, Figure, Key, Panel, Rule, Spans, in_lines
 from mocap_id.reporting.sensitivity.material import ParameterEntry, SensitivityMaterial
-from mocap_id.reporting.vector import svg_and_pdf
 
-TITLE = "How far each kind of error moves each parameter"
+CAPTION = (
+    "A panel for each parameter, a row for each kind of error, the worst at the top. The bars of one row are the "
+    "levels that were tried, the worst the palest and widest, over all joints or components; the grey band is what is "
+    "tolerated. Linear up to 1 %, logarithmic beyond; bars end at 300 %, and so does what could not be identified any "
+    "more."
+)
 _LIMIT = 300.0  # %: bars end here
-_LINEAR = 1.0  # %: linear up to here, logarithmic beyond
+_LINEAR = 0.6  # decades that the linear part, up to 1 %, takes
 _TICKS = (-100.0, -10.0, -1.0, 0.0, 1.0, 10.0, 100.0)
 _COLUMNS = 3
-_ROW, _HEAD = 0.15, 0.55  # inches
+_ROW, _HEAD = 0.15, 0.7  # inches
 _WITHIN, _NOTICED, _SILENT = style.FAINT, style.BLUE, style.VERMILLION
 _LEGEND = (
-    (_WITHIN, "tolerated"),
-    (_NOTICED, "too much, and the verdict says so"),
-    (_SILENT, "too much, and nothing says so"),
+    Key(_WITHIN, "tolerated"),
+    Key(_NOTICED, "too much, and the verdict says so"),
+    Key(_SILENT, "too much, and nothing says so"),
 )
 
 
-def render(material: SensitivityMaterial) -> tuple[bytes, bytes]:
-    """The figure as SVG and as PDF, the same bytes for the same study."""
-    with style.house():
-        return svg_and_pdf(draw(material), "tornado", f"{TITLE}: {style.printable(material.trial)}")
+def drawing(material: SensitivityMaterial) -> Drawing:
+    """The figure with its title and caption."""
+    return Drawing("tornado", "How far each kind of error moves each parameter", CAPTION, shown(material))
 
 
-def draw(material: SensitivityMaterial) -> Figure:
+def shown(material: SensitivityMaterial) -> Figure | str:
     """A panel a parameter, a row a kind, the worst at the top; nested bars for the levels, the worst palest."""
     kinds = _order(material)
     if not material.parameters or not kinds:
-        return style.notice("No parameter is known that could move.")
-    columns = min(_COLUMNS, len(material.parameters))
-    rows = -(-len(material.parameters) // columns)
-    figure = style.figure(0.5 + rows * (_HEAD + _ROW * len(kinds)))
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    for axes in panels.ravel()[len(material.parameters) :]:
-        axes.set_axis_off()
-    for axes, parameter in zip(panels.ravel(), material.parameters, strict=False):
-        _panel(axes, material, parameter, kinds)
-    for axes in panels[:, 0]:
-        axes.set_yticks(np.arange(len(kinds)), [style.printable(material.titles[kind], 30) for kind in kinds])
-    for column in range(columns):
-        lowest = panels[(len(material.parameters) - 1 - column) // columns, column]
-        lowest.set_xlabel("change, % of its size")
-        lowest.tick_params(axis="x", labelbottom=True)
-    patches = [Patch(color=colour, label=label) for colour, label in _LEGEND]
-    figure.legend(handles=patches, loc="outside upper left", ncols=len(patches))
-    return figure
+        return "No parameter is known that could move."
+    panels = tuple(_panel(material, parameter, kinds) for parameter in material.parameters)
+    return Figure(in_lines(panels, _COLUMNS))
+
+
+def place(percent: float) -> float:
+    """Where a change stands on the axis: linear up to 1 %, logarithmic beyond."""
+    size = abs(percent)
+    return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
 
 
 def _order(material: SensitivityMaterial) -> list[str]:
@@ -67,36 +58,52 @@ def _order(material: SensitivityMaterial) -> list[str]:
     return [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]
 
 
-def _panel(axes: Axes, material: SensitivityMaterial, parameter: ParameterEntry, kinds: Sequence[str]) -> None:
+def _panel(material: SensitivityMaterial, parameter: ParameterEntry, kinds: Sequence[str]) -> Panel:
     responses, perturbations = material.tables["responses"], material.tables["perturbations"]
     own = responses[responses["parameter"] == parameter.name]
     raised = perturbations.set_index("perturbation")["raised"] != ""
     own = own.assign(noticed=own["perturbation"].map(raised).to_numpy() | own["value"].isna().to_numpy())
-    allowed = 100 * parameter.allowed(material.share)
-    axes.axvspan(-allowed, allowed, color=style.GRID, alpha=0.5, lw=0)
-    for row, kind in enumerate(kinds):
-        _bars(axes, row, own[own["kind"] == kind])
-    axes.axvline(0.0, color=style.INK, lw=0.5)
-    axes.set_xscale("symlog", linthresh=_LINEAR, linscale=0.6)
-    axes.set_xlim(-_LIMIT, _LIMIT)
-    axes.set_xticks(_TICKS)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−")))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(len(kinds) - 0.5, -0.5)
-    axes.grid(visible=False, axis="y")
-    axes.set_title(f"{style.printable(parameter.name, 34)}", fontsize=7.5)
+    allowed = place(100 * parameter.allowed(material.share))
+    found = [(row, *bar) for row, kind in enumerate(kinds) for bar in _bars(own[own["kind"] == kind])]
+    numbers = [[row, place(low), place(high), shade] for row, low, high, shade, _ in found]
+    rows, lows, highs, shades = np.array(numbers, dtype=np.float64).reshape(-1, 4).T
+    names = tuple(style.printable(material.titles[kind], 30) for kind in kinds)
+    items = (
+        *_LEGEND,
+        Spans(np.array([-allowed]), np.array([allowed]), style.GRID),
+        Bars(
+            rows,
+            lows,
+            highs,
+            tuple(colour for *_, colour in found),
+            shades,
+            tuple(f"{names[row]}: {low:.2g} … {high:.2g} %" for row, low, high, *_ in found),
+        ),
+        Rule("x", 0.0, style.INK),
+    )
+    ticks = tuple((place(value), f"{value:g}".replace("-", "−")) for value in _TICKS)
+    return Panel(
+        items,
+        style.printable(parameter.name, 34),
+        "change, % of its size",
+        x_range=(place(-_LIMIT), place(_LIMIT)),
+        x_ticks=ticks,
+        rows=names,
+        height=_HEAD + _ROW * len(kinds),
+    )
 
 
-def _bars(axes: Axes, row: int, changes: pd.DataFrame) -> None:
-    """One kind's bars of one parameter: of each size of the level the stretch from its least to its largest change."""
-    sizes = changes["level"].abs()
+def _bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
+    """One kind's bars of one parameter: of each size of the level the stretch from its least to its largest change.
+
+    Lowest and highest change in %, opacity and colour, the widest first.
+    """
     spans = []
-    for _, group in changes.groupby(sizes):
+    for _, group in changes.groupby(changes["level"].abs()):
         percent = group["change_percent"].fillna(_LIMIT).clip(-_LIMIT, _LIMIT)
-        low, high = min(0.0, percent.min()), max(0.0, percent.max())
         beyond = group[group["ratio"] > 1]
         colour = _WITHIN if beyond.empty else _NOTICED if beyond["noticed"].all() else _SILENT
-        spans.append((high - low, low, colour))
-    for rank, (width, low, colour) in enumerate(sorted(spans, reverse=True)):
-        shade = 0.35 + 0.65 * rank / max(len(spans) - 1, 1)
-        axes.barh(row, width, left=low, height=0.72, color=colour, alpha=shade, lw=0)
+        spans.append((min(0.0, float(percent.min())), max(0.0, float(percent.max())), colour))
+    spans.sort(key=lambda span: span[0] - span[1])
+    shades = np.linspace(0.35, 1.0, len(spans)) if len(spans) > 1 else [0.35]
+    return [(low, high, float(shade), colour) for (low, high, colour), shade in zip(spans, shades, strict=True)]

@@ -1,47 +1,34 @@
 "use strict";
-// What the player adds to Bokeh's drawing and to the browser's own slider: which moment is shown.
+// What the player adds to the page's charts and to the browser's own slider: which moment is shown.
 (async () => {
   const part = (name) => document.getElementById(`player-${name}`);
-  const { document: plots, roots, frames, themed } = JSON.parse(part("data").textContent);
+  const { figure, curves, ...frames } = JSON.parse(part("data").textContent);
   const packed = new Int16Array(Uint8Array.from(atob(frames.values), (char) => char.charCodeAt(0)).buffer);
   const width = packed.length / frames.time.length;
   const slider = part("time"), button = part("play"), speed = part("speed");
 
   part("without").hidden = true;
   part("body").hidden = false;
+  const [moving] = await Charts.draw(part("figure"), figure);
+  const timed = curves ? await Charts.draw(part("curves"), curves) : [];
+  const shapes = timed.map((plot) => plot.layout.shapes ?? []);
 
-  let views, now, sources = [];
-  const drawn = async () => { // a canvas knows no style: the page's colours of the moment are put in, light or dark
-    const own = getComputedStyle(part("body"));
-    const ours = Object.entries(themed).map(([colour, name]) => [colour, own.getPropertyValue(name).trim()]);
-    const told = ours.reduce((text, [colour, shown]) => text.replaceAll(colour, shown), JSON.stringify(plots));
-    views?.clear();
-    [views] = await Bokeh.embed.embed_items({ player: JSON.parse(told) }, [{ docid: "player", roots, root_ids: Object.keys(roots) }]);
-    const model = Bokeh.documents.at(-1);
-    if (!model.is_idle) await new Promise((done) => model.idle.connect(done)); // its first strokes are for no size yet
-    now = model.get_model_by_name("now");
-    sources = frames.parts.map((one) => model.get_model_by_name(one.source));
-    for (const plot of model.get_model_by_name("curves")?.children ?? []) {
-      plot.on_event("tap", ({ x }) => { set(false); show(nearest(x)); });
-    }
-  };
-
-  const number = (whole) => (whole === frames.unknown ? NaN : whole * frames.step);
+  const number = (whole) => (whole === frames.unknown ? null : whole * frames.step);
   const show = (moment) => {
+    const x = [], y = [];
     let start = moment * width;
-    frames.parts.forEach(({ columns, rows }, k) => {
-      const data = { ...sources[k].data };
-      for (const column of columns) {
-        data[column] = Array.from(packed.subarray(start, start + rows), number);
-        start += rows;
-      }
-      sources[k].data = data;
-    });
+    for (const rows of frames.rows) {
+      x.push(Array.from(packed.subarray(start, start + rows), number));
+      y.push(Array.from(packed.subarray(start + rows, start + 2 * rows), number));
+      start += 2 * rows;
+    }
     const time = frames.time[moment];
-    if (now) now.location = time;
     part("now").value = `${time.toFixed(2)} s`;
     slider.value = moment;
     slider.setAttribute("aria-valuetext", `${time.toFixed(2)} seconds`);
+    const line = { type: "line", x0: time, x1: time, y0: 0, y1: 1, yref: "paper", line: { color: "#882255", width: 2 } };
+    timed.forEach((plot, k) => Plotly.relayout(plot, { shapes: [...shapes[k], line] }));
+    return Plotly.restyle(moving, { x, y });
   };
 
   const nearest = (time) => {
@@ -60,12 +47,12 @@
     before = performance.now();
     requestAnimationFrame(tick);
   };
-  const tick = (stamp) => {
+  const tick = async (stamp) => {
     if (!playing) return;
     clock += (Number(speed.value) * Math.max(stamp - before, 0)) / 1000;
     before = stamp;
     const moment = nearest(clock);
-    if (moment !== Number(slider.value)) show(moment);
+    if (moment !== Number(slider.value)) await show(moment);
     if (clock >= frames.time[frames.time.length - 1]) set(false);
     else requestAnimationFrame(tick);
   };
@@ -75,11 +62,14 @@
   slider.addEventListener("keydown", (event) => {
     if (event.key === " ") { event.preventDefault(); set(!playing); }
   });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", async () => {
-    await drawn();
-    show(Number(slider.value));
-  });
-  await drawn();
-  show(0);
+  for (const plot of timed) {
+    plot.addEventListener("click", (event) => {
+      const { xaxis } = plot._fullLayout;
+      const time = xaxis.p2d(event.clientX - plot.getBoundingClientRect().left - xaxis._offset);
+      set(false);
+      show(nearest(time));
+    });
+  }
+  await show(0);
   part("body").dataset.ready = "yes";
 })();

@@ -11,10 +11,11 @@ from mocap_id.store.schemas import SCHEMAS
 
 
 class ReportSettings(Settings):
-    """How the figures are written; what they show is not to be set."""
+    """Figures for papers; what they show is not to be set."""
 
+    figures: bool = Field(False, description="write the figures as SVG and PDF too, as `mocap-id figures` does later")
     pdf_fonts: PdfFonts = Field(
-        "type-3", description="letters of the PDF figures: drawn (type-3), or as some journals ask truetype: 1 s more"
+        "type-3", description="letters of the PDF figures: drawn (type-3), or truetype as some journals ask"
     )
 
 
@@ -26,7 +27,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="report",
-    version=6,
+    version=7,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from mocap_id import __version__
-from mocap_id.reporting.collection import put_off
 from mocap_id.reporting.material import Material
 from mocap_id.stages.base import Context, Outputs, TrialKeys
 from mocap_id.verdict import Reason
 
 
 def report(context: Context) -> Outputs:
-    """Write summary, page and figures from whatever artefacts exist.
+    """Write summary and page from whatever artefacts exist, and figures for papers where they are asked for.
 
     Parameters
     ----------
     context : Context
         All artefacts of a trial that went through; in a refused one (``context.refused``) those that there are.
     """
-    with put_off():
-        from mocap_id.reporting.report import documents  # noqa: PLC0415  drawing is imported by whoever draws
+    from mocap_id.reporting.report import documents  # noqa: PLC0415  whoever asks for the material needs no template
 
-        return documents(material(context), context.settings.pdf_fonts)
+    settings = context.settings
+    return documents(material(context), figures=settings.figures, pdf_fonts=settings.pdf_fonts)
 
 
 def material(context: Context) -> Material:

@@ -17,7 +17,7 @@ from mocap_id.dynamics.foresight import Foreseen
 from mocap_id.dynamics.proposal import OBJECTIVES, Proposal
 from mocap_id.reporting.movement import draw
 from mocap_id.reporting.numbers import show
-from mocap_id.reporting.vector import drawn
+from mocap_id.reporting.paper import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.advice.advise import Advised
 

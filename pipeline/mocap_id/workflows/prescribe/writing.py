@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from mocap_id import __version__
 from mocap_id.prescription.several_springs import holds
 from mocap_id.prescription.sub_workspaces import Graph
+from mocap_id.reporting.paper import drawn
 from mocap_id.reporting.reach import functional, heat, ranges, timed
-from mocap_id.reporting.vector import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.prescribe.performing import Prescribed, Timed
 from mocap_id.workflows.prescribe.searching import SpringMap

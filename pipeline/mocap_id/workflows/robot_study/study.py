@@ -79,7 +79,7 @@ def validate_robot(
     files : sequence of Path
         A study's file, or trials' files; with none, a set is simulated in ``out/trials`` unless one stands there.
     out : Path
-        Gets a run folder for each trial in ``runs``, the tables, ``figures``, and the page.
+        Gets a run folder for each trial in ``runs``, the tables, and the page.
     generated : RobotSet, optional
         Which set is simulated.
     jobs : int
@@ -132,17 +132,12 @@ def _write(
     frames: Mapping[str, pd.DataFrame],
     document: Mapping[str, Any],
 ) -> None:
-    from mocap_id.reporting.robot.figures import render  # noqa: PLC0415  drawing is imported by whoever draws
+    from mocap_id.reporting.robot.figures import drawings  # noqa: PLC0415  whoever writes a page loads templates
     from mocap_id.reporting.robot.page import markdown, page  # noqa: PLC0415
 
     material = _material(study, cases, frames)
-    drawings = render(material)
-    shown = {drawing.entry.title: f"figures/{name}.svg" for name, drawing in drawings.items() if not drawing.missing}
-    with explained(out):
-        (out / "figures").mkdir(exist_ok=True)
-    files = {**table_files(frames, _SCHEMAS, "robot-study"), PAGE: page(material, drawings)}
-    files |= {file: content for drawing in drawings.values() for file, content in drawing.files.items()}
-    files |= {MARKDOWN: f"# {study.name}\n\n{markdown(material, shown)}".encode(), DOCUMENT: as_bytes(document)}
+    files = {**table_files(frames, _SCHEMAS, "robot-study"), PAGE: page(material, drawings(material))}
+    files |= {MARKDOWN: f"# {study.name}\n\n{markdown(material, {})}".encode(), DOCUMENT: as_bytes(document)}
     replace_together(out, files)
 
 
@@ -160,18 +155,20 @@ def _replace_tables(
     page: Path, before: str, study: RobotStudy, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]
 ) -> None:
     """Tables between the page's marks, figures in a folder of the page's name."""
-    from mocap_id.reporting.robot.figures import render  # noqa: PLC0415  drawing is imported by whoever draws
+    from mocap_id.reporting import paper  # noqa: PLC0415  matplotlib is imported by whoever draws with it
+    from mocap_id.reporting.robot.figures import drawings  # noqa: PLC0415
     from mocap_id.reporting.robot.page import markdown  # noqa: PLC0415
 
     material = _material(study, cases, frames)
-    drawings = {name: one for name, one in render(material).items() if not one.missing}
-    shown = {one.entry.title: f"{page.stem}/{name}.svg" for name, one in drawings.items()}
+    found = drawings(material)
+    shown = {one.title: f"{page.stem}/{one.name}.svg" for one in found.all if not one.missing}
     head, rest = before.split(_BEGIN, 1)
     tail = rest.split(_END, 1)[1]
     with explained(page):
         (page.parent / page.stem).mkdir(exist_ok=True)
     text = f"{head}{_BEGIN}\n\n{markdown(material, shown)}\n{_END}{tail}"
-    figures = {f"{page.stem}/{name}.svg": one.svg for name, one in drawings.items()}
+    drawn = paper.files(found)
+    figures = {f"{page.stem}/{one.name}.svg": drawn[f"figures/{one.name}.svg"] for one in found.all if not one.missing}
     replace_together(page.parent, {**figures, page.name: text.encode()})
 
 

@@ -26,7 +26,7 @@ from mocap_id.workflows.sensitivity.tables import document, tables
 from mocap_id.workflows.sensitivity.trying import Tried, try_all
 from mocap_id.workflows.study.writing import csv, parquet
 
-DOCUMENT, PAGE, FIGURE = "sensitivity.json", "sensitivity.html", "tornado"
+DOCUMENT, PAGE = "sensitivity.json", "sensitivity.html"
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ def _table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
 
 
 def _shown(studied: Studied, frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
-    """Figure and page."""
-    from mocap_id.reporting.sensitivity import material, page, tornado  # noqa: PLC0415  drawing is imported late
+    """The page."""
+    from mocap_id.reporting.sensitivity import material, page  # noqa: PLC0415  whoever writes a page loads templates
 
     changes, parameters = [one.change for one in studied.tried], studied.own.parameters
     seen = material.SensitivityMaterial(
@@ -159,5 +159,4 @@ def _shown(studied: Studied, frames: Mapping[str, pd.DataFrame]) -> dict[str, by
         titles={change.kind: change.of.title for change in changes},
         tables=frames,
     )
-    svg, pdf = tornado.render(seen)
-    return {f"{FIGURE}.svg": svg, f"{FIGURE}.pdf": pdf, PAGE: page.page(seen, svg)}
+    return {PAGE: page.page(seen)}

@@ -29,7 +29,7 @@ from mocap_id.workflows.study import (
 from mocap_id.workflows.study.cases import Case, case
 from mocap_id.workflows.study.columns import TABLES, frame
 
-_VERSION = 2  # raised whenever the same trials would give other tables or another page
+_VERSION = 3  # raised whenever the same trials would give other tables or another page
 _ROWS: Mapping[str, Callable[[Sequence[Case]], Any]] = {
     "trials": trials_table.rows,
     "lengths": lengths_table.rows,

@@ -11,8 +11,8 @@ import numpy as np
 
 from mocap_id import __version__
 from mocap_id.prescription.overlay import Overlay
+from mocap_id.reporting.paper import drawn
 from mocap_id.reporting.reach import area, gains, volume
-from mocap_id.reporting.vector import drawn
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.workspace.performing import Reach, first_joint
 

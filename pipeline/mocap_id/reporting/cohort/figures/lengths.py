@@ -2,61 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort.figures import people
 from mocap_id.reporting.cohort.material import CohortMaterial
+from mocap_id.reporting.figure import Figure, Item, Panel, Points, Symbol
 
 _SEGMENTS = ("shank", "thigh")
 
 
-def draw(material: CohortMaterial) -> Figure | str:
+def shown(material: CohortMaterial) -> Figure | str:
     """A panel a segment, a row a person."""
     trials = material.tables["trials"]
     if not np.isfinite(trials[list(_SEGMENTS)].to_numpy(dtype=np.float64)).any():
         return "No segment lengths: no trial has a shank or a thigh."
-    figure = style.figure(0.9 + 0.3 * len(material.subjects))
-    panels = figure.subplots(1, 2)
-    for axes, segment in zip(panels, _SEGMENTS, strict=True):
-        people.dots(axes, material, trials, segment, f"{segment}_sd", factor=100)
-        _references(axes, material, segment)
-        people.rows(axes, material.subjects, named=segment == _SEGMENTS[0])
-        axes.margins(x=0.08)
-        axes.set_title(segment)
-        axes.set_xlabel("length (cm)")
-    style.legend_above(figure, list(panels))
-    return figure
+    return Figure((tuple(_panel(material, segment) for segment in _SEGMENTS),))
 
 
-def _references(axes: Axes, material: CohortMaterial, segment: str) -> None:
+def _panel(material: CohortMaterial, segment: str) -> Panel:
+    items = (
+        *people.between(material),
+        *_references(material, segment),
+        *people.dots(material, material.tables["trials"], segment, f"{segment}_sd", factor=100),
+    )
+    height = 0.7 + 0.3 * len(material.subjects)
+    return Panel(items, segment, "length (cm)", rows=people.names(material), height=height)
+
+
+def _references(material: CohortMaterial, segment: str) -> list[Item]:
     lengths = material.of_people("lengths")
     own = lengths[lengths["segment"] == segment]
-    landmarks = own[(own["reference"] == "landmarks") & (own["method"] == "framework")]
-    against = own[(own["reference"] != "landmarks") & (own["method"] == "framework")]
-    look = {"marker": "|", "ms": 16, "mew": 2, "color": style.INK, "label": "landmarks"}
-    _marks(axes, material, landmarks, look)
-    stature = pd.concat(
+    framework, stature = own[own["method"] == "framework"], own[own["method"] == "stature"]
+    measured = framework["reference"] == "landmarks"
+    by_height = pd.concat(
         [
-            against[["subject", "reference_length"]],
-            own[own["method"] == "stature"][["subject", "length_mean"]].rename(
-                columns={"length_mean": "reference_length"}
-            ),
+            framework[~measured][["subject", "reference_length"]],
+            stature[["subject", "length_mean"]].rename(columns={"length_mean": "reference_length"}),
         ]
     )
-    look = {"marker": "x", "ms": 6, "mew": 1.6, "color": style.REFERENCE, "label": "stature"}
-    _marks(axes, material, stature, look)
-
-
-def _marks(axes: Axes, material: CohortMaterial, frame: pd.DataFrame, look: Mapping[str, Any]) -> None:
-    known = frame[np.isfinite(frame["reference_length"].to_numpy(dtype=np.float64))]
-    if not known.empty:
-        y = [material.subjects.index(subject) for subject in known["subject"]]
-        x = 100 * known["reference_length"].to_numpy(dtype=np.float64)
-        axes.plot(x, y, ls="none", zorder=1, **look)
+    kinds: tuple[tuple[pd.DataFrame, str, str, Symbol, float], ...] = (
+        (framework[measured], style.INK, "landmarks", "|", 14.0),
+        (by_height, style.REFERENCE, "stature", "x", 6.0),
+    )
+    items: list[Item] = []
+    for frame, colour, label, symbol, size in kinds:
+        known = frame[np.isfinite(frame["reference_length"].to_numpy(dtype=np.float64))]
+        if not known.empty:
+            y = np.array([material.subjects.index(subject) for subject in known["subject"]], dtype=np.float64)
+            x = 100 * known["reference_length"].to_numpy(dtype=np.float64)
+            items.append(Points(x, y, colour, label, symbol, size))
+    return items

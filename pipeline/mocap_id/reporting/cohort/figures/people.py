@@ -2,57 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort.material import CohortMaterial
+from mocap_id.reporting.figure import Item, Points, Rule
 from mocap_id.reporting.numbers import NORMAL_95
 
 _SPREAD = 0.6  # of a row's height, for the trials of one person
 
 
-def places(trials: Sequence[str], of: Mapping[str, Sequence[str]], subjects: Sequence[str]) -> FloatArray:
+def places(material: CohortMaterial, trials: Sequence[str]) -> FloatArray:
     """Vertical place of each trial: the person's row, and within it the trials one below the other."""
-    row = {trial: k for k, subject in enumerate(subjects) for trial in of[subject]}
-    within = {trial: _within(k, len(of[subject])) for subject in subjects for k, trial in enumerate(of[subject])}
-    return np.array([row[trial] + within[trial] for trial in trials])
+    place: dict[str, float] = {}
+    for row, subject in enumerate(material.subjects):
+        own = [trial.name for trial in material.trials if trial.subject == subject]
+        place |= {name: row + _within(k, len(own)) for k, name in enumerate(own)}
+    return np.array([place[trial] for trial in trials], dtype=np.float64)
 
 
-def trials_of(material: CohortMaterial) -> dict[str, list[str]]:
-    """Names of each person's trials."""
-    return {
-        subject: [trial.name for trial in material.trials if trial.subject == subject] for subject in material.subjects
-    }
+def names(material: CohortMaterial) -> tuple[str, ...]:
+    """What the rows go by."""
+    return tuple(style.printable(subject, 16) for subject in material.subjects)
 
 
-def rows(axes: Axes, subjects: Sequence[str], *, named: bool = True) -> None:
-    """Name the rows, the first person on top, with a line between people."""
-    names = [style.printable(subject, 16) for subject in subjects] if named else [""] * len(subjects)
-    axes.set_yticks(range(len(subjects)), names)
-    axes.set_ylim(len(subjects) - 0.5, -0.5)
-    axes.grid(False, axis="y")
-    for k in range(1, len(subjects)):
-        axes.axhline(k - 0.5, color=style.GRID, lw=0.5)
+def between(material: CohortMaterial) -> list[Item]:
+    """Lines between people."""
+    return [Rule("y", k - 0.5, style.GRID) for k in range(1, len(material.subjects))]
 
 
-def dots(axes: Axes, material: CohortMaterial, frame: pd.DataFrame, value: str, sd: str, *, factor: float = 1) -> None:
+def dots(material: CohortMaterial, frame: pd.DataFrame, value: str, sd: str, *, factor: float = 1) -> list[Item]:
     """A dot with its 95 % interval for each trial of a frame (`trial`, `strategy`), coloured by strategy."""
     known = frame[np.isfinite(frame[value].to_numpy(dtype=np.float64))]
+    items: list[Item] = []
     for k, strategy in enumerate(material.strategies, start=1):
         own = known[known["strategy"] == strategy]
         if own.empty:
             continue
-        y = places(own["trial"].tolist(), trials_of(material), material.subjects)
-        spread = own[sd].to_numpy(dtype=np.float64)
+        trials, spread = own["trial"].tolist(), own[sd].to_numpy(dtype=np.float64)
         half = NORMAL_95 * factor * np.where(np.isfinite(spread), spread, 0.0)
         x = factor * own[value].to_numpy(dtype=np.float64)
-        label = style.printable(strategy, 20)
-        axes.errorbar(x, y, xerr=half, fmt="o", ms=3, capsize=1.5, lw=0.8, color=style.colour(k), label=label)
+        label, told = style.printable(strategy, 20), tuple(style.printable(trial, 30) for trial in trials)
+        items.append(Points(x, places(material, trials), style.colour(k), label, size=3.5, half=half, names=told))
+    return items
 
 
 def _within(k: int, count: int) -> float:

@@ -1,42 +1,42 @@
-"""The figures of a robot study (thesis figures 5.2 to 5.6): a drawing, or a sentence that says why there is none."""
+"""The figures of a robot study (thesis figures 5.2 to 5.6): a figure, or a sentence that says why there is none."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 
-from matplotlib.figure import Figure
-
-from mocap_id.reporting.contents import FigureEntry
-from mocap_id.reporting.figures import Drawing, drawing
+from mocap_id.reporting import style
+from mocap_id.reporting.figure import Drawing, Drawings
 from mocap_id.reporting.robot.figures import accelerations, recovery, wrench
 from mocap_id.reporting.robot.material import RobotMaterial
 
-NAMES = ("recovery-1", "recovery-2", "wrench", "residuals", "accelerations")
+
+def drawings(material: RobotMaterial) -> Drawings:
+    """Every figure of the page."""
+    return Drawings(style.printable(material.study), tuple(_drawings(material)))
 
 
-def render(material: RobotMaterial) -> dict[str, Drawing]:
-    """Every figure of the page, by name."""
-    return {entry.name: drawing(entry, material.study, draw) for entry, draw in _drawn(material)}
-
-
-def _drawn(material: RobotMaterial) -> Iterator[tuple[FigureEntry, Callable[[], Figure | str]]]:
+def _drawings(material: RobotMaterial) -> Iterator[Drawing]:
     for k, one in enumerate(material.recoveries, start=1):
-        title = f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})"
-        yield FigureEntry(f"recovery-{k}", title, recovery.CAPTION), partial(recovery.draw, one)
-    cell = "" if material.averaged is None else f": {material.averaged.cell}, {material.averaged.repetitions} swings"
-    missing = "No repetition is complete in any trial that went through."
-    averaged = material.averaged
-    yield (
-        FigureEntry("wrench", f"Measured and recovered contact wrench{cell}", wrench.CAPTION),
-        lambda: missing if averaged is None else wrench.draw(averaged),
+        title = style.printable(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})")
+        yield Drawing(f"recovery-{k}", title, recovery.CAPTION, recovery.shown(one))
+    averaged, missing = material.averaged, "No repetition is complete in any trial that went through."
+    cell = "" if averaged is None else f": {averaged.cell}, {averaged.repetitions} swings"
+    yield Drawing(
+        "wrench",
+        f"Measured and recovered contact wrench{cell}",
+        wrench.CAPTION,
+        missing if averaged is None else wrench.shown(averaged),
     )
-    yield (
-        FigureEntry("residuals", f"Errors of the recovered contact wrench{cell}", wrench.RESIDUALS),
-        lambda: missing if averaged is None else wrench.draw_residuals(averaged),
+    yield Drawing(
+        "residuals",
+        f"Errors of the recovered contact wrench{cell}",
+        wrench.RESIDUALS,
+        missing if averaged is None else wrench.errors(averaged),
     )
     traces = material.traces
-    yield (
-        FigureEntry("accelerations", "Acceleration by the smoother and by differences", accelerations.CAPTION),
-        lambda: "No trial went through." if traces is None else accelerations.draw(traces),
+    yield Drawing(
+        "accelerations",
+        "Acceleration by the smoother and by differences",
+        accelerations.CAPTION,
+        "No trial went through." if traces is None else accelerations.shown(traces),
     )

@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from matplotlib.figure import Figure
-
 from mocap_id.reporting import style
 from mocap_id.reporting.decimation import envelope
+from mocap_id.reporting.figure import Dash, Figure, Item, Line, Panel
 from mocap_id.reporting.robot.material import Traces
 
 CAPTION = (
     "Angular acceleration of a single trial: the smoother's (P, blue), and by a 20 Hz low-pass and differences of the "
     "frames' angles (red, dotted); the truth in black where it is known. Below, what is left of each against the truth."
 )
+_LOOKS: tuple[tuple[str, str, Dash, float], ...] = (("Diff.", style.OTHER, ":", 0.7), ("P", style.BLUE, "-", 1.1))
+_BINS = 200
 
 
-def draw(traces: Traces) -> Figure:
+def shown(traces: Traces) -> Figure:
     """The curves, and their errors where the truth is known."""
-    known = traces.truth is not None
-    drawing = style.figure(3.6 if known else 2.2)
-    panels = list(drawing.subplots(2 if known else 1, 1, sharex=True, squeeze=False)[:, 0])
-    looks = {"Diff.": (style.OTHER, ":", 0.7), "P": (style.BLUE, "-", 1.1)}
-    for name, (colour, line, width) in looks.items():
-        if name not in traces.curves:
-            continue
-        curve = traces.curves[name][:, 2]
-        panels[0].plot(*envelope(traces.time, curve, 200), line, color=colour, lw=width, label=name)
-        if traces.truth is not None:
-            off = curve - traces.truth[:, 2]
-            panels[1].plot(*envelope(traces.time, off, 200), line, color=colour, lw=width)
-    if traces.truth is not None:
-        panels[0].plot(*envelope(traces.time, traces.truth[:, 2], 200), color=style.INK, lw=0.6, label="truth")
-        panels[1].set_title("less the truth (rad/s²)")
-    panels[0].set_title(f"acceleration (rad/s²): {style.printable(traces.trial)}")
-    panels[-1].set_xlabel("time (s)")
-    style.legend_above(drawing, panels[:1])
-    return drawing
+    curves: list[Item] = []
+    errors: list[Item] = []
+    for name, colour, dash, width in _LOOKS:
+        if name in traces.curves:
+            curve = traces.curves[name][:, 2]
+            curves.append(Line(*envelope(traces.time, curve, _BINS), colour, name, dash, width))
+            if traces.truth is not None:
+                off = curve - traces.truth[:, 2]
+                errors.append(Line(*envelope(traces.time, off, _BINS), colour, name, dash, width))
+    title, time = f"acceleration (rad/s²): {style.printable(traces.trial)}", "time (s)"
+    if traces.truth is None:
+        return Figure(((Panel(tuple(curves), title, time, linked=True, height=2.2),),))
+    curves.append(Line(*envelope(traces.time, traces.truth[:, 2], _BINS), style.INK, "truth", width=0.6))
+    above = Panel(tuple(curves), title, linked=True, height=1.7)
+    return Figure(((above,), (Panel(tuple(errors), "less the truth (rad/s²)", time, linked=True, height=1.9),)))

@@ -1,0 +1,246 @@
+"""Figures for papers: SVG, PDF and captions, drawn by matplotlib.
+
+The same figure gives the same bytes. Nothing global outlives a drawing: no pyplot, and settings under :func:`house`.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure as Sheet
+from matplotlib.lines import Line2D
+
+from mocap_id.reporting import style
+from mocap_id.reporting.contents import CAPTIONS_FILE, PdfFonts
+from mocap_id.reporting.figure import (
+    Band,
+    Bars,
+    Drawings,
+    Figure,
+    Heat,
+    Item,
+    Key,
+    Line,
+    Panel,
+    Points,
+    Rule,
+    Spans,
+    Text,
+)
+
+WIDTH = 7.2
+"""Width of a figure, inches: two columns of a journal page."""
+HEAT, SHADES = "cividis", 24
+
+_MARKERS = {"dot": "o", "ring": "o", "x": "x", "+": "+", "|": "|", "diamond": "d", "square": "s"}
+_OPEN = ("ring", "diamond")
+_RC: dict[Any, object] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": style.INK,
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.labelcolor": style.INK,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 8.5,
+    "axes.titlecolor": style.INK,
+    "axes.xmargin": 0.03,
+    "figure.facecolor": "none",
+    "font.family": ["DejaVu Sans"],
+    "font.size": 8,
+    "grid.color": style.GRID,
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "patch.linewidth": 0.6,
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",  # text stays text: searchable, editable, small
+    "text.color": style.INK,
+    "text.parse_math": False,  # labels come from files: a dollar sign is a dollar sign
+    "xtick.color": style.INK,
+    "xtick.labelsize": 7.5,
+    "ytick.color": style.INK,
+    "ytick.labelsize": 7.5,
+}
+
+
+@contextmanager
+def house(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
+    """The house's matplotlib settings, for the length of one drawing."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_RC)
+        mpl.rcParams["pdf.fonttype"] = {"type-3": 3, "truetype": 42}[pdf_fonts]
+        yield
+
+
+def files(found: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
+    """Captions, and SVG and PDF of every figure that there is, by file."""
+    written = {CAPTIONS_FILE: _captions(found)}
+    for one in found.all:
+        whole = one.figure
+        if not isinstance(whole, str):
+            title = f"{one.title}: {found.of}"
+            drawn_ = drawn(one.name, title, lambda whole=whole: sheet(whole), pdf_fonts)  # type: ignore[misc]
+            written |= {f"figures/{file}": content for file, content in drawn_.items()}
+    return written
+
+
+def _captions(found: Drawings) -> bytes:
+    """What stands under each figure, as Markdown: a figure leaves its page when it goes into a paper."""
+    told = (
+        f"**{one.title}** (`{one.name}.svg`, `{one.name}.pdf`). {one.caption}"
+        if one.missing is None
+        else f"**{one.title}**. {one.missing}"
+        for one in found.all
+    )
+    return ("\n\n".join([f"# Figures of {found.of}", *told]) + "\n").encode("utf-8")
+
+
+def drawn(name: str, title: str, draw: Callable[[], Sheet], pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
+    """What ``draw`` draws under the house's settings, in both formats by their files' names."""
+    about = {"CreationDate": None, "Creator": None, "Producer": None}
+    silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    with house(pdf_fonts), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
+        # a letter that matplotlib's font does not have is text in the SVG, shown by the reader's own; in the PDF a box
+        warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
+        made, svg, pdf = draw(), io.BytesIO(), io.BytesIO()
+        made.draw_without_rendering()
+        made.set_layout_engine("none")  # laid out once for both
+        for axes in made.axes:  # the layout's solver leaves another last bit every time
+            axes.set_position(np.round(axes.get_position(original=True).bounds, 6).tolist())
+        FigureCanvasSVG(made).print_figure(svg, format="svg", metadata={**silent, "Title": style.printable(title)})
+        FigureCanvasPdf(made).print_figure(pdf, format="pdf", metadata={**about, "Title": style.printable(title)})
+    return {f"{name}.svg": svg.getvalue(), f"{name}.pdf": pdf.getvalue()}
+
+
+def blank(height: float) -> Sheet:
+    """An empty figure of the house's width and this height, inches; call it under :func:`house`."""
+    return Sheet(figsize=(WIDTH, height), layout="constrained")
+
+
+def sheet(figure: Figure) -> Sheet:
+    """A figure as matplotlib's; call it under :func:`house`."""
+    heights = [max(panel.height for panel in line) for line in figure.lines]
+    whole = blank(0.4 + sum(heights))
+    columns = math.lcm(*(len(line) for line in figure.lines))
+    grid = whole.add_gridspec(len(heights), columns, height_ratios=heights)
+    norm = Normalize(figure.scale.low, figure.scale.high) if figure.scale else None
+    first: Axes | None = None
+    found = []
+    for row, line in enumerate(figure.lines):
+        wide = columns // len(line)
+        for k, panel in enumerate(line):
+            place = grid[row, k * wide : (k + 1) * wide]
+            axes = whole.add_subplot(place, sharex=first if panel.linked else None)
+            first = axes if panel.linked else first
+            for item in panel.items:
+                _item(axes, item, norm)
+            _dress(axes, panel, named=k == 0)
+            if len(line) > 1 and not panel.x_ticks:
+                axes.locator_params(axis="x", nbins=max(2, 7 - len(line)))
+            found.append(axes)
+    whole.align_ylabels(found)
+    if figure.scale is not None:
+        shades = ScalarMappable(norm, mpl.colormaps[HEAT].resampled(SHADES))
+        whole.colorbar(shades, ax=found, label=figure.scale.label, shrink=0.7, aspect=30)
+    legend_above(whole, found)
+    return whole
+
+
+def legend_above(whole: Sheet, panels: Sequence[Axes]) -> None:
+    """One legend over the figure for what is labelled in any panel; nothing where nothing is."""
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.setdefault(str(label), handle)
+    if handles:
+        columns = max(1, min(6, 90 // (max(map(len, handles)) + 6)))  # about 90 characters go across
+        whole.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
+
+
+def _item(axes: Axes, item: Item, norm: Normalize | None) -> None:
+    look: dict[str, Any]
+    match item:
+        case Line():
+            look = {"color": item.colour, "lw": item.width, "alpha": item.opacity}
+            axes.plot(item.x, item.y, item.dash, label=item.label or None, **look)
+        case Band():
+            axes.fill_between(item.x, item.low, item.high, color=item.colour, alpha=item.opacity, lw=0)
+        case Points():
+            _points(axes, item)
+        case Heat():
+            look = {"marker": "s", "linewidths": 0.3, "edgecolors": style.INK, "zorder": 3, "clip_on": False}
+            shades = mpl.colormaps[HEAT].resampled(SHADES)
+            axes.scatter(item.x, item.y, s=item.size**2, c=item.value, norm=norm, cmap=shades, **look)
+        case Bars():
+            opacity = np.ones(len(item.row)) if item.opacity is None else item.opacity
+            for row, low, high, colour, shown in zip(item.row, item.low, item.high, item.colours, opacity, strict=True):
+                axes.barh(row, high - low, left=low, height=item.thick, color=colour, alpha=shown, lw=0)
+        case Spans():
+            wide = list(zip(item.start, item.end - item.start, strict=True))
+            look = {"color": item.colour, "alpha": item.opacity, "lw": 0}
+            axes.broken_barh(wide, (0, 1), transform=axes.get_xaxis_transform(), **look)
+        case Rule():
+            across = axes.axvline if item.axis == "x" else axes.axhline
+            across(item.at, color=item.colour, ls=item.dash, lw=item.width)
+        case Text():
+            axes.annotate(item.words, (item.x, item.y), (7, -3), textcoords="offset points", fontsize=7.5)
+        case Key():
+            axes.add_line(Line2D([], [], marker="s", ls="none", ms=5, color=item.colour, label=item.label))
+
+
+def _points(axes: Axes, item: Points) -> None:
+    face = "none" if item.symbol in _OPEN else item.colour
+    look: dict[str, Any] = {
+        "marker": _MARKERS[item.symbol],
+        "ms": item.size,
+        "mfc": face,
+        "mec": item.colour,
+        "color": item.colour,
+    }
+    look |= {
+        "ls": "none",
+        "capsize": 2,
+        "elinewidth": 0.8,
+        "mew": 1.6 if item.symbol in ("x", "|") else 0.9,
+        "zorder": 3,
+    }
+    axes.errorbar(item.x, item.y, xerr=item.half, label=item.label or None, **look)
+
+
+def _dress(axes: Axes, panel: Panel, *, named: bool) -> None:
+    """Title, names, ranges and scales of a panel."""
+    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
+    if panel.x_range is not None:
+        axes.set_xlim(panel.x_range)
+    if panel.y_range is not None:
+        axes.set_ylim(panel.y_range)
+    if panel.x_ticks:
+        axes.set_xticks([at for at, _ in panel.x_ticks], [words for _, words in panel.x_ticks])
+    if panel.rows:
+        small = 6.5 if len(panel.rows) > 20 else 7.5
+        axes.set_yticks(range(len(panel.rows)), panel.rows if named else [""] * len(panel.rows), fontsize=small)
+        axes.set_ylim(len(panel.rows) - 0.4, -0.6)
+        axes.grid(False, axis="y")
+    if panel.equal:
+        axes.margins(0.1)
+        axes.set_aspect("equal", adjustable="box" if panel.x_range else "datalim")
+    if panel.linked and not panel.x:
+        axes.tick_params(labelbottom=False)
