@@ -155,8 +155,8 @@ class Folder:
                 contents[output.schema.file] = sealed_writer(output, origin, seals)
         before = self.documents(origin.stage)
         record = Record(origin, documents, seals)
-        contents[_record(origin.stage)] = partial(_write_record, record)  # the last, when the seals are known
-        replace_together(self.path, contents, void=_record(origin.stage))
+        contents[record_file(origin.stage)] = partial(_write_record, record)  # the last, when the seals are known
+        replace_together(self.path, contents, void=record_file(origin.stage))
         self.remove({file for file in self._ours(before) if file not in documents})
         for file in contents:
             self._untouched.pop(file, None)
@@ -199,7 +199,7 @@ class Folder:
 
     def forget(self, stage: str, files: Iterable[str]) -> None:
         """Delete everything that a stage wrote."""
-        self.remove([*files, *self._ours(self.documents(stage)), _record(stage)])
+        self.remove([*files, *self._ours(self.documents(stage)), record_file(stage)])
 
     def freshen(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
         """Make files no older than what they were made from, so that `make` agrees that they are up to date."""
@@ -274,7 +274,7 @@ class Folder:
 
     def _record(self, stage: str) -> Record | None:
         try:
-            record = Record.decode(plain_files.read(within(self.path, _record(stage)), links=False))
+            record = Record.decode(plain_files.read(within(self.path, record_file(stage)), links=False))
             sound = all(self._may_be_document(file) for file in record.documents)
         except (StoreError, *UNREADABLE):
             return None  # no record: the documents count as not written
@@ -297,7 +297,8 @@ class Folder:
             return None
 
 
-def _record(stage: str) -> str:
+def record_file(stage: str) -> str:
+    """Name of the record of a stage's outputs in a run folder."""
     return f"{_HIDDEN}/{stage}.json"
 
 

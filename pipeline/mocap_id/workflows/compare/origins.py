@@ -25,10 +25,15 @@ def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
 
 def artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
     """Keys of the artefacts; where data, facts and reasons are the same, so is the key shown."""
-    first: dict[str, Value] = {file: about.origin.key[:_SHOWN] for file, about in a.provenance.items()}
-    same = {file for file in {*a.artefacts} & {*b.artefacts} if _same(a.artefacts[file], b.artefacts[file])}
-    second = {file: first[file] if file in same else about.origin.key[:_SHOWN] for file, about in b.provenance.items()}
+    first, second = _keys(a), _keys(b)
+    for file in {*first} & {*second}:
+        if _same(a.artefacts[file], b.artefacts[file]):
+            first[file] = second[file] = min(str(first[file]), str(second[file]))
     yield from choices("artefacts", first, second)
+
+
+def _keys(run: RunFolder) -> dict[str, Value]:
+    return {file: about.origin.key[:_SHOWN] for file, about in run.provenance.items()}
 
 
 def _same(one: Artefact, other: Artefact) -> bool:

@@ -13,6 +13,7 @@ from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError
 from mocap_id.stages import STAGES
 from mocap_id.store.atomic import explained
+from mocap_id.store.folder import record_file
 from mocap_id.workflows.performing import Performed, perform
 
 DYNAMICS = "identify-dim"
@@ -88,9 +89,9 @@ def _share(source: Path, target: Path) -> None:
     """Let a variant find the artefacts that no method changes: another name for the same file, or a copy."""
     before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
     with explained(target):
-        target.mkdir(parents=True, exist_ok=True)
-        for file in (file for stage in before for file in stage.outputs):
+        for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
             there = target / file
+            there.parent.mkdir(parents=True, exist_ok=True)
             if there.exists() and there.samefile(source / file):
                 continue
             there.unlink(missing_ok=True)
