@@ -10,8 +10,9 @@ from dynamics_cases import BODY, CENTRES, moving_body
 
 from mocap_id.dynamics.consistent import fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.dynamics.folds import parts
 from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.held_out import HeldOut, hold_out, parts
+from mocap_id.dynamics.held_out import HeldOut, hold_out
 from mocap_id.dynamics.identify import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare

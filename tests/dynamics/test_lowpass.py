@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dynamics_cases import moving_body
+from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, runs
 from mocap_id.dynamics.regressor import planar_regressor
@@ -82,3 +83,16 @@ def test_runs_and_erosion() -> None:
     np.testing.assert_array_equal(np.flatnonzero(erode(mask, 1)), [1, 6, 7, 8])
     np.testing.assert_array_equal(erode(mask, 0), mask)
     assert not erode(mask, 3).any()
+
+
+@pytest.mark.parametrize(("cutoff", "rate"), [(3.0, 100.0), (5.0, 567.0), (10.0, 50.0)])
+def test_it_is_butterworth_s_filter_forwards_and_backwards(cutoff: float, rate: float) -> None:
+    """As scipy runs it over the reflected signal; at the very ends scipy's reflection is shorter."""
+    signal = np.cumsum(np.random.default_rng(2).normal(size=(1500, 2)), axis=0)
+    lowpass = LowPass(cutoff, rate)
+    sections = butter(2, cutoff, fs=rate, output="sos")
+    theirs = sosfiltfilt(sections, signal, axis=0, padlen=2 * lowpass.reach_samples)
+    off = np.abs(lowpass(signal) - theirs) / signal.std(axis=0)
+    reach = lowpass.reach_samples
+    assert off.max() < 3e-3
+    assert off[reach:-reach].max() < 3e-5

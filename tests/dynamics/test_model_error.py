@@ -191,3 +191,17 @@ def test_a_noisy_plate_hides_the_models_error_but_leaves_it_a_size() -> None:
     assert found is not None
     assert all(np.isfinite([found.steady, found.scale, found.overall]))
     assert found.steady + found.scale * noise[0] == pytest.approx(found.overall * noise[0])
+
+
+def test_a_joint_that_may_give_way_errs_by_the_force_through_it() -> None:
+    """The force that the bodies beyond the joint need, times the error of its centre; on that joint alone."""
+    recorded = moving_body(seconds=30.0, noise=(1.0, 1.0, 0.3))
+    free, reference = np.ones(len(recorded.time), dtype=bool), np.full(16, np.nan)
+    prepared = prepare(recorded, FitSettings())
+    found = identify(prepared, free, segment_grid(CENTRES, SEGMENT, LOCAL), reference, KinematicError.none(3))
+    correlation, hip = independent(recorded), np.array([0.0, 0.0, 0.003])
+    more = chain_noise(prepared, found, correlation, hip).torque - chain_noise(prepared, found, correlation).torque
+    np.testing.assert_allclose(more[:, :2], 0.0, atol=1e-9)
+    force = prepared.regressor[:, :2, 12:] @ found.full[12:]
+    np.testing.assert_allclose(np.sqrt(more[:, 2]), 0.003 * np.hypot(*force.T), rtol=1e-6)
+    assert np.median(force[:, 1]) == pytest.approx(9.81 * found.full[12], rel=0.1)

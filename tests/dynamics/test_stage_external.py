@@ -29,17 +29,17 @@ def with_external(
     """The stage's context with the recording's external wrenches among the columns."""
     made = context(recorded, **settings)
     wrench, chain = made.table("wrench.parquet"), made.tree("chain.h5")
-    frame, facts = wrench.frame, []
+    columns, facts = dict(wrench.columns), []
     for number, each in enumerate(recorded.external, start=1):
         suffix = SEAT if each.name == SEAT else f"external_{number}"
         values = dict(zip(("Fx", "Fy", "tauz"), factor * each.wrench.T, strict=True))
-        frame = frame.assign(**{f"{name}_{suffix}": column for name, column in values.items()})
+        columns |= {f"{name}_{suffix}": column for name, column in values.items()}
         fact = {"name": each.name, "columns": suffix, "clock": "plates" if each.by_plates else "cameras"}
         if each.name != SEAT:
             fact["segment"] = (segments or {}).get(each.name, each.segment)
         facts.append(fact)
     inputs = {
-        "wrench.parquet": replace(wrench, frame=frame, facts={**wrench.facts, "external": facts}),
+        "wrench.parquet": replace(wrench, columns=columns, facts={**wrench.facts, "external": facts}),
         "chain.h5": replace(chain, data={**chain.data, "segments": {"name": NAMES}}),
     }
     return Context(made.trial, made.settings, {**made.inputs, **inputs})

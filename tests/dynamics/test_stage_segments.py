@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import test_stage_identify_dim
 from dynamics_cases import CENTRES
@@ -55,7 +54,7 @@ def poses_table(motion: Motion, *, time: np.ndarray = TIME, bodies: int = 5, cam
         markers = dict(zip(labels, local.tolist(), strict=True))
         segments = [] if k == 4 else [k]
         facts.append({"name": NAMES[k], "segments": segments, "markers": markers, "residual_m": camera})
-    return Table(POSES, pd.DataFrame(columns), {"bodies": facts})
+    return Table(POSES, columns, {"bodies": facts})
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class Ran:
 
     def truth(self) -> np.ndarray:
         """The chain's base parameters, the arm counted where it was on average."""
-        used, motion = self.table.frame["in_fit"].to_numpy(), self.motion
+        used, motion = self.table["in_fit"], self.motion
         turn = motion.angle[used, 4] - motion.angle[used, 3]
         shift = planar.rotate(-motion.angle[used, 3], motion.origin[used, 4] - motion.origin[used, 3])
         torso = BODIES[3] + mean_move(turn, shift) @ BODIES[4]
@@ -103,8 +102,8 @@ def run(size: float = 0.03, hide: Any = None, **changes: Any) -> Ran:
     poses = poses_table(motion)
     if hide is not None:
         samples, body = hide
-        poses.frame.loc[samples, [f"{name}_{body + 1}" for name in ("x", "y", "angle")]] = np.nan
-        poses.frame.loc[samples, f"markers_{body + 1}"] = 0
+        for name, gone in (("x", np.nan), ("y", np.nan), ("angle", np.nan), ("markers", 0)):
+            poses[f"{name}_{body + 1}"][samples] = gone
     events, table, tree, averages = STAGE.function(made(recorded, poses, **changes))
     parquet.conform(events), parquet.conform(table), hdf5.conform(tree), parquet.conform(averages)
     return Ran(motion, recorded, table, tree)
@@ -287,7 +286,7 @@ def test_with_one_repetition_the_cut_offs_are_the_usual_ones() -> None:
     whole, poses = recorded_of(TIME, motion, noise=NOISE), poses_table(motion)
     names = ("time", "q", "dq", "ddq", "ddq_sd", "observed", "wrench")
     recorded = Recorded(**{name: getattr(whole, name)[cut] for name in names}, centres=CENTRES)
-    few = Table(POSES, poses.frame[cut].reset_index(drop=True), poses.facts)
+    few = Table(POSES, {name: column[cut] for name, column in poses.columns.items()}, poses.facts)
     *_, tree, _ = STAGE.function(made(recorded, few, **SQUATS))
     assert tree.facts["motion"]["source"] == "segments"
     assert "only one repetition" in tree.facts["held_out"]["why"]
@@ -315,7 +314,7 @@ def test_pelvis_and_trunk_count_as_two_or_as_one(monkeypatch: pytest.MonkeyPatch
     torso, arm = one.facts["bodies"][3], one.facts["bodies"][4]
     two = {"pelvis": (3, np.zeros(2), 0.0), "trunk": (4, centres[3], 1.0)}
     for k in range(3):
-        columns |= {f"{n}_{k + 1}": one.frame[f"{n}_{k + 1}"] for n in ("x", "y", "angle", "markers")}
+        columns |= {f"{n}_{k + 1}": one[f"{n}_{k + 1}"] for n in ("x", "y", "angle", "markers")}
         facts.append(one.facts["bodies"][k])
     for k, (name, (segment, at, bends)) in enumerate(two.items(), start=4):
         places = local[3 * segment : 3 * segment + 3]
@@ -330,9 +329,9 @@ def test_pelvis_and_trunk_count_as_two_or_as_one(monkeypatch: pytest.MonkeyPatch
         markers = {f"{name} {i}": each for i, each in enumerate(places.tolist())}
         facts.append({"name": name, "segments": [segment], "markers": markers, "residual_m": CAMERA})
     for k, (own, fact) in enumerate(((4, {**torso, "segments": [3, 4]}), (5, arm)), start=6):
-        columns |= {f"{n}_{k}": one.frame[f"{n}_{own}"] for n in ("x", "y", "angle", "markers")}
+        columns |= {f"{n}_{k}": one[f"{n}_{own}"] for n in ("x", "y", "angle", "markers")}
         facts.append(fact)
-    poses = Table(POSES, pd.DataFrame(columns), {"bodies": facts})
+    poses = Table(POSES, columns, {"bodies": facts})
     plain = context(recorded, standing=MASS, **SQUATS)
     chain = {
         "joints": {"centre": centres, "covariance": np.tile(1e-6 * np.eye(2), (4, 1, 1))},

@@ -18,5 +18,5 @@ def test_killed_runs_resume_to_the_same(tmp_path: Path) -> None:
     done = list(killing.at_random(2, seed=7))
     assert sum(one.killed for one in done) == 2
     assert any(one.computed for one in done), "some were killed before they were done"
-    between = list(killing.at_renamings(step=11))
+    between = list(killing.at_renamings(step=6))
     assert sum(one.killed for one in between) >= 3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
-from blank_figures import blank_figures
 from mocap_id.config import load
 from mocap_id.geometry import planar
 from mocap_id.recording import write_c3d
@@ -89,13 +87,6 @@ def again(done: Finished, change: Any = None, **settings: Any) -> Finished:
     trial = load(done.source / "trial.yaml")
     events, table, tree, _ = STAGE.function(Context(trial.keys, IdentifyDimSettings(**settings), inputs))
     return replace(done, events=events.frame, frame=table.frame, tree=tree)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def numbers_alone() -> Iterator[None]:
-    """Forces and parameters are looked at, figures are not."""
-    with blank_figures():
-        yield
 
 
 @pytest.fixture(scope="module")

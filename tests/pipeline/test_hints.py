@@ -16,7 +16,7 @@ from mocap_id.runner import run
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.marker_names import columns
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id.workflows.simulate import Options, simulate
 from mocap_id_cli.__main__ import main
 
@@ -35,26 +35,26 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def planar(source: Path) -> Table:
+def planar(source: Path) -> LongTable:
     """They in the plane."""
     table = Folder(run(load(source / "trial.yaml"), [PLANARISE]).folder).read("planar.parquet")
-    assert isinstance(table, Table)
+    assert isinstance(table, LongTable)
     return table
 
 
 @pytest.fixture(scope="module")
-def plain(planar: Table) -> Table:
+def plain(planar: LongTable) -> Table:
     return segmented(planar)
 
 
-def segmented(planar: Table, **settings: Any) -> Table:
+def segmented(planar: LongTable, **settings: Any) -> Table:
     """Segments under some settings."""
     (table,) = SEGMENT.function(Context(KEYS, SEGMENT.settings(**settings), {"planar.parquet": planar}))
     assert isinstance(table, Table)
     return table
 
 
-def fitted(planar: Table, segments: Table, **settings: Any) -> Tree:
+def fitted(planar: LongTable, segments: Table, **settings: Any) -> Tree:
     inputs = {"planar.parquet": planar, "segments.parquet": segments}
     (tree,) = FIT_JOINTS.function(Context(KEYS, FIT_JOINTS.settings(frames=80, **settings), inputs))
     assert isinstance(tree, Tree)
@@ -77,7 +77,7 @@ def test_left_alone_it_is_right(source: Path, plain: Table) -> None:
     assert where(plain) == json.loads((source / "truth.json").read_text())["assignment"]
 
 
-def test_apart_takes_the_ankles_off_one_segment(planar: Table, plain: Table) -> None:
+def test_apart_takes_the_ankles_off_one_segment(planar: LongTable, plain: Table) -> None:
     """The two malleoli are both on the shank; told that they are not, one of them goes, and nothing else does."""
     assert [where(plain)[name] for name in ANKLES] == [1, 1]
     told = where(segmented(planar, apart=[ANKLES]))
@@ -87,7 +87,7 @@ def test_apart_takes_the_ankles_off_one_segment(planar: Table, plain: Table) -> 
     }
 
 
-def test_apart_takes_a_heel_off_the_base(planar: Table, plain: Table) -> None:
+def test_apart_takes_a_heel_off_the_base(planar: LongTable, plain: Table) -> None:
     base = [name for name, k in where(plain).items() if k == 0]
     told = where(segmented(planar, apart=[["LHEE", other] for other in base if other != "LHEE"]))
     assert "LHEE" in base
@@ -96,7 +96,7 @@ def test_apart_takes_a_heel_off_the_base(planar: Table, plain: Table) -> None:
     assert {name: told[name] for name in moving} == moving
 
 
-def test_together_takes_a_marker_along(planar: Table, plain: Table) -> None:
+def test_together_takes_a_marker_along(planar: LongTable, plain: Table) -> None:
     assert where(plain)["LASI"] == 3
     told = where(segmented(planar, together=[["LASI", "LTHI*"]]))
     assert len({told[name] for name in ("LASI", "LTHI", "LTHI2", "LTHI3")}) == 1
@@ -104,7 +104,7 @@ def test_together_takes_a_marker_along(planar: Table, plain: Table) -> None:
     assert (malleoli["LANK"], malleoli["RANK"], malleoli["LHEE"]) == (0, where(plain)["RANK"], 0)
 
 
-def test_the_whole_truth_as_a_hint_changes_nothing(planar: Table, plain: Table) -> None:
+def test_the_whole_truth_as_a_hint_changes_nothing(planar: LongTable, plain: Table) -> None:
     """Also where the whole base is one group, and no still marker is left to ask for its axis."""
     groups = [["LFHD", "RFHD", "C7", "T10", "CLAV"], ["?THI*"], ["?TIB*", "?ANK"], FEET]
     told = segmented(planar, together=groups, apart=[["C7", "LTHI", "LTIB", "LHEE"]])
@@ -112,7 +112,7 @@ def test_the_whole_truth_as_a_hint_changes_nothing(planar: Table, plain: Table) 
     assert told.facts["count"] == 4
 
 
-def test_what_is_ignored_is_on_no_segment_and_says_why(planar: Table, plain: Table) -> None:
+def test_what_is_ignored_is_on_no_segment_and_says_why(planar: LongTable, plain: Table) -> None:
     told = segmented(planar, ignore=["LWR*", "RTHI2"])
     out = {"LWRA", "LWRB", "RTHI2"}
     assert {name for name, k in where(told).items() if k is None} == out
@@ -138,7 +138,7 @@ def test_what_is_ignored_is_on_no_segment_and_says_why(planar: Table, plain: Tab
         ({"joint_markers": {"ankle": ["LANKLE"]}}, "segment: joint_markers: ankle", "did you mean LANK?"),
     ],
 )
-def test_a_name_that_is_none_is_named_with_its_key(planar: Table, settings: Any, key: str, near: str) -> None:
+def test_a_name_that_is_none_is_named_with_its_key(planar: LongTable, settings: Any, key: str, near: str) -> None:
     with pytest.raises(ConfigError) as caught:
         segmented(planar, **settings)
     assert str(caught.value).startswith(key)
@@ -146,7 +146,7 @@ def test_a_name_that_is_none_is_named_with_its_key(planar: Table, settings: Any,
     assert caught.value.exit_code == 2
 
 
-def test_a_contradiction_is_a_mistake_of_the_configuration(planar: Table) -> None:
+def test_a_contradiction_is_a_mistake_of_the_configuration(planar: LongTable) -> None:
     with pytest.raises(
         ConfigError, match=r"`together` and `apart` contradict each other.*L(ANK|TIB2?) on one segment"
     ) as one:
@@ -154,12 +154,12 @@ def test_a_contradiction_is_a_mistake_of_the_configuration(planar: Table) -> Non
     assert one.value.exit_code == 2
 
 
-def test_a_joint_that_is_none_is_a_mistake_of_the_configuration(planar: Table) -> None:
+def test_a_joint_that_is_none_is_a_mistake_of_the_configuration(planar: LongTable) -> None:
     with pytest.raises(ConfigError, match="there is no joint ancle; found were ankle, knee, hip"):
         segmented(planar, joint_markers={"ancle": ANKLES})
 
 
-def test_markers_about_a_joint_pull_it(planar: Table, plain: Table) -> None:
+def test_markers_about_a_joint_pull_it(planar: LongTable, plain: Table) -> None:
     """Their mean, more the larger lambda_a; the segments are the same, and the user is told."""
     about = segmented(planar, joint_markers={"ankle": ["?ANK"]})
     assert about.facts["joint_markers"] == {"ankle": ANKLES}
@@ -178,13 +178,13 @@ def test_markers_about_a_joint_pull_it(planar: Table, plain: Table) -> None:
         assert "the ankle is pulled towards the middle of LANK, RANK" in note.message
 
 
-def test_only_the_whole_chain_can_be_pulled(planar: Table) -> None:
+def test_only_the_whole_chain_can_be_pulled(planar: LongTable) -> None:
     about = segmented(planar, joint_markers={"ankle": ANKLES})
     with pytest.raises(ConfigError, match=r"joint_markers: `fit-joints: \{estimator: circle\}` uses none"):
         fitted(planar, about, estimator="circle")
 
 
-def test_markers_that_are_ignored_may_still_pull(planar: Table) -> None:
+def test_markers_that_are_ignored_may_still_pull(planar: LongTable) -> None:
     about = segmented(planar, ignore=ANKLES, joint_markers={"ankle": ANKLES})
     tree = fitted(planar, about, lambda_a=1e5)
     assert not set(ANKLES) & set(tree.data["markers"]["name"])
@@ -231,7 +231,7 @@ def test_a_name_with_a_sign_of_a_pattern_in_it_means_itself(label: str) -> None:
     assert columns(labels, (label,), "key") == (2,)
 
 
-def test_what_is_ignored_stays_so_where_it_belongs_to_others(planar: Table, plain: Table) -> None:
+def test_what_is_ignored_stays_so_where_it_belongs_to_others(planar: LongTable, plain: Table) -> None:
     told = segmented(planar, together=[["LTHI*"]], ignore=["LTHI2"])
     expected = {**where(plain), "LTHI2": None}
     assert where(told) == expected

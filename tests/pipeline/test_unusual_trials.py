@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from blank_figures import blank_figures
 from mocap_id.config import load
 from mocap_id.runner import run
 from mocap_id.workflows.simulate import Options, simulate
 
 REPETITIONS = 3
-
-
-@pytest.fixture(scope="module", autouse=True)
-def numbers_alone() -> Iterator[None]:
-    """Events and verdict are looked at, figures are not."""
-    with blank_figures():
-        yield
 
 
 def done(folder: Path, *, after: float | None = None, **options: Any) -> tuple[pd.DataFrame, dict[str, Any], Any]:

@@ -182,6 +182,10 @@ def test_artefacts_of_two_runs_in_one_folder_are_refused(reaching_arm: Path, tmp
     assert isinstance(chain, Tree)
     joints = dict(chain.data["joints"])
     other = replace(chain, data={**chain.data, "joints": joints | {"centre": 1.1 * np.asarray(joints["centre"])}})
-    (mixed / "chain.h5").write_bytes(encode(other, folder.provenance("chain.h5").origin)[0])
+    origin = replace(folder.provenance("chain.h5").origin, key="of another run")
+    (mixed / "chain.h5").write_bytes(encode(other, origin))
+    with pytest.raises(StoreError, match=r"chain.h5 is damaged or was edited"):
+        subject(mixed)
+    shutil.rmtree(mixed / ".mocap-id")  # the files alone still tell what they were made from
     with pytest.raises(StoreError, match=r"states.parquet was made from another chain.h5"):
         subject(mixed)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from mocap_id.stages.trajectories import PlanarView
 from mocap_id.workflows.sensitivity import markers
 from mocap_id.workflows.sensitivity.changing import CHANGES, perturbed
 from mocap_id.workflows.sensitivity.kinds import KINDS
@@ -43,8 +42,8 @@ def others(own: Result, now: Result, but: str) -> float:
 
 
 def tracks(trial: Perturbed) -> np.ndarray:
-    view = PlanarView.of(trial.table("planar.parquet"))
-    return np.stack([view.x, view.y], axis=-1)
+    values = trial.long("planar.parquet").values
+    return np.stack([values["x"], values["y"]], axis=-1)
 
 
 def test_every_kind_has_its_change_and_no_other_has() -> None:
@@ -154,17 +153,17 @@ def test_a_frame_of_the_last_segment_that_lies_otherwise_counts_for_nothing(robo
 def test_a_frame_rate_divided_averages_as_reading_would(robot: Perturbed) -> None:
     """A straight line stays; a sine of period P loses sinc(W / P), W the longer interval."""
     now = CHANGES["frame-rate"](robot, Perturbation("frame-rate", "", 4))
-    rate = robot.table("planar.parquet").facts["rate_hz"]
-    assert now.table("planar.parquet").facts["rate_hz"] == rate / 4
-    frame = robot.table("wrench.parquet").frame
-    time = frame["time"].to_numpy()
-    made = frame.assign(Fx=3 * time - 1, Fy=np.sin(2 * np.pi * 2.0 * time))
+    rate = robot.long("planar.parquet").facts["rate_hz"]
+    assert now.long("planar.parquet").facts["rate_hz"] == rate / 4
+    wrench = robot.table("wrench.parquet")
+    made = wrench.having(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
     for every in (3, 4):
-        seen = markers._averaged(made, every).iloc[2:-2]
+        averaged = markers._averaged(made, every)
+        seen = {name: averaged[name][2:-2] for name in ("time", "Fx", "Fy")}
         assert np.allclose(seen["Fx"], 3 * seen["time"] - 1)
         kept = np.sinc(2.0 * every / rate)
         assert np.allclose(seen["Fy"], kept * np.sin(2 * np.pi * 2.0 * seen["time"]), atol=2e-3)
-        assert list(seen.columns) == list(frame.columns)
+        assert averaged.names == wrench.names
 
 
 def test_a_perturbation_knows_nothing_of_those_before_it(robot: Perturbed) -> None:

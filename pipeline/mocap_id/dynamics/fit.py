@@ -11,8 +11,11 @@ from scipy.linalg import solve_triangular
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import triangular_factor
 from mocap_id.dynamics.clock import profile_offset
+from mocap_id.dynamics.folds import LEAST_SECONDS
+from mocap_id.dynamics.independence import memory
 from mocap_id.dynamics.lowpass import erode
 from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.prior_weight import REFERENCE, left_out_memory
 from mocap_id.dynamics.solve import Compressed
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
@@ -20,9 +23,7 @@ Rows: TypeAlias = tuple[FloatArray, FloatArray]
 """Rows (r, b) and right-hand side (r,) of a least-squares problem."""
 
 _ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
-LEAST_SECONDS = 1.0
 DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
-_MEMORY = 0.6  # s of a recording that count as one sample: errors of poses last 0.1 s and return in every repetition
 _SHARP = 0.01  # s: an offset less certain than this is not applied
 _LEAST_SPREAD = 1e-4  # of a component's rms: residuals below that are rounding and must not make a weight explode
 
@@ -51,7 +52,7 @@ class Fit:
         The offset in force is the one that was found.
     weights : (c,) array
         Inverse residual spread of each component. With a prior, times the square root of the share of independent
-        samples, so that data and prior have their proper weights.
+        samples (:mod:`mocap_id.dynamics.prior_weight`), so that data and prior have their proper weights.
     problem : Compressed
         Weighted rows, b + k columns.
     design : (R, c, b + k + 1) array
@@ -140,22 +141,19 @@ def fit(prepared: Prepared, gate: BoolArray, like: Fit | None = None) -> Fit:
     time = prepared.recorded.time[samples]
     design = _design(prepared, samples)
     prior = _prior_rows(prepared, design)
-    independent = 1.0 if prior is None else float(np.sqrt(min(1.0, prepared.step / (prepared.recorded.rate * _MEMORY))))
-    weights, found, at_edge = np.full(len(settings.components), independent), 0.0, True
     if like is not None:
-        weights, found, at_edge = like.weights, like.found, not like.offset_known
-    for _ in range(0 if like is not None else _ROUNDS):
-        found, at_edge = profile_offset(
-            design, lambda times: _measured(prepared, samples, times), time, weights, settings.offset_limit, prior=prior
-        )
-        weights = independent * _weights(design, _measured(prepared, samples, time - found), weights, prior)
+        spread, weights, found, known = like.weights, like.weights, like.found, like.offset_known
+    else:
+        spread, weights, found, known = _searched(prepared, gate, samples, design)
     extended, covariance = _covariance(prepared, samples, found, design, weights)
     offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
-    known = not at_edge and offset_sd < _SHARP
+    known = known and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
         offset = 0.0
-        weights = independent * _weights(design, _measured(prepared, samples, time), weights, prior)
+        target = _measured(prepared, samples, time)
+        spread = _weights(prepared, design, target, spread)
+        weights = _counted(prepared, gate, samples, design, target, weights=spread)
         extended, covariance = _covariance(prepared, samples, offset, design, weights)
     base = prepared.filtered.shape[-1]
     target = _measured(prepared, samples, time - offset) * weights
@@ -178,6 +176,28 @@ def fit(prepared: Prepared, gate: BoolArray, like: Fit | None = None) -> Fit:
         condition_scaled=condition_scaled,
         prior=prior,
     )
+
+
+def _searched(
+    prepared: Prepared, gate: BoolArray, samples: IntArray, design: FloatArray
+) -> tuple[FloatArray, FloatArray, float, bool]:
+    """Weights before and after the samples are counted, the clock offset, and whether it is within the search."""
+    prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
+    weights = spread = np.ones(len(prepared.settings.components))
+    found, at_edge = 0.0, True
+    for _ in range(_ROUNDS):
+        found, at_edge = profile_offset(
+            design,
+            lambda times: _measured(prepared, samples, times),
+            time,
+            weights,
+            prepared.settings.offset_limit,
+            prior=prior,
+        )
+        target = _measured(prepared, samples, time - found)
+        spread = _weights(prepared, design, target, spread)
+        weights = _counted(prepared, gate, samples, design, target, weights=spread)
+    return spread, weights, found, not at_edge
 
 
 def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> Compressed:
@@ -216,11 +236,46 @@ def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> Flo
     return target - design @ _problem(design, target, prior).free_solution()
 
 
-def _weights(design: FloatArray, target: FloatArray, weights: FloatArray, prior: Rows | None) -> FloatArray:
-    """Inverse residual spread of each component, after a fit with these weights."""
-    residual = _residual(design * weights[:, None], target * weights, prior) / weights
+def _weights(prepared: Prepared, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+    """Inverse residual spread of each component, after a fit with these weights.
+
+    Against a prior so much of the recording counts as one sample as :data:`REFERENCE` says.
+    """
+    residual = _residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
-    return np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
+    found = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
+    return found if prepared.prior is None else found * np.sqrt(_share(prepared, REFERENCE))
+
+
+def _share(prepared: Prepared, seconds: float | FloatArray) -> FloatArray:
+    """Share of the fit's samples that are independent where so much of the recording counts as one."""
+    return np.minimum(1.0, prepared.step / prepared.recorded.rate / np.asarray(seconds))
+
+
+def _counted(
+    prepared: Prepared,
+    gate: BoolArray,
+    samples: IntArray,
+    design: FloatArray,
+    target: FloatArray,
+    *,
+    weights: FloatArray,
+) -> FloatArray:
+    """The weights, with the samples counted against the prior as left-out repetitions are predicted well.
+
+    Where too few can be left out, the samples count as the residuals' correlation says.
+    """
+    prior = _prior_rows(prepared, design)
+    if prior is None or prepared.prior is None:
+        return weights
+    inverse = weights / np.sqrt(_share(prepared, REFERENCE))
+    seconds: float | FloatArray | None = left_out_memory(
+        prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
+    )
+    if seconds is None:
+        residual = _residual(design * weights[:, None], target * weights, prior) / weights
+        seconds = memory(prepared.recorded.time[samples], residual, prepared.prior.spans)
+    return np.asarray(inverse * np.sqrt(_share(prepared, seconds)))
 
 
 def _covariance(

@@ -19,12 +19,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import triangular_factor
-from mocap_id.dynamics.fit import DEPENDENT, LEAST_SECONDS, Fit
-from mocap_id.dynamics.lowpass import erode
+from mocap_id.dynamics.fit import DEPENDENT, Fit
+from mocap_id.dynamics.folds import LEAST_SECONDS, without
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.solve import Compressed
-
-_FOLDS = 5  # a fold costs some 20 ms; with more repetitions neighbouring ones are left out together
 
 
 @dataclass(frozen=True)
@@ -58,27 +56,6 @@ class HeldOut:
     offset: FloatArray
 
 
-def parts(time: FloatArray, spans: FloatArray) -> IntArray:
-    """Number the part of each sample: one a repetition, or a run of neighbouring ones where there are many.
-
-    Parameters
-    ----------
-    time : (T,) array
-        s.
-    spans : (r, 2) array
-        First and last time of every repetition, in order, s. What lies between two belongs to the nearer.
-
-    Returns
-    -------
-    (T,) int array
-        0 … K - 1; all 0 where there are fewer than two repetitions.
-    """
-    between = (spans[:-1, 1] + spans[1:, 0]) / 2
-    repetition = np.searchsorted(between, time)
-    folds = min(len(spans), _FOLDS)
-    return np.asarray(repetition * folds // max(len(spans), 1), dtype=np.int64)
-
-
 def hold_out(
     prepared: Prepared, gate: BoolArray, found: Fit, part: IntArray, solve: Callable[[Compressed], FloatArray]
 ) -> HeldOut | None:
@@ -92,7 +69,7 @@ def hold_out(
     found : Fit
         The whole fit; its weights are kept.
     part : (T,) int array
-        Part of each sample, as :func:`parts` numbers them.
+        Part of each sample, as :func:`mocap_id.dynamics.folds.parts` numbers them.
     solve : callable
         From a compressed problem of b + k columns to its parameters (b + k,), consistent ones.
 
@@ -101,7 +78,7 @@ def hold_out(
     HeldOut or None
         None where no part can be left out: there is but one, or without it the parameters are not determined.
     """
-    seen = np.stack([_without(prepared, gate, part, k) for k in range(int(part.max()) + 1)])  # (K, T)
+    seen = np.stack([without(prepared, gate, part, k) for k in range(int(part.max()) + 1)])  # (K, T)
     stacks = _stacks(found, seen[:, found.samples])
     samples, series = np.zeros(len(part), dtype=bool), np.full((4, len(part), 3), np.nan)
     base, offset = [], []
@@ -128,11 +105,6 @@ def _sides(prepared: Prepared, out: BoolArray, offset: float) -> tuple[tuple[Flo
     """Regressor (R, 3, b) and wrench (R, 3) of all surroundings at some samples (T,): as they are, and filtered."""
     filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
     return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
-
-
-def _without(prepared: Prepared, gate: BoolArray, part: IntArray, k: int) -> BoolArray:
-    """Samples (T,) to fit on without part k: off the chair and off the part by the filter's reach."""
-    return prepared.usable & erode(gate & (part != k), prepared.lowpass.reach_samples)
 
 
 def _stacks(found: Fit, seen: BoolArray) -> list[FloatArray]:

@@ -119,15 +119,23 @@ class Gap:
         rms of the gap's change, m.
     acceleration : float
         rms of the gap's acceleration below 3 Hz, m/s²; NaN where no stretch is long enough.
+    place : float
+        Variance of the joint's place in the bodies on its two sides, m² a coordinate.
     """
 
     size: float
     acceleration: float
+    place: float
 
     @property
     def pinned(self) -> bool:
         """The gap is at the noise: the joint holds. Where it is not known, it counts as holding."""
         return not self.acceleration > GIVES_WAY
+
+    @property
+    def centre_variance(self) -> float:
+        """Variance of the joint's centre that gap and bodies leave, m² a coordinate; 0 where the gap is not known."""
+        return self.size**2 / 2 + self.place if np.isfinite(self.size) else 0.0
 
 
 def bridged(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
@@ -179,7 +187,7 @@ def gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, Gap]:
         moving = samples & known(acceleration)
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
         felt = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
-        found[joint] = Gap(size, felt)
+        found[joint] = Gap(size, felt, poses.place_variance(joint))
     return found
 
 

@@ -117,7 +117,9 @@ def predict(prepared: Prepared, found: Identification, noise: Noise, threshold: 
     )
 
 
-def chain_noise(prepared: Prepared, found: Identification, correlation: FloatArray) -> Noise:
+def chain_noise(
+    prepared: Prepared, found: Identification, correlation: FloatArray, centre_sd: FloatArray | None = None
+) -> Noise:
     """Noise of the accelerations of a pinned chain; those of angles and velocities are small beside it.
 
     The noise has its shape, over time and between the joints, from the states, and its size from the plate
@@ -132,6 +134,8 @@ def chain_noise(prepared: Prepared, found: Identification, correlation: FloatArr
     found : Identification
     correlation : (T, n, n) array
         Of the joint accelerations' errors.
+    centre_sd : (n,) array, optional
+        What the gaps of joints that may give way leave open of their centres, m.
     """
     recorded, base = prepared.recorded, found.base
     needed = np.where(_told(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
@@ -142,6 +146,8 @@ def chain_noise(prepared: Prepared, found: Identification, correlation: FloatArr
     torque_gain *= np.sqrt(errors[_MOMENT].overall)
     steady = np.diag([error.steady for error in errors])
     geometry = torque_variance(prepared, base, found.error, found.response)
+    if centre_sd is not None:
+        geometry = geometry + _of_centres(prepared, found.full, centre_sd)
     return Noise(
         wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
         torque=geometry + _variance_of(torque_gain, noise),
@@ -182,13 +188,18 @@ def shown_noise(
     spread = spread + np.mean(residual[seen], axis=0) ** 2
     covariance = correlation * np.sqrt(np.outer(spread, spread)) / max(1.0 - parameters, 0.1)
     jacobian = prepared.motion.jacobian
-    carried = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
-    force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], carried * found.base)
     moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
     return Noise(
         wrench=np.broadcast_to(covariance, (size, 3, 3)),
-        torque=moment + centre_sd**2 * np.sum(force**2, axis=2) + of_poses,
+        torque=moment + _of_centres(prepared, found.base, centre_sd) + of_poses,
     )
+
+
+def _of_centres(prepared: Prepared, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
+    """Variance (T, n) of the torques from the joints' centres: the force through a joint times its error."""
+    carried = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
+    force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], carried * full)
+    return np.asarray(centre_sd**2 * np.sum(force**2, axis=2))
 
 
 def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Agreement | None:

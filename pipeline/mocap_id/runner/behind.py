@@ -6,12 +6,14 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 
+from mocap_id.store.atomic import uninterrupted
+
 
 class Behind:
     """One thread that does jobs in their order; after one has failed, none begins.
 
     The failure is raised by the next call of :meth:`do` or :meth:`settle`. Leaving the context waits for the jobs that
-    were given, and raises nothing.
+    were given, whatever signals come meanwhile, and raises nothing.
     """
 
     def __init__(self) -> None:
@@ -23,7 +25,8 @@ class Behind:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._pool.shutdown()
+        with uninterrupted():
+            self._pool.shutdown()
 
     def do(self, job: Callable[[], None]) -> None:
         """Give a job."""

@@ -172,8 +172,9 @@ class _Run:
         action: Literal["computed", "reused"] = "computed" if origin is None else "reused"
         origin = origin or self.compute_or_refuse(stage, hashes)
         self._origins[stage.name] = origin
-        made_from = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
-        self.behind.do(partial(self.folder.freshen, stage.outputs, [self.trial.file, *made_from]))
+        if action == "reused":
+            self.behind.settle()  # what it was made from is on the disk
+            self.freshen(stage)
         self.took(Step(stage.name, action, origin.seconds))
 
     def compute_or_refuse(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
@@ -221,11 +222,17 @@ class _Run:
         self.behind.do(partial(self.write, stage, kept, origin))
         return origin
 
+    def freshen(self, stage: Stage) -> None:
+        """Make a stage's outputs no older than what they were made from, for `make`."""
+        made_from = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
+        self.folder.freshen(stage.outputs, [self.trial.file, *(path for path in made_from if path.exists())])
+
     def write(self, stage: Stage, outputs: Sequence[Artefact | Document], origin: Origin) -> None:
         """Write what a stage gave."""
         with _named(self.trial, stage):
             try:
                 self.folder.store(outputs, origin)
+                self.freshen(stage)
             except MocapIdError:
                 raise
             except Exception as error:

@@ -69,7 +69,7 @@ def replace_together(folder: Path, contents: Mapping[str, Content], void: str | 
                 _write(temporary[path], content)
                 if path.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        with _uninterrupted():
+        with uninterrupted():
             if void is not None:
                 within(folder, void).unlink(missing_ok=True)
             for path, written in temporary.items():
@@ -118,7 +118,7 @@ def _write(path: Path, content: Content) -> None:
 
 
 @contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
+def uninterrupted() -> Iterator[None]:
     """Hold back Ctrl-C and SIGTERM for a moment, where the system can."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -30,8 +30,7 @@ def fit_joints(context: Context) -> Outputs:
     joint_names = segments.facts["joint_names"]
     named: Mapping[str, list[str]] = segments.facts["joint_markers"]
     auxiliary = {
-        joint_names.index(name) + 1: points[:, _columns(view, about)].mean(axis=1)
-        for name, about in named.items()
+        joint_names.index(name) + 1: points[:, _columns(view, about)].mean(axis=1) for name, about in named.items()
     }
     fit = fix_gauge(_estimate(points[:, own], segment, auxiliary, settings))
     data = {

@@ -1,4 +1,4 @@
-"""events.parquet, dynamics.parquet and dynamics.h5, from what was found or from what could not be."""
+"""dynamics.parquet and dynamics.h5, from what was found or from what could not be."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base import BaseSet, base_names, base_units, full_names, structural_base
@@ -17,19 +16,15 @@ from mocap_id.dynamics.excitation import Excitation
 from mocap_id.dynamics.fold import Fold
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.identify import Identification
-from mocap_id.dynamics.optimality import Answer
 from mocap_id.dynamics.predict import Prediction
 from mocap_id.dynamics.prepare import Prepared, Recorded, arcs
 from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
-from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.sit_to_stand import Contact
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.rivals import Rivals, rival_facts
 from mocap_id.stages.identify_dim.segment_fit import filtered_measured
 from mocap_id.stages.identify_dim.validation import SERIES, Validation
-from mocap_id.store import Table
-from mocap_id.store.schemas import EVENTS
 
 
 @dataclass(frozen=True)
@@ -61,14 +56,7 @@ class Identified:
         return self.prepared.prior is not None
 
 
-def events_table(repetitions: tuple[Repetition, ...]) -> Table:
-    """events.parquet: one row a repetition."""
-    rows = [asdict(repetition) for repetition in repetitions]
-    frame = pd.DataFrame(rows, columns=[column.name for column in EVENTS.columns])
-    return Table(EVENTS, frame.astype({column.name: column.dtype for column in EVENTS.columns}))
-
-
-def dynamics_frame(result: Identified) -> pd.DataFrame:
+def dynamics_columns(result: Identified) -> dict[str, Any]:
     """dynamics.parquet: the ground's measured wrench, clock and constant error of Fx taken out, beside the models'."""
     prepared, model, threshold = result.prepared, result.model, result.cop_threshold
     measured, external = _measured(result), prepared.elsewhere(result.found.fit.offset)
@@ -84,10 +72,10 @@ def dynamics_frame(result: Identified) -> pd.DataFrame:
         columns[f"tau_{j}"], columns[f"sd_tau_{j}"] = torque, sd
     if prepared.recorded.external:
         columns |= {f"{name}_external": column for name, column in zip(WRENCH_COMPONENTS, external.T, strict=True)}
-    return pd.DataFrame(columns).assign(in_fit=result.found.fit.in_fit)
+    return columns | {"in_fit": result.found.fit.in_fit}
 
 
-def empty_frame(recorded: Recorded, reference: FloatArray, cop_threshold: float) -> pd.DataFrame:
+def empty_columns(recorded: Recorded, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
     """dynamics.parquet without a model: the wrench as the plate's clock stamped it, the reference's, the rest NaN.
 
     Parameters
@@ -107,7 +95,7 @@ def empty_frame(recorded: Recorded, reference: FloatArray, cop_threshold: float)
     columns |= _wrench_columns(absent, absent[:, 0], "_held_out")
     for j in range(1, recorded.q.shape[1] + 1):
         columns[f"tau_{j}"] = columns[f"sd_tau_{j}"] = absent[:, 0]
-    return pd.DataFrame(columns).assign(in_fit=np.zeros(len(absent), dtype=bool))
+    return columns | {"in_fit": np.zeros(len(absent), dtype=np.bool_)}
 
 
 def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
@@ -198,10 +186,10 @@ def _untold_base(value: FloatArray) -> dict[str, Any]:
     }
 
 
-def dynamics_facts(result: Identified, frame: pd.DataFrame, joints: Sequence[str]) -> dict[str, Any]:
+def dynamics_facts(result: Identified, joints: Sequence[str]) -> dict[str, Any]:
     """What summary.json says of the fit, over its samples; ``joints`` are their names."""
     found, fit, prepared = result.found, result.found.fit, result.prepared
-    samples: BoolArray = frame["in_fit"].to_numpy()
+    samples: BoolArray = fit.in_fit
     threshold, elsewhere = result.cop_threshold, prepared.elsewhere(fit.offset)
     if result.measured_poses:
         rows, of_model, elsewhere = prepared.filtered, prepared.filtered @ found.base, 0.0 * elsewhere
@@ -292,22 +280,16 @@ def _measured(result: Identified) -> FloatArray:
 
 
 def _solver(solution: Solution) -> dict[str, Any]:
-    def told(answer: Answer) -> dict[str, Any]:
-        return {
-            "name": answer.solver,
-            "status": answer.status,
-            "iterations": answer.iterations or None,
-            "kkt": answer.optimality.excess,
-            "proven": answer.optimality.proven,
-            **asdict(answer.optimality),
-        }
-
+    answer = solution.answer
     return {
-        **told(solution.answer),
+        "name": answer.solver,
+        "status": answer.status,
+        "iterations": answer.iterations or None,
+        "kkt": answer.optimality.excess,
+        "proven": answer.optimality.proven,
+        **asdict(answer.optimality),
         "asked": solution.asked,
-        "disagreement": solution.disagreement,
         "price_of_consistency": solution.price,
-        "second": told(solution.other),
     }
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id import recording
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.clock import SampledWrench
 from mocap_id.stages.base import Context
 
 
-def torque_facts(context: Context, dynamics: pd.DataFrame) -> dict[str, Any] | None:
+def torque_facts(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[str, Any] | None:
     """Model less encoder at the encoder's own times, in the plane's sense; None where either is missing.
 
     The model's torque is smooth, so it is brought to the times of the rough one, by ukf-smooth's clock offset.
@@ -20,8 +21,8 @@ def torque_facts(context: Context, dynamics: pd.DataFrame) -> dict[str, Any] | N
     Parameters
     ----------
     context : Context
-    dynamics : DataFrame
-        Rows of dynamics.parquet.
+    dynamics : mapping
+        Columns of dynamics.parquet.
 
     Returns
     -------
@@ -34,9 +35,9 @@ def torque_facts(context: Context, dynamics: pd.DataFrame) -> dict[str, Any] | N
     matched, log = context.table("encoder.parquet").facts, recording.read_encoder(file)
     if matched.get("why") is not None or log.torque is None:
         return None
-    time, model = (dynamics[name].to_numpy(dtype=np.float64) for name in ("time", "tau_1"))
     told = matched["sign"] * log.torque
-    off = SampledWrench.of(time, model[:, None])(log.time + matched["clock_offset_s"])[:, 0] - told
+    model = SampledWrench.of(dynamics["time"], dynamics["tau_1"][:, None])
+    off = model(log.time + matched["clock_offset_s"])[:, 0] - told
     both = np.isfinite(off)
     if np.count_nonzero(both) < 2 or not np.ptp(told[both]) > 0.0:
         return None

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
@@ -25,7 +24,7 @@ from mocap_id.stages.identify_dim.reading import Reading, fit_chain, gap_facts, 
 from mocap_id.stages.identify_dim.repetition_averages import averages
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
-from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
+from mocap_id.stages.identify_dim.sit_to_stand_events import events_table, missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.unknown import Unknown
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
@@ -41,8 +40,8 @@ def identify_dim(context: Context) -> Outputs:
         table, tree = _nothing(context, read.recorded, read.grid, read.unknown, read.movement)
     else:
         table, tree, shown = _identified(context, read, read.prepared)
-    events = _events(context, read.recorded, shown or read.prepared, read.movement, table.frame)
-    return events, table, tree, averages(context, events.frame, table.frame)
+    events = _events(context, read.recorded, shown or read.prepared, read.movement, table)
+    return events, table, tree, averages(context, events, table)
 
 
 def identification(context: Context) -> tuple[Prepared, Movement, Identification] | Unknown:
@@ -62,16 +61,16 @@ def identification(context: Context) -> tuple[Prepared, Movement, Identification
 
 
 def _events(
-    context: Context, recorded: Recorded, prepared: Prepared | None, movement: Movement, frame: pd.DataFrame
+    context: Context, recorded: Recorded, prepared: Prepared | None, movement: Movement, dynamics: Table
 ) -> Table:
     """events.parquet, with what the protocol tells beside the events."""
     if movement.posture is None:
-        return artefacts.events_table(movement.repetitions)
+        return events_table(movement.repetitions)
     return sit_to_stand_events(
         context.table("wrench.parquet"),
         recorded,
         movement,
-        missing_force(prepared, frame),
+        missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
     )
@@ -91,10 +90,10 @@ def _identified(context: Context, read: Reading, prepared: Prepared) -> tuple[Ta
         segments = fit_segments(context, read.bodies, prepared, movement, pinned=found, tables=bodies)
         result = _of_bodies(context, read, prepared, segments, threshold)
         more = segments.facts | {"joints": gap_facts(segments.bodies, joint_names(context))}
-    frame = artefacts.dynamics_frame(result)
-    facts = artefacts.dynamics_facts(result, frame, joint_names(context)) | {
+    columns = artefacts.dynamics_columns(result)
+    facts = artefacts.dynamics_facts(result, joint_names(context)) | {
         "external": surroundings.facts(prepared, found.fit),
-        "torque": torque_facts(context, frame),
+        "torque": torque_facts(context, columns),
         "motion": read.joints | more,
     }
     if read.bodies:
@@ -102,7 +101,7 @@ def _identified(context: Context, read: Reading, prepared: Prepared) -> tuple[Ta
     judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
     reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
     return (
-        Table(DYNAMICS_TABLE, frame),
+        Table(DYNAMICS_TABLE, columns),
         Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons),
         result.prepared,
     )
@@ -112,7 +111,7 @@ def _of_chain(
     context: Context, read: Reading, prepared: Prepared, found: Identification, bodies: Rivals
 ) -> artefacts.Identified:
     q, threshold = prepared.recorded.q, _cop_threshold(context)
-    noise = chain_noise(prepared, found, read.chain.correlation(q, _snap(context, q.shape[1])))
+    noise = chain_noise(prepared, found, read.chain.correlation(q, _snap(context, q.shape[1])), read.centre_sd)
     model = predict(prepared, found, noise, threshold)
     return artefacts.Identified(
         prepared=prepared,
@@ -209,7 +208,7 @@ def _nothing(
         cop_threshold=threshold,
         gravity=context.settings.gravity,
     )
-    frame = artefacts.empty_frame(recorded, reference, threshold)
+    columns = artefacts.empty_columns(recorded, reference, threshold)
     data = artefacts.empty_data(recorded.centres, grid, unknown.mass, bodies.chosen.parameters)
     reasons = (*movement.reasons, *bodies.chosen.reasons, Reason(unknown.code, unknown.why))
-    return Table(DYNAMICS_TABLE, frame), Tree(DYNAMICS_TREE, data, facts, reasons)
+    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)

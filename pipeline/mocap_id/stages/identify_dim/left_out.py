@@ -9,7 +9,8 @@ import numpy as np
 from mocap_id.arrays import IntArray
 from mocap_id.dynamics.bands import Bands, ChosenBands, choose_bands, held_out_cost
 from mocap_id.dynamics.fit import Fit, determined, fit
-from mocap_id.dynamics.held_out import HeldOut, hold_out, parts
+from mocap_id.dynamics.folds import parts
+from mocap_id.dynamics.held_out import HeldOut, hold_out
 from mocap_id.dynamics.loose_prior import BodyPrior
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.measured_motion import USUAL, PoseFilter

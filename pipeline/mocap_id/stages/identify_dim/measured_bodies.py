@@ -90,7 +90,7 @@ def measured_bodies(context: Context, recorded: Recorded) -> tuple[MeasuredBodie
 def _often_seen(table: Table, body: int, recorded: Recorded) -> bool:
     """Whether a body's pose is known in most of the samples in which the chain's states are."""
     states = known(recorded.ddq)
-    seen = table.frame[f"markers_{body + 1}"].to_numpy()[states] >= LEAST_MARKERS
+    seen = table[f"markers_{body + 1}"][states] >= LEAST_MARKERS
     return bool(len(seen)) and float(np.mean(seen)) >= _OFTEN
 
 
@@ -132,10 +132,10 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     noise = [max(body["residual_m"], _LEAST_RESIDUAL) ** 2 for body in bodies]
 
     def series(name: str) -> FloatArray:
-        return np.column_stack([table.frame[f"{name}_{k + 1}"].to_numpy(dtype=np.float64) for k in used])
+        return table.stack([f"{name}_{k + 1}" for k in used])
 
     poses = BodyPoses(
-        time=table.frame["time"].to_numpy(dtype=np.float64),
+        time=table["time"],
         position=np.stack([series("x"), series("y")], axis=-1),
         angle=series("angle"),
         centroid=np.array([places.mean(axis=0) for places in local]),

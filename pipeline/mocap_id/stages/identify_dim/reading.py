@@ -23,7 +23,7 @@ from mocap_id.errors import StoreError
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings
+from mocap_id.stages.identify_dim import IdentifyDimSettings, surroundings, validation
 from mocap_id.stages.identify_dim.left_out import LeftOut, poses_preferred
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, loose_prior, measured_bodies, with_prior
 from mocap_id.stages.identify_dim.rivals import Rivals, rivals
@@ -60,7 +60,8 @@ class Reading:
     """A trial read through its protocol; ``unknown`` says why nothing can be identified from it.
 
     ``bodies`` move on their own measured poses; there is one entry for each way to count them, and none where the
-    pinned chain moves the masses.
+    pinned chain moves the masses. ``centre_sd`` (n,) is what the gaps of joints that may give way leave open of the
+    chain's joint centres, m.
     """
 
     chain: ChainGeometry
@@ -71,6 +72,7 @@ class Reading:
     unknown: Unknown | None
     bodies: tuple[MeasuredBodies, ...]
     joints: dict[str, Any]
+    centre_sd: FloatArray
 
 
 def read_trial(context: Context) -> Reading:
@@ -85,8 +87,8 @@ def read_trial(context: Context) -> Reading:
     movement = _movement(context, recorded, prepared, of_seat)
     if prepared is not None:
         unknown = not_excited(context, prepared, movement)
-    ways, joints = _measured(context, recorded)
-    read = Reading(chain, recorded, prepared, movement, grid, unknown, ways, joints)
+    ways, joints, centre_sd = _measured(context, recorded)
+    read = Reading(chain, recorded, prepared, movement, grid, unknown, ways, joints, centre_sd)
     if prepared is None or unknown is not None or not ways:
         return replace(read, bodies=())
     way, surely = _best_way(context, read, prepared), ways[0].loosest > SURELY or settings.motion == "segments"
@@ -132,24 +134,30 @@ def _left_out(context: Context, read: Reading, prepared: Prepared, bodies: Measu
     table = rivals(context, prepared.recorded, read.movement).chosen
     mass = _mass(context, prepared.recorded) if table.mass is None else table.mass
     prior = loose_prior(bodies, prepared.recorded.q, read.movement.free, table, mass)
+    prior = replace(prior, spans=np.array(validation.spans(read.movement)))
     return LeftOut(prepared, read.movement, bodies, prior)
 
 
-def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any]]:
-    """The bodies that move on their own poses, and the facts of that choice; none where the pinned chain is used."""
-    wanted = context.settings.motion or ("chain" if context.trial.protocol == "robot-joint" else "segments")
-    if wanted == "chain":
-        return (), {"source": "chain", "why": "asked for" if context.settings.motion else "a robot's joint holds"}
+def _measured(context: Context, recorded: Recorded) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any], FloatArray]:
+    """The bodies that move on their own poses, the facts of that choice, and what gaps leave open of the centres (n,).
+
+    There are no bodies where the pinned chain is used.
+    """
+    asked, centre_sd = context.settings.motion, np.zeros(len(recorded.centres))
+    if context.trial.protocol == "robot-joint" and asked != "segments":
+        return (), {"source": "chain", "why": "asked for" if asked else "a robot's joint holds"}, centre_sd
     ways = measured_bodies(context, recorded)
+    for joint, each in ways[0].gap.items() if ways else ():
+        centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.centre_variance)
+    if asked == "chain":
+        return (), {"source": "chain", "why": "asked for"}, centre_sd
     if not ways:
-        return (), {
-            "source": "chain",
-            "why": "a segment shows its own pose too seldom: too few of its markers are seen",
-        }
+        why = "a segment shows its own pose too seldom: too few of its markers are seen"
+        return (), {"source": "chain", "why": why}, centre_sd
     gap = gap_facts(ways[0], joint_names(context))
     if ways[0].loosest <= GIVES_WAY:
-        return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}
-    return ways, {"source": "segments", "why": "a joint gives way", "joints": gap}
+        return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}, centre_sd
+    return ways, {"source": "segments", "why": "a joint gives way", "joints": gap}, centre_sd
 
 
 def gap_facts(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:
@@ -203,9 +211,8 @@ def _geometry_error(context: Context) -> KinematicError:
 
 def _recorded(context: Context, chain: ChainGeometry) -> Recorded:
     """States and wrench on their common times."""
-    states, wrench = context.table("states.parquet").frame, context.table("wrench.parquet").frame
-    time = states["time"].to_numpy(dtype=np.float64)
-    stamped = wrench["time"].to_numpy(dtype=np.float64)
+    states, wrench = context.table("states.parquet"), context.table("wrench.parquet")
+    time, stamped = states["time"], wrench["time"]
     if len(time) != len(stamped) or not np.allclose(time, stamped, atol=1e-6):
         raise StoreError(
             f"trial {context.trial.trial}, identify-dim: states.parquet has {len(time)} samples and wrench.parquet "
@@ -214,23 +221,20 @@ def _recorded(context: Context, chain: ChainGeometry) -> Recorded:
     joints = range(1, len(chain.centres) + 1)
 
     def columns(name: str) -> FloatArray:
-        return np.column_stack([states[f"{name}_{j}"].to_numpy(dtype=np.float64) for j in joints])
+        return states.stack([f"{name}_{j}" for j in joints])
 
-    measured = wrench[list(WRENCH_COMPONENTS)].to_numpy(dtype=np.float64)
-    sound = wrench["plate_ok"].to_numpy(dtype=np.bool_)
     recorded = Recorded(
         time=time,
         q=columns("theta"),
         dq=columns("dtheta"),
         ddq=columns("ddtheta"),
         ddq_sd=columns("sd_ddtheta"),
-        observed=np.logical_and.reduce([states[f"observed_{j}"].to_numpy(dtype=np.bool_) for j in joints]),
-        wrench=np.where(sound[:, None], measured, np.nan),
+        observed=np.logical_and.reduce([states[f"observed_{j}"] for j in joints]),
+        wrench=np.where(wrench["plate_ok"][:, None], wrench.stack(WRENCH_COMPONENTS), np.nan),
         centres=chain.centres,
         external=surroundings.external(context, context.settings.seat_plate, context.settings.seat_segment),
     )
-    analog_rate = context.table("wrench.parquet").facts["analog_rate_hz"]
-    return replace(recorded, averaged=recording.averaging_width(analog_rate, recorded.rate))
+    return replace(recorded, averaged=recording.averaging_width(wrench.facts["analog_rate_hz"], recorded.rate))
 
 
 def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id import recording
 from mocap_id.arrays import FloatArray
@@ -21,15 +20,15 @@ _WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 _SOURCES = ("", "_model", "_reference")
 
 
-def averages(context: Context, events: pd.DataFrame, dynamics: pd.DataFrame) -> Table:
+def averages(context: Context, events: Table, dynamics: Table) -> Table:
     """Average every signal over the repetitions, at 0, 1 … 100 % of each.
 
     Parameters
     ----------
     context : Context
         For the states, the joints' names and ``compare:``.
-    events, dynamics : DataFrame
-        Rows of events.parquet and dynamics.parquet.
+    events, dynamics : Table
+        events.parquet and dynamics.parquet.
 
     Raises
     ------
@@ -38,53 +37,50 @@ def averages(context: Context, events: pd.DataFrame, dynamics: pd.DataFrame) -> 
     RecordingError
         Its file is unusable, or shares no time with the recording.
     """
-    signals, compared = list(_signals(context.table("states.parquet").frame, dynamics)), []
+    signals, compared = list(_signals(context.table("states.parquet"), dynamics)), []
     for name, unit, time, values, told in _other(context):
         signals.append((name, unit, time, values))
         compared.append(told)
     found: list[tuple[str, str, str, Averaged]] = []
     counted = {}
     for span, (begin, finish) in SPANS.items():
-        bounds = events[[begin, finish]].to_numpy(dtype=np.float64)
+        bounds = events.stack([begin, finish])
         bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # false where either is unknown
         counted[span] = len(bounds)
         for name, unit, time, values in signals if len(bounds) else ():
             found.append((span, name, unit, average(on_grid(time, values, bounds))))
     why = None if any(counted.values()) else "no repetition has both its beginning and its end in the recording"
-    return Table(PHASES, _frame(found), {"repetitions": counted, "compared": compared, "why": why})
+    return Table(PHASES, _columns(found), {"repetitions": counted, "compared": compared, "why": why})
 
 
-def _frame(found: Sequence[tuple[str, str, str, Averaged]]) -> pd.DataFrame:
-    """Rows of phases.parquet: 101 for every span and quantity."""
+def _columns(found: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
+    """Columns of phases.parquet: 101 for every span and quantity."""
 
     def joined(curves: Sequence[FloatArray]) -> FloatArray:
         return np.concatenate([np.zeros(0), *curves])
 
-    span, quantity, unit = (pd.Categorical(np.repeat([row[k] for row in found], len(GRID))) for k in range(3))
-    return pd.DataFrame(
-        {
-            "span": span,
-            "percent": np.tile(100 * GRID, len(found)),
-            "quantity": quantity,
-            "unit": unit,
-            "mean": joined([each.mean for *_, each in found]),
-            "sd": joined([each.sd for *_, each in found]),
-            "count": joined([each.count for *_, each in found]),
-        }
-    )
+    span, quantity, unit = (np.repeat(np.array([row[k] for row in found], dtype=object), len(GRID)) for k in range(3))
+    return {
+        "span": span,
+        "percent": np.tile(100 * GRID, len(found)),
+        "quantity": quantity,
+        "unit": unit,
+        "mean": joined([each.mean for *_, each in found]),
+        "sd": joined([each.sd for *_, each in found]),
+        "count": joined([each.count for *_, each in found]),
+    }
 
 
-def _signals(states: pd.DataFrame, dynamics: pd.DataFrame) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+def _signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Name, unit, time (T,) and values (T,) of everything that is averaged; bridged angles are unknown."""
-    time = states["time"].to_numpy(dtype=np.float64)
     for joint in range(1, _joints(states) + 1):
-        yield f"theta_{joint}", "rad", time, _angle(states, joint)
-    stamped = dynamics["time"].to_numpy(dtype=np.float64)
+        yield f"theta_{joint}", "rad", states["time"], _angle(states, joint)
+    stamped = dynamics["time"]
     for name, unit in _WRENCH.items():
         for source in _SOURCES:
-            yield f"{name}{source}", unit, stamped, dynamics[f"{name}{source}"].to_numpy(dtype=np.float64)
+            yield f"{name}{source}", unit, stamped, dynamics[f"{name}{source}"]
     for joint in range(1, _joints(states) + 1):
-        yield f"tau_{joint}", "N*m", stamped, dynamics[f"tau_{joint}"].to_numpy(dtype=np.float64)
+        yield f"tau_{joint}", "N*m", stamped, dynamics[f"tau_{joint}"]
 
 
 def _other(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
@@ -92,11 +88,11 @@ def _other(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray,
     compare = context.trial.compare
     if compare is None:
         return
-    states, tree = context.table("states.parquet").frame, context.tree("chain.h5")
+    states, tree = context.table("states.parquet"), context.tree("chain.h5")
     joints_node: Any = tree.data["joints"]
     joints = [str(name) for name in joints_node["name"]]
     table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
-    time = states["time"].to_numpy(dtype=np.float64)
+    time = states["time"]
     for joint, asked in compare.columns.items():
         if joint not in joints:
             raise ConfigError(
@@ -115,13 +111,12 @@ def on_times(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray
     return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
 
 
-def _joints(states: pd.DataFrame) -> int:
-    return sum(str(name).startswith("theta_") for name in states.columns)
+def _joints(states: Table) -> int:
+    return sum(name.startswith("theta_") for name in states.names)
 
 
-def _angle(states: pd.DataFrame, joint: int) -> FloatArray:
-    seen = states[f"observed_{joint}"].to_numpy(dtype=np.bool_)
-    return np.where(seen, states[f"theta_{joint}"].to_numpy(dtype=np.float64), np.nan)
+def _angle(states: Table, joint: int) -> FloatArray:
+    return np.where(states[f"observed_{joint}"], states[f"theta_{joint}"], np.nan)
 
 
 def _told(joint: str, column: str, found: Agreement) -> dict[str, Any]:

@@ -196,6 +196,7 @@ def _best_way(
     tried = []
     for way in ways:
         prior = loose_prior(way, prepared.recorded.q, movement.free, table, mass)
+        prior = replace(prior, spans=np.array(validation.spans(movement)))
         tried.append((way, prior, chosen_bands(LeftOut(prepared, movement, way, prior))))
     return min(reversed(tried), key=lambda each: each[2].cost)
 
@@ -243,8 +244,7 @@ def _centre_covariance(context: Context, bodies: MeasuredBodies) -> FloatArray:
     for joint, gap in bodies.gap.items():
         if names[joint : joint + 1] == [_BENT] and not gap.pinned:
             covariance[joint] += _BENT_SD**2 * np.eye(2)
-        if np.isfinite(gap.size):
-            covariance[joint] += (gap.size**2 / 2 + bodies.poses.place_variance(joint)) * np.eye(2)
+        covariance[joint] += gap.centre_variance * np.eye(2)
     return covariance
 
 

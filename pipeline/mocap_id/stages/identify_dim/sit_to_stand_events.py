@@ -1,13 +1,12 @@
-"""events.parquet of a sit-to-stand: the repetitions' events, what else is told of each, the five-times test's times."""
+"""events.parquet: the repetitions' events; of a sit-to-stand also what else is told of each, and the test's times."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.prepare import Prepared, Recorded
@@ -23,7 +22,7 @@ from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.rise import Rise
 from mocap_id.protocols.seat_off import past_share, where_models_meet
 from mocap_id.protocols.support import unexplained
-from mocap_id.store import Table
+from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, RISE
 
 
@@ -86,7 +85,7 @@ def sit_to_stand_events(
         "attempts": [_attempt(attempt) for attempt in tried],
         "load_share": _told(shared),
     }
-    return Table(EVENTS, _frame(repetitions, rises), facts, reasons(repetitions, rises, tried, posture))
+    return Table(EVENTS, _columns(repetitions, rises), facts, reasons(repetitions, rises, tried, posture))
 
 
 def _before(k: int, repetitions: Sequence[Repetition], tried: Sequence[Attempt]) -> int:
@@ -108,14 +107,24 @@ def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, sh
     )
 
 
-def _frame(repetitions: Sequence[Repetition], rises: Sequence[Rise]) -> pd.DataFrame:
+def events_table(repetitions: Sequence[Repetition]) -> Table:
+    """events.parquet of any other movement: one row a repetition."""
+    return Table(EVENTS, _side_by_side([asdict(each) for each in repetitions], EVENTS.columns))
+
+
+def _columns(repetitions: Sequence[Repetition], rises: Sequence[Rise]) -> dict[str, Any]:
     rows = [{**asdict(with_remark(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
-    columns = (*EVENTS.columns, *RISE)
-    frame = pd.DataFrame(rows, columns=[column.name for column in columns])
-    return frame.astype({column.name: column.dtype for column in columns})
+    return _side_by_side(rows, (*EVENTS.columns, *RISE))
 
 
-def missing_force(prepared: Prepared | None, frame: pd.DataFrame) -> tuple[FloatArray, ...]:
+def _side_by_side(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
+    """Columns from rows."""
+    kinds = [object if column.dtype == "str" else column.dtype for column in columns]
+    names = [column.name for column in columns]
+    return {name: np.array([row[name] for row in rows], dtype=kind) for name, kind in zip(names, kinds, strict=True)}
+
+
+def missing_force(prepared: Prepared | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
     """What the allometric body, else the model, expects of the ground less the ground's force, (T,) N each.
 
     By the clock that the identification found, and by the plates' own: a clock that was found wrong makes a force seem
@@ -125,10 +134,9 @@ def missing_force(prepared: Prepared | None, frame: pd.DataFrame) -> tuple[Float
         return ()
     everything = prepared.recorded.surroundings[:, 1]
     for model in ("Fy_reference", "Fy_model"):
-        expected: FloatArray = frame[model].to_numpy(dtype=np.float64)
+        expected = columns[model]
         if np.isfinite(expected).any():
-            elsewhere = frame["Fy_external"].to_numpy(dtype=np.float64) if "Fy_external" in frame else 0.0
-            return expected - frame["Fy"].to_numpy(dtype=np.float64), expected + elsewhere - everything
+            return expected - columns["Fy"], expected + columns.get("Fy_external", 0.0) - everything
     return ()
 
 
@@ -139,7 +147,7 @@ def _shared(plates: Table, recorded: Recorded, posture: Posture, movement: Movem
     found = sides(across, facing(recorded))
     if isinstance(found, str):
         return LoadShare(None, None, nothing, found)
-    left, right = (plates.frame[f"Fy_p{plate}"].to_numpy(dtype=np.float64) for plate in found)
+    left, right = (plates[f"Fy_p{plate}"] for plate in found)
     return LoadShare(*found, load_share(recorded.time, posture, left, right, movement.repetitions))
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.external import SEAT, External
 from mocap_id.dynamics.fit import Fit, determined, fit
 from mocap_id.dynamics.gains import Gain, gains
@@ -38,9 +37,7 @@ def external(context: Context, seat_plate: bool, seat_segment: str | int | None)
     names = [str(name) for name in tree["name"]]
     found = []
     for fact in told:
-        wrench: FloatArray = table.frame[
-            [f"{component}_{fact['columns']}" for component in WRENCH_COMPONENTS]
-        ].to_numpy(dtype=np.float64)
+        wrench = table.stack([f"{component}_{fact['columns']}" for component in WRENCH_COMPONENTS])
         wanted, key = fact.get("segment"), f"external: {fact['name']}: segment"
         if fact["name"] == SEAT:
             wanted, key = _seat(names) if seat_segment is None else seat_segment, "identify-dim: seat_segment"

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.dynamics.fit import LEAST_SECONDS, determined, select
+from mocap_id.dynamics.fit import determined, select
+from mocap_id.dynamics.folds import LEAST_SECONDS
 from mocap_id.dynamics.prepare import Prepared, Recorded, arcs
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.held_out import HeldOut, hold_out, parts
+from mocap_id.dynamics.folds import parts
+from mocap_id.dynamics.held_out import HeldOut, hold_out
 from mocap_id.dynamics.identify import Identification
 from mocap_id.dynamics.predict import Agreement, agreement
 from mocap_id.dynamics.prepare import Prepared
