@@ -33,7 +33,7 @@ help:
 demo: $(VENV)/installed
 	$(BIN)/mocap-id run $(DEMO)/trial.yaml
 
-# A file's tests stay in one process, for what they share; files go in their order, so that the long ones do not come last.
+# Whoever has nothing left to do takes tests from the others; what several share is made once (the fixture `once`).
 WORKERS := logical
 
 test: $(VENV)/installed-dev
@@ -42,7 +42,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/mocap-id doctor --warm
-	$(BIN)/python -m pytest -n $(patsubst 1,0,$(WORKERS)) --maxprocesses 8 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $(patsubst 1,0,$(WORKERS)) --maxprocesses 8 --dist worksteal
 	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
 
 NUMBER := 10000
