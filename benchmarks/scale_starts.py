@@ -59,11 +59,11 @@ def measure(
 
 def _run(trial: Path, before: Path | None = None) -> list[str]:
     other = [] if before is None else ["env", f"PYTHONPATH={before / 'pipeline'}:{before / 'cli'}"]
-    return [*other, *PROGRAM, "run", "--quiet", str(trial), "--out", str(trial.parent / f"runs-{trial.stem}")]
+    return [*other, *PROGRAM, "run", "--quiet", str(trial)]
 
 
 def _fresh(trial: Path, place: Path, before: Path | None = None) -> Spent:
-    shutil.rmtree(trial.parent / f"runs-{trial.stem}", ignore_errors=True)
+    shutil.rmtree(trial.parent / "runs", ignore_errors=True)
     return spend(_run(trial, before), place)
 
 
