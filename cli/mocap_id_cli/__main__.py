@@ -58,6 +58,7 @@ def _command_line() -> None:
     # Matrices are small here: threads of the linear algebra would wait for each other longer than they compute.
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none of ours; looking for them takes 12 ms
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # which gives back what tables no longer need
     _return_memory()
     gc.set_threshold(50_000, 20, 20)  # the libraries' objects stay: looking for garbage among them takes 0.1 s of a run

@@ -12,6 +12,8 @@ from mocap_id.estimation.inverse import Chain, frame_angles
 from mocap_id.estimation.problem import Problem
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
+from mocap_id.store import LongTable
+from mocap_id.store.schemas import PLANAR
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,13 @@ def measured(truth: FloatArray, rate: float, noise: float, rng: np.random.Genera
     local = rng.uniform([-0.08, 0.05], [0.08, 0.4], (len(segment), 2))
     exact = marker_positions(truth[..., 0], centres, segment, local)
     return Moving(truth, exact + noise * rng.standard_normal(exact.shape), rate, centres, segment, local)
+
+
+def planar_table(frames: IntArray, time: FloatArray, labels: list[str], points: FloatArray, rate: float) -> LongTable:
+    """As planarise writes the markers (F, M, 2), m."""
+    values = {"x": points[..., 0], "y": points[..., 1], "z": np.zeros(points.shape[:2])}
+    seen = np.isfinite(points[..., 0])
+    return LongTable(PLANAR, frames, time, tuple(labels), {**values, "visible": seen}, {"rate_hz": rate})
 
 
 def rms(error: FloatArray) -> FloatArray:

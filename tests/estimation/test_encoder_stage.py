@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from simulated_chains import Moving, measured
+from simulated_chains import Moving, measured, planar_table
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import LongTable, Table, Tree
+from mocap_id.store import Table, Tree
 from mocap_id.store.parquet import conform
-from mocap_id.store.schemas import CHAIN, PLANAR
+from mocap_id.store.schemas import CHAIN
 
 RATE, SECONDS, OFFSET, ZERO = 100.0, 8.0, 0.0123, 0.2
 
@@ -57,17 +57,7 @@ def record(folder: Path, *, late: float = 0.0, factor: float = 1.0, noise: float
 def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, Table]:
     """states.parquet and encoder.parquet."""
     labels, frames = [f"M{i}" for i in range(len(moving.segment))], len(moving.markers)
-    frame = pd.DataFrame(
-        {
-            "frame": np.repeat(np.arange(1, 1 + frames), len(labels)),
-            "time": np.repeat(np.arange(frames) / RATE, len(labels)),
-            "marker": pd.Categorical(labels * frames, categories=labels),
-            "x": moving.markers[..., 0].ravel(),
-            "y": moving.markers[..., 1].ravel(),
-            "z": 0.0,
-            "visible": True,
-        }
-    )
+    count = np.arange(frames)
     joints = {
         "name": np.array(["elbow"], dtype=object),
         "centre": moving.centres,
@@ -82,7 +72,7 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
     segments = {"name": np.array(["base", "link"], dtype=object)}
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("a.c3d")), protocol="robot-joint", encoder=encoder)
     inputs = {
-        "planar.parquet": LongTable.from_frame(PLANAR, frame, {"rate_hz": RATE}),
+        "planar.parquet": planar_table(1 + count, count / RATE, labels, moving.markers, RATE),
         "chain.h5": Tree(CHAIN, {"joints": joints, "segments": segments, "markers": markers}),
     }
     states, _, _, beside, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))

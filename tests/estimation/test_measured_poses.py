@@ -6,17 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
-from simulated_chains import Moving, swinging
+from simulated_chains import Moving, planar_table, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import LongTable, Table, Tree
+from mocap_id.store import Table, Tree
 from mocap_id.store.parquet import conform
-from mocap_id.store.schemas import CHAIN, PLANAR
+from mocap_id.store.schemas import CHAIN
 
 SEGMENTS = ["foot", "shank", "thigh", "pelvis", "trunk"]
 RATE, NOISE = 100.0, 3e-4
@@ -51,17 +50,6 @@ def run(
     foot = np.broadcast_to(FOOT, (len(FRAMES), 3, 2)) + noise[:, :3]
     arm = place[:, None] + planar.rotate(angle[:, None], ARM) + noise[:, 3:]
     points, labels = np.concatenate([markers, foot, arm[:, :loose]], axis=1), names(moving, loose)
-    frame = pd.DataFrame(
-        {
-            "frame": np.repeat(FRAMES, len(labels)),
-            "time": np.repeat(FRAMES / RATE, len(labels)),
-            "marker": pd.Categorical(labels * len(FRAMES), categories=sorted(labels)),
-            "x": points[..., 0].ravel(),
-            "y": points[..., 1].ravel(),
-            "z": 0.0,
-            "visible": np.isfinite(points[..., 0]).ravel(),
-        }
-    )
     segment, local = np.concatenate([moving.segment, [0, 0, 0]]), np.concatenate([moving.local, FOOT])
     order = np.random.default_rng(0).permutation(len(segment))
     chain = {
@@ -78,7 +66,8 @@ def run(
             "residual": np.full(len(segment), 1e-3),
         },
     }
-    inputs = {"planar.parquet": LongTable.from_frame(PLANAR, frame, {"rate_hz": RATE}), "chain.h5": Tree(CHAIN, chain)}
+    table = planar_table(FRAMES, FRAMES / RATE, labels, points, RATE)
+    inputs = {"planar.parquet": table, "chain.h5": Tree(CHAIN, chain)}
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))
     states, poses = outputs[0], outputs[-1]

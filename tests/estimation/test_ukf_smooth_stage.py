@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from pydantic import ValidationError
-from simulated_chains import Moving, swinging
+from simulated_chains import Moving, planar_table, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
@@ -17,7 +16,7 @@ from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform
-from mocap_id.store.schemas import CHAIN, PLANAR
+from mocap_id.store.schemas import CHAIN
 
 FRAMES, STILL = 300, 2
 
@@ -38,18 +37,7 @@ def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) 
     loose = np.full((frames, 1, 2), 3.0)
     points = np.concatenate([markers, still, loose], axis=1)
     time = np.arange(frames) / moving.rate + 0.5 if time is None else time
-    frame = pd.DataFrame(
-        {
-            "frame": np.repeat(np.arange(51, 51 + frames), len(names)),
-            "time": np.repeat(time, len(names)),
-            "marker": pd.Categorical(names * frames, categories=sorted(names)),
-            "x": points[..., 0].ravel(),
-            "y": points[..., 1].ravel(),
-            "z": 0.0,
-            "visible": np.isfinite(points[..., 0]).ravel(),
-        }
-    )
-    return LongTable.from_frame(PLANAR, frame, {"rate_hz": moving.rate})
+    return planar_table(np.arange(51, 51 + frames), time, names, points, moving.rate)
 
 
 def chain(moving: Moving) -> Tree:

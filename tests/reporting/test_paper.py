@@ -18,7 +18,7 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.reporting import paper
 from mocap_id.reporting.contents import FIGURES
 from mocap_id.reporting.embedding import read
-from mocap_id.reporting.figure import Drawings, Figure, to_json
+from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json
 from mocap_id.reporting.figures import drawings
 from mocap_id.stages.report.function import material
 from mocap_id.workflows.figures import figures
@@ -75,7 +75,17 @@ def test_journals_that_want_truetype_get_it(made: Drawings) -> None:
         assert subtype in paper.files(only, fonts)["figures/parameters.pdf"]  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("page", ["<html></html>", '<script type="application/json" id="figure-data">[1]</script>'])
+OPENING = '<script type="application/json" id="figure-data">'
+FLAT = Drawings("x", (Drawing("flat", "", "", Figure(((Panel((), height=0.0),),))),))
+NONE = (
+    "<html></html>",
+    f"{OPENING}[1]</script>",
+    OPENING + "[" * 10**6,
+    f"{OPENING}{json.dumps(to_json(FLAT))}</script>",
+)
+
+
+@pytest.mark.parametrize("page", NONE)
 def test_what_holds_no_figures_is_an_error_in_words(page: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no page here"):
         figures(tmp_path)
@@ -98,7 +108,7 @@ def test_the_command_names_what_it_wrote(tmp_path: Path, made: Drawings, cli: Ca
 
 def test_a_report_loads_no_library_for_drawing_or_data_frames() -> None:
     """What a run needs for its report, imported by a Python of its own."""
-    heavy = ("matplotlib", "pandas", "bokeh")
+    heavy = ("matplotlib", "pandas")
     code = f"import sys, mocap_id.reporting.report; print([name for name in {heavy} if name in sys.modules])"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "[]"

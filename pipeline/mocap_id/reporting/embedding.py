@@ -56,7 +56,7 @@ def read(page: str) -> Drawings:
 
     Raises
     ------
-    ValueError, TypeError, KeyError, AttributeError
+    ValueError, TypeError, KeyError, AttributeError, RecursionError
         It holds none that can be read.
     """
     drawings = from_json(json.loads(page.partition(_OPENING)[2].partition("</script>")[0]))

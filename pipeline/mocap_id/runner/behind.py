@@ -13,7 +13,7 @@ class Behind:
     """One thread that does jobs in their order; after one has failed, none begins.
 
     The failure is raised by the next call of :meth:`do` or :meth:`settle`. Leaving the context waits for the jobs that
-    were given, whatever signals come meanwhile, and raises nothing.
+    were given, whatever signals come meanwhile, and raises no failure of theirs.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,11 @@ class Behind:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         with uninterrupted():
-            self._pool.shutdown()
+            try:
+                self._pool.shutdown()
+            except BaseException:  # a signal after all: a thread that does not hold it back has taken it
+                self._pool.shutdown()
+                raise
 
     def do(self, job: Callable[[], None]) -> None:
         """Give a job."""

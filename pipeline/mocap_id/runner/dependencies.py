@@ -29,7 +29,7 @@ def parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
 def cache_key(
     stage: Stage, settings: Mapping[str, Any], hashes: Mapping[str, str], refused: Refused | None = None
 ) -> str:
-    """Hash of the stage, its version, its slice and the content of its inputs, with the refusal that it tells of."""
+    """Hash of the stage, its version, its slice and the hashes of its inputs, with the refusal that it tells of."""
     refusal = None if refused is None else [refused.code, refused.message]
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
@@ -39,7 +39,7 @@ _SETTLED_NS = 2 * 10**9
 
 
 class FileHashes:
-    """Content hashes of the user's files, each read once."""
+    """Hashes of the user's files, each read once."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial

@@ -206,19 +206,15 @@ class _Run:
         key = cache_key(stage, slice_, hashes, refused)
         start = time.perf_counter()
         try:
-            outputs = stage.function(context)
-            self.files.unchanged(stage)
-            origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
-            _check_names(stage, outputs)
-            kept = self.folder.keep(outputs, origin)
+            with self.foreseen():
+                outputs = stage.function(context)
+                self.files.unchanged(stage)
+                origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
+                _check_names(stage, outputs)
+                kept = self.folder.keep(outputs, origin)
         except NumericalError:
             self.forget_from(stage)
             raise
-        except MocapIdError:
-            raise
-        except Exception as error:
-            self.forget_from(stage)
-            raise self.unforeseen(error) from error
         self.behind.do(partial(self.write, stage, kept, origin))
         return origin
 
@@ -229,14 +225,9 @@ class _Run:
 
     def write(self, stage: Stage, outputs: Sequence[Artefact | Document], origin: Origin) -> None:
         """Write what a stage gave."""
-        with _named(self.trial, stage):
-            try:
-                self.folder.store(outputs, origin)
-                self.freshen(stage)
-            except MocapIdError:
-                raise
-            except Exception as error:
-                raise self.unforeseen(error) from error
+        with _named(self.trial, stage), self.foreseen():
+            self.folder.store(outputs, origin)
+            self.freshen(stage)
 
     def refuse(self, stage: Stage, refused: Refused) -> None:
         """Remove what no longer holds, and make the report of what does, unless that is what stands there."""
@@ -260,17 +251,24 @@ class _Run:
             if later is not but:
                 self.folder.forget(later.name, later.outputs)
 
-    def unforeseen(self, error: Exception) -> NumericalError:
-        """A failure that is our fault: one line for the screen, the rest into a file."""
-        log = self.trial.out / LOG_FILE
-        text = "".join(traceback.format_exception(error))
+    @contextmanager
+    def foreseen(self) -> Iterator[None]:
+        """Turn a failure that is our fault into an error: one line for the screen, the rest into a file."""
         try:
-            replace_together(self.trial.out, {LOG_FILE: text.encode("utf-8", "backslashreplace")})
-            where = f"the details are in {log}; please report them"
-        except StoreError as problem:
-            where = str(problem)
-        what = str(error).partition("\n")[0]
-        return NumericalError(f"an unforeseen failure, {type(error).__name__}: {what}; {where}")
+            yield
+        except MocapIdError:
+            raise
+        except Exception as error:
+            log = self.trial.out / LOG_FILE
+            text = "".join(traceback.format_exception(error))
+            try:
+                replace_together(self.trial.out, {LOG_FILE: text.encode("utf-8", "backslashreplace")})
+                where = f"the details are in {log}; please report them"
+            except StoreError as problem:
+                where = str(problem)
+            what = str(error).partition("\n")[0]
+            message = f"an unforeseen failure, {type(error).__name__}: {what}; {where}"
+            raise NumericalError(message) from error
 
     def check_inputs(self, stage: Stage) -> None:
         """Say which stage to run first, if what this one reads is missing or stale, however far back."""

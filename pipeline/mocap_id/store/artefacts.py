@@ -138,19 +138,6 @@ class LongTable:
     facts: Facts = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
 
-    @classmethod
-    def from_frame(
-        cls, schema: TableSchema, frame: pd.DataFrame, facts: Facts | None = None, reasons: tuple[Reason, ...] = ()
-    ) -> LongTable:
-        """A long table of a data frame that is sorted by frame, every frame holding the same markers in one order."""
-        frames = frame["frame"].to_numpy()
-        count = len(np.unique(frames))
-        labels = tuple(map(str, frame["marker"].iloc[: len(frames) // max(count, 1)]))
-        each = slice(None, None, max(len(labels), 1))
-        columns = [name for name in frame.columns if name not in ("frame", "time", "marker")]
-        values = {str(name): frame[name].to_numpy().reshape(count, len(labels)) for name in columns}
-        return cls(schema, frames[each], frame["time"].to_numpy()[each], labels, values, facts or {}, reasons)
-
     @property
     def length(self) -> int:
         """Number of rows."""

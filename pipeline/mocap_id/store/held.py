@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class Held:
@@ -25,11 +21,6 @@ class Held:
         """A Parquet artefact with a row for every frame and marker, None where it is absent."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, LongTable) else None
-
-    def frame(self, file: str) -> pd.DataFrame | None:
-        """The rows of a Parquet artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return None if artefact is None or isinstance(artefact, Tree) else artefact.frame
 
     def tree(self, file: str) -> Tree | None:
         """An HDF5 artefact, None where it is absent."""

@@ -13,6 +13,7 @@ from mocap_id.store.atomic import explained, replace_together
 
 PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
 """What a folder may hold, by what made it."""
+_UNREADABLE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 
 def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3") -> tuple[Path, ...]:
@@ -46,7 +47,7 @@ def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3
         files = paper.files(read(plain_files.read(page).decode("utf-8", "replace")), pdf_fonts)
     except OSError as error:
         raise StoreError(f"{page} cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except _UNREADABLE as error:
         raise StoreError(f"{page}: holds no figures that this version can draw: run again what wrote it") from error
     folder = page.parent if out is None else out
     with explained(folder):

@@ -28,7 +28,7 @@ class RunFolder(Held):
         As given on the command line: a YAML file or a folder.
     path : Path
         The folder.
-    artefacts : mapping of str to Table or Tree
+    artefacts : mapping of str to Table, LongTable or Tree
         By file name; those that were not made are absent.
     provenance : mapping of str to Provenance
         Likewise.

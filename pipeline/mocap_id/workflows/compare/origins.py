@@ -74,7 +74,7 @@ def _versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
 
 
 def _inputs(run: RunFolder) -> dict[str, Value]:
-    """Files of the user's, by the content hash that the stages saw."""
+    """Hashes of the user's files, as the stages saw them."""
     return {
         name: content[:_SHOWN]
         for about in run.provenance.values()

@@ -81,12 +81,10 @@ def _threshold(run: RunFolder) -> float:
 
 def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
     """Times (T,), the loads that are known, and what to say of others."""
-    table = run.frame("dynamics.parquet")
-    table = run.frame("wrench.parquet") if table is None else table
+    table = run.table("dynamics.parquet") or run.table("wrench.parquet")
     if table is None:
         return np.zeros(0), [], ()
-    time = table["time"].to_numpy(dtype=np.float64)
-    ground: FloatArray = table[list(_COMPONENTS)].to_numpy(dtype=np.float64)
+    time, ground = table["time"], table.stack(_COMPONENTS)
     if not np.isfinite(ground).all(axis=1).any():
         return time, [], ()
     others = list(_others(run))
@@ -103,16 +101,16 @@ def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
 
 def _others(run: RunFolder) -> Iterator[tuple[str, Load]]:
     """The chair and the sensors that the identification counted with, at the cameras' times."""
-    table, used = run.frame("wrench.parquet"), run.facts("dynamics.h5").get("external") or ()
+    table, used = run.table("wrench.parquet"), run.facts("dynamics.h5").get("external") or ()
     segments = {str(fact["name"]): int(fact["segment"]) for fact in used}
     if table is None:
         return
-    time, offset = table["time"].to_numpy(dtype=np.float64), _applied_offset(run)
+    time, offset = table["time"], _applied_offset(run)
     for fact in run.facts("wrench.parquet").get("external") or ():
         name = str(fact["name"])
         if name not in segments:
             continue
-        wrench: FloatArray = table[[f"{each}_{fact['columns']}" for each in _COMPONENTS]].to_numpy(dtype=np.float64)
+        wrench = table.stack([f"{each}_{fact['columns']}" for each in _COMPONENTS])
         if fact["clock"] == "plates":
             wrench = SampledWrench.of(time, wrench)(time - offset)
         yield name, Load(name, segments[name], wrench)

@@ -65,16 +65,16 @@ def torques_file(run: RunFolder) -> str:
 
 def torques(run: RunFolder) -> Parts:
     """``<trial>_torques.sto``, named as OpenSim's inverse dynamics does, and ``<trial>_wrench.sto``; N, N·m, m."""
-    frame, skeleton = run.frame("dynamics.parquet"), _skeleton(run)
-    if frame is None or skeleton is None:
+    table, skeleton = run.table("dynamics.parquet"), _skeleton(run)
+    if table is None or skeleton is None:
         return Parts(notes=(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}",))
-    time = frame["time"].to_numpy(dtype=np.float64)
-    columns = [name for name in (*WRENCH, *(f"{name}_model" for name in WRENCH)) if frame[name].notna().any()]
+    time = table["time"]
+    columns = [name for name in (*WRENCH, *(f"{name}_model" for name in WRENCH)) if np.isfinite(table[name]).any()]
     notes: tuple[str, ...] = ()
     parts = Parts()
     if columns:
-        parts += sampled(f"{run.name}_wrench.sto", "wrench", columns, frame[columns].to_numpy(np.float64), time=time)
-    values = frame[[f"tau_{j}" for j in range(1, len(skeleton.joints) + 1)]].to_numpy(dtype=np.float64)
+        parts += sampled(f"{run.name}_wrench.sto", "wrench", columns, table.stack(columns), time=time)
+    values = table.stack([f"tau_{j}" for j in range(1, len(skeleton.joints) + 1)])
     if np.isfinite(values).any():
         names = [f"{name}_moment" for name in coordinate_names(skeleton)]
         parts += sampled(torques_file(run), "joint torques", names, values, time=time)

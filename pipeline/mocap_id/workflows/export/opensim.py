@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mocap_id.reporting.views import Skeleton
 from mocap_id.workflows.export.forces import loads_file
 from mocap_id.workflows.export.inertia import bodies
@@ -25,7 +27,7 @@ def opensim(run: RunFolder) -> Parts:
     skeleton = Skeleton.from_tree(tree)
     inertia = bodies(run, len(skeleton.segments))
     files = {model_file(run): model(run, skeleton, inertia), f"{run.name}_ik.xml": _kinematics(run, skeleton)}
-    if run.frame("states.parquet") is not None and inertia.told:
+    if run.table("states.parquet") is not None and inertia.told:
         files[f"{run.name}_id.xml"] = _dynamics(run)
     return Parts(files, (f"osim: inertial parameters: {inertia.source}",))
 
@@ -57,8 +59,8 @@ def _span(run: RunFolder) -> tuple[float, float]:
 
 def _dynamics(run: RunFolder) -> bytes:
     """On our angles, with the measured forces where there are some."""
-    table = run.frame("wrench.parquet")
-    forces = table is not None and bool(table["Fy"].notna().any())
+    table = run.table("wrench.parquet")
+    forces = table is not None and bool(np.isfinite(table["Fy"]).any())
     children = [
         element("model_file", text=model_file(run)),
         element("coordinates_file", text=angles_file(run)),
