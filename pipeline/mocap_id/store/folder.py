@@ -179,7 +179,7 @@ class Folder:
         record = self._record(stage)
         if record is None or not all((self.path / file).is_file() for file in files):
             return None
-        if any(self._as_written(file) is None for file in files if file in SCHEMAS):
+        if any(not self._verified(file, record) for file in files if file in SCHEMAS):
             return None
         sound = len(self._ours(record.documents)) == len(record.documents)
         return record.origin if sound and {*record.artefacts, *record.documents} >= set(files) else None
@@ -237,19 +237,26 @@ class Folder:
         StoreError
             The file does not hold the bytes that its record says were written.
         """
-        if file not in self._untouched and (self.path / file).exists():
-            for place in sorted((self.path / _HIDDEN).glob("*.json")):
-                record = self._record(place.stem)
-                seal = None if record is None else record.artefacts.get(file)
-                if record is None or seal is None or seal.schema_version != SCHEMAS[file].version:
-                    continue
-                if self._hash(file) != seal.digest:
-                    raise StoreError(
-                        f"{self.path / file} is damaged or was edited: its bytes are not those that were written. "
-                        "Delete it and run again"
-                    )
-                self._untouched[file] = record
+        for place in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._untouched else ():
+            record = self._record(place.stem)
+            if record is not None and self._verified(file, record):
+                break
         return self._untouched.get(file)
+
+    def _verified(self, file: str, record: Record) -> bool:
+        """Whether a record knows an artefact that is there; StoreError as for :meth:`_as_written`."""
+        if file in self._untouched:
+            return True
+        seal = record.artefacts.get(file)
+        if seal is None or seal.schema_version != SCHEMAS[file].version or not (self.path / file).exists():
+            return False
+        if self._hash(file) != seal.digest:
+            raise StoreError(
+                f"{self.path / file} is damaged or was edited: its bytes are not those that were written. "
+                "Delete it and run again"
+            )
+        self._untouched[file] = record
+        return True
 
     def _forget(self, file: str) -> None:
         self._read.pop(file, None)
