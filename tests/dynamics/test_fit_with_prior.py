@@ -16,11 +16,11 @@ from mocap_id.dynamics.fit import Fit, determined, fit
 from mocap_id.dynamics.fold import fold
 from mocap_id.dynamics.folds import parts
 from mocap_id.dynamics.held_out import hold_out
-from mocap_id.dynamics.independence import memory
 from mocap_id.dynamics.loose_prior import BodyPrior, table_prior
 from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.dynamics.motion import chain_motion
 from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.prior_weight import REFERENCE
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.dynamics.solve import Compressed
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
@@ -31,7 +31,6 @@ EVERYTHING = np.ones(len(TIME), dtype=bool)
 NOISE = (2.0, 2.0, 0.6)
 WRONG = BODIES * [1.2, 0.9, 1.1, 1.3]
 PRIOR = table_prior(WRONG.ravel(), "a table", others=True)
-NO_SPANS = np.zeros((0, 2))
 SPANS = np.array([[0.5, 9.0], [11.0, 19.0], [21.0, 29.5]])
 
 
@@ -82,10 +81,7 @@ def test_data_count_by_their_time_not_by_their_samples() -> None:
         found = fit(prepare(recorded, FitSettings(), PRIOR), np.ones(len(time), dtype=bool))
         rows, target = rows_of(found)
         residual = (target - rows @ found.problem.free_solution()).reshape(-1, 3)
-        lasting = memory(time[found.samples], residual, NO_SPANS)
-        independent = found.in_fit.sum() / rate / lasting
-        np.testing.assert_allclose(np.sum(residual**2, axis=0), independent, rtol=0.05)
-        assert (lasting > 0.05).all(), "a low-pass of 5 Hz leaves no more than ten independent samples a second"
+        np.testing.assert_allclose(np.sum(residual**2, axis=0), found.in_fit.sum() / rate / REFERENCE, rtol=0.05)
         worth.append(float(np.sum(residual**2)) / (found.in_fit.sum() / rate))
     assert worth[0] == pytest.approx(worth[1], rel=0.1)
     recorded, _ = trial()

@@ -12,7 +12,6 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base import triangular_factor
 from mocap_id.dynamics.clock import profile_offset
 from mocap_id.dynamics.folds import LEAST_SECONDS
-from mocap_id.dynamics.independence import memory
 from mocap_id.dynamics.lowpass import erode
 from mocap_id.dynamics.prepare import Prepared
 from mocap_id.dynamics.prior_weight import REFERENCE, left_out_memory
@@ -247,9 +246,9 @@ def _weights(prepared: Prepared, design: FloatArray, target: FloatArray, weights
     return found if prepared.prior is None else found * np.sqrt(_share(prepared, REFERENCE))
 
 
-def _share(prepared: Prepared, seconds: float | FloatArray) -> FloatArray:
+def _share(prepared: Prepared, seconds: float) -> float:
     """Share of the fit's samples that are independent where so much of the recording counts as one."""
-    return np.minimum(1.0, prepared.step / prepared.recorded.rate / np.asarray(seconds))
+    return min(1.0, prepared.step / prepared.recorded.rate / seconds)
 
 
 def _counted(
@@ -261,20 +260,14 @@ def _counted(
     *,
     weights: FloatArray,
 ) -> FloatArray:
-    """The weights, with the samples counted against the prior as left-out repetitions are predicted well.
-
-    Where too few can be left out, the samples count as the residuals' correlation says.
-    """
+    """The weights, with the samples counted against the prior as left-out repetitions are predicted well."""
     prior = _prior_rows(prepared, design)
     if prior is None or prepared.prior is None:
         return weights
     inverse = weights / np.sqrt(_share(prepared, REFERENCE))
-    seconds: float | FloatArray | None = left_out_memory(
+    seconds = left_out_memory(
         prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
     )
-    if seconds is None:
-        residual = _residual(design * weights[:, None], target * weights, prior) / weights
-        seconds = memory(prepared.recorded.time[samples], residual, prepared.prior.spans)
     return np.asarray(inverse * np.sqrt(_share(prepared, seconds)))
 
 

@@ -57,7 +57,8 @@ class KinematicError:
             rad and time derivatives.
         """
         bend = _MOMENT**2 / 2 * ddq
-        before, now, after = (self.angle(q + side * _MOMENT * dq + side**2 * bend) for side in (-1, 0, 1))
+        moments = np.concatenate([q + side * _MOMENT * dq + side**2 * bend for side in (-1, 0, 1)])
+        before, now, after = np.split(self.angle(moments), 3)
         velocity, acceleration = (after - before) / (2 * _MOMENT), (after - 2 * now + before) / _MOMENT**2
         return np.concatenate([now, velocity, acceleration], axis=1)
 
@@ -147,13 +148,11 @@ def _effect(
     centres = recorded.centres
     undisturbed = function(states, centres)
 
-    def slope(states: FloatArray, centres: FloatArray) -> FloatArray:
-        return (function(states, centres) - undisturbed) / _STEP
-
-    of_states = [slope(states + _STEP * unit, centres) for unit in np.eye(states.shape[1])]
-    of_centres = [slope(states, centres + _STEP * unit) for unit in np.eye(centres.size).reshape(-1, *centres.shape)]
-    geometry = error.centre.reshape(centres.size, errors.shape[-1])
-    return np.asarray(np.stack(of_states, axis=-1) @ errors + np.stack(of_centres, axis=-1) @ geometry)
+    units = np.eye(states.shape[1])[:, None]
+    moved = function((states + _STEP * units).reshape(-1, states.shape[1]), centres).reshape(-1, *undisturbed.shape)
+    by_centres = [function(states, centres + _STEP * unit.reshape(centres.shape)) for unit in np.eye(centres.size)]
+    of_states, of_centres = ((np.stack(list(f), axis=-1) - undisturbed[..., None]) / _STEP for f in (moved, by_centres))
+    return np.asarray(of_states @ errors + of_centres @ error.centre.reshape(centres.size, errors.shape[-1]))
 
 
 def _regressor(prepared: Prepared, states: FloatArray, centres: FloatArray) -> FloatArray:

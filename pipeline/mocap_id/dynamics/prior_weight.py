@@ -17,7 +17,7 @@ from mocap_id.dynamics.prepare import Prepared
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 """Time of the recording that may count as one sample, s."""
 REFERENCE = 0.4
-"""What counts as one sample where the spreads of the residuals are found, s."""
+"""What counts as one sample where the spreads of the residuals are found, and where too little can be left out, s."""
 _LEAST_FOLDS = 3  # two give no standard error to speak of
 
 
@@ -29,8 +29,10 @@ def left_out_memory(
     rows: FloatArray,
     target: FloatArray,
     prior: tuple[FloatArray, FloatArray],
-) -> float | None:
-    """Time of the recording that counts as one sample, s; None where fewer than three parts can be left out.
+) -> float:
+    """Time of the recording that counts as one sample, s.
+
+    :data:`REFERENCE` where fewer than three parts can be left out.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ def left_out_memory(
         Rows and right-hand side, one standard deviation each.
     """
     if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
-        return None
+        return REFERENCE
     apart = prepared.step / prepared.recorded.rate
     part = parts(prepared.recorded.time, prepared.prior.spans)
     errors = []
@@ -54,7 +56,7 @@ def left_out_memory(
         fitted = without(prepared, gate, part, k)[samples]
         if apart * fitted.sum() >= LEAST_SECONDS:
             errors.append(left_out_error(rows, target, prior, apart=apart, fitted=fitted, predicted=part[samples] == k))
-    return choose_memory(np.array(errors)) if len(errors) >= _LEAST_FOLDS else None
+    return choose_memory(np.array(errors)) if len(errors) >= _LEAST_FOLDS else REFERENCE
 
 
 def choose_memory(errors: FloatArray) -> float:

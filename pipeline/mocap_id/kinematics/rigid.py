@@ -13,7 +13,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 _ITERATIONS = 50
-_TOLERANCE = 1e-9  # m
+_TOLERANCE = 1e-7  # m
 
 
 @dataclass(frozen=True)
@@ -71,17 +71,18 @@ def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Body:
     columns = np.asarray(markers, dtype=np.int64)
     seen = np.isfinite(points[:, columns])
     z = np.where(seen, points[:, columns], 0)
+    weight = seen.astype(np.float64)
     template = z[int(np.argmax(seen.sum(axis=1)))]
     for _ in range(_ITERATIONS):
-        rotation, position = rigid_poses(z, seen, template)
-        local = np.conj(rotation)[:, None] * (z - position[:, None])
-        updated = (local * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        rotation, position = rigid_poses(z, weight, template)
+        back = np.conj(rotation)
+        updated = (back @ z - (back * position) @ weight) / np.maximum(weight.sum(axis=0), 1)
         updated -= updated.mean()
         moved = float(np.max(np.abs(updated - template)))
         template = updated
         if moved < _TOLERANCE:
             break
-    rotation, position = rigid_poses(z, seen, template)
+    rotation, position = rigid_poses(z, weight, template)
     enough = seen.sum(axis=1) >= 2
     off = np.abs(z - position[:, None] - rotation[:, None] * template)[seen & enough[:, None]]
     residual = float(np.sqrt(np.mean(off**2))) if off.size else np.inf
@@ -115,21 +116,24 @@ def marker_residuals(body: Body, points: ComplexArray) -> FloatArray:
     return np.where(counts > 1, np.sqrt(square), np.inf)
 
 
-def rigid_poses(z: ComplexArray, seen: BoolArray, template: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+def rigid_poses(
+    z: ComplexArray, seen: BoolArray | FloatArray, template: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
     """Rotation and position (F,) that bring a template onto each frame (closed form in the plane).
 
     Parameters
     ----------
     z : (F, k) complex array
         Markers, m; 0 where unseen.
-    seen : (F, k) bool array
+    seen : (F, k) bool or float array
+        1 where seen, else 0.
     template : (k,) complex array
         Marker coordinates in the body's own frame, m.
     """
     counts = np.maximum(seen.sum(axis=1), 1)
     centroid = z.sum(axis=1) / counts
-    template_centroid = (seen * template).sum(axis=1) / counts
-    moment = (seen * (z - centroid[:, None]) * np.conj(template - template_centroid[:, None])).sum(axis=1)
+    template_centroid = seen @ template / counts
+    moment = z @ np.conj(template) - counts * centroid * np.conj(template_centroid)
     size = np.abs(moment)
     rotation = np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
     return rotation, centroid - rotation * template_centroid

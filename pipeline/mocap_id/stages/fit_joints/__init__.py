@@ -33,7 +33,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=3,
+    version=4,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=(),

@@ -64,14 +64,17 @@ class LeftOut:
         )
         self._settings, self._prior = prepared.settings, prior
         self._first: Fit | None = None
+        self._found: dict[Bands, HeldOut | None] = {}
 
     def on_poses(self, bands: Bands) -> HeldOut | None:
         """Predictions on the measured poses with some cut-offs; later calls use clock and weights of the first."""
-        moved = replace(self._recorded, measured=self._poses.motion(bands), observed=self._seen)
-        ready = prepare(moved, self._settings, self._prior)
-        found = fit(ready, self._gate, self._first)
-        self._first = self._first or found
-        return self._held(ready, found)
+        if bands not in self._found:
+            moved = replace(self._recorded, measured=self._poses.motion(bands), observed=self._seen)
+            ready = prepare(moved, self._settings, self._prior)
+            found = fit(ready, self._gate, self._first)
+            self._first = self._first or found
+            self._found[bands] = self._held(ready, found)
+        return self._found[bands]
 
     def on_chain(self) -> HeldOut | None:
         """Predictions on the pinned chain, in the band of the poses."""

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.bands import ChosenBands
+from mocap_id.dynamics.bands import ChosenBands, held_out_cost
 from mocap_id.dynamics.fold import Fold, centre_response, fold, in_base
 from mocap_id.dynamics.grid import PointGrid
 from mocap_id.dynamics.identify import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.loose_prior import BodyPrior
+from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.pose_error import PoseEffect, PoseErrors, SlidingBody, pose_effect, sliding_body
 from mocap_id.dynamics.predict import Noise, shown_noise
 from mocap_id.dynamics.prepare import Prepared
@@ -192,13 +193,14 @@ def _of_bodies(tables: Rivals, mean: Callable[[ReferenceBody], FloatArray]) -> R
 def _best_way(
     ways: Sequence[MeasuredBodies], prepared: Prepared, movement: Movement, table: ReferenceBody, mass: float
 ) -> tuple[MeasuredBodies, BodyPrior, ChosenBands]:
-    """The way to count the bodies that predicts left-out repetitions best, its prior and its cut-offs."""
+    """The way to count the bodies that predicts left-out repetitions best at usual cut-offs; its prior and cut-offs."""
     tried = []
     for way in ways:
         prior = loose_prior(way, prepared.recorded.q, movement.free, table, mass)
         prior = replace(prior, spans=np.array(validation.spans(movement)))
-        tried.append((way, prior, chosen_bands(LeftOut(prepared, movement, way, prior))))
-    return min(reversed(tried), key=lambda each: each[2].cost)
+        tried.append((way, prior, LeftOut(prepared, movement, way, prior)))
+    way, prior, left_out = min(reversed(tried), key=lambda each: held_out_cost(each[2].on_poses(USUAL)))
+    return way, prior, chosen_bands(left_out)
 
 
 def filtered_measured(prepared: Prepared, found: Identification) -> FloatArray:

@@ -45,7 +45,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=5,
+    version=6,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),
