@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.dynamics.lowpass import LowPass, known, runs
 from mocap_id.dynamics.motion import Motion, point_acceleration
 from mocap_id.geometry import planar
@@ -205,28 +205,33 @@ def pinned(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
     """
     if not joints:
         return poses
-    size, bodies = poses.angle.shape
-    weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
     for _ in range(2):
-        jacobian = np.zeros((size, len(joints), 2, bodies, 3))
-        gap = np.empty((size, len(joints), 2))
-        for row, joint in enumerate(joints):
-            gap[:, row] = poses.gap(joint)
-            for sign, body, point in (
-                (-1.0, int(poses.body[joint]), poses.centres[joint]),
-                (1.0, int(poses.body[joint + 1]), np.zeros(2)),
-            ):
-                arm = planar.rotate(poses.angle[:, body], point - poses.centroid[body])
-                jacobian[:, row, 0, body, 0] = jacobian[:, row, 1, body, 1] = sign
-                jacobian[:, row, 0, body, 2], jacobian[:, row, 1, body, 2] = -sign * arm[:, 1], sign * arm[:, 0]
-        flat = jacobian.reshape(size, 2 * len(joints), 3 * bodies)
-        good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
-        spread = flat[good] * weak.reshape(-1)  # J W⁻¹
-        solved = np.linalg.solve(spread @ np.swapaxes(flat[good], 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
-        step = np.zeros((size, bodies, 3))
-        step[good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, bodies, 3)
+        gap = np.stack([poses.gap(joint) for joint in joints], axis=1)
+        step = np.concatenate([_closing(poses, joints, poses.angle[s], gap[s]) for s in chunks(len(gap))])
         poses = replace(poses, position=poses.position + step[..., :2], angle=poses.angle + step[..., 2])
     return poses
+
+
+def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
+    """Change (f, K, 3) of position and angle that closes gaps (f, j, 2) at angles (f, K); 0 where one is unknown."""
+    size, bodies = angle.shape
+    weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
+    jacobian = np.zeros((size, len(joints), 2, bodies, 3))
+    for row, joint in enumerate(joints):
+        for sign, body, point in (
+            (-1.0, int(poses.body[joint]), poses.centres[joint]),
+            (1.0, int(poses.body[joint + 1]), np.zeros(2)),
+        ):
+            arm = planar.rotate(angle[:, body], point - poses.centroid[body])
+            jacobian[:, row, 0, body, 0] = jacobian[:, row, 1, body, 1] = sign
+            jacobian[:, row, 0, body, 2], jacobian[:, row, 1, body, 2] = -sign * arm[:, 1], sign * arm[:, 0]
+    flat = jacobian.reshape(size, 2 * len(joints), 3 * bodies)
+    good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
+    spread = flat[good] * weak.reshape(-1)  # J W⁻¹
+    solved = np.linalg.solve(spread @ np.swapaxes(flat[good], 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
+    step = np.zeros((size, bodies, 3))
+    step[good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, bodies, 3)
+    return step
 
 
 class PoseFilter:
