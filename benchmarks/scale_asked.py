@@ -59,7 +59,7 @@ def _starts(part: Any) -> Iterator[list[str]]:
     for name, most in ((RUN, WHOLE), (PERSON, SHORT), (AGAIN, NOTHING)):
         if name in spent:
             wall = spent[name]["wall"]
-            yield [f"`{name}`, a whole process", f"≤ {most:g} s", f"{wall:.2f} s" + held(wall <= most)]
+            yield [f"{name}, a whole process", f"≤ {most:g} s", f"{wall:.2f} s" + held(wall <= most)]
     if EARLIER in spent:
         ratio = spent[RUN]["cpu"] / spent[EARLIER]["cpu"]
         yield [

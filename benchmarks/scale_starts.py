@@ -18,8 +18,8 @@ BARE = {
     "the libraries alone: numpy, pandas, pyarrow, h5py": "import numpy, pandas, pyarrow.parquet, h5py",
 }
 RUN, AGAIN = "mocap-id run", "mocap-id run once more"
-PERSON = "mocap-id run, STS1 (a person, 14 s at 100 Hz)"
-EARLIER = "mocap-id run, an earlier commit"
+PERSON = "a run of STS1, a person, 14 s at 100 Hz"
+EARLIER = "a run by an earlier commit"
 _PERSON = {"markers": "STS1.trc", "forces": "STS1_grf.mot"}
 _TRIAL = "trial: sts-normal\nrecording: sts-normal.c3d\nprotocol: sit-to-stand\n"
 
