@@ -29,7 +29,7 @@ def figures(
 ) -> None:
     """Draw the figures of a report, of a study's page or of a validation's as SVG and PDF, with their captions.
 
-    They are those that the page shows, curves thinned as there. Nothing is computed anew.
+    The figures and their data points are those of the page. Nothing is computed again.
     """
     from mocap_id.workflows.figures import figures as draw  # noqa: PLC0415  no other command has to wait for it
 

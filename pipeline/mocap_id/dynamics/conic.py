@@ -157,7 +157,7 @@ def _solve(
 ) -> tuple[FloatArray, str, int]:
     """Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in the cones: x, its word, iterations.
 
-    Groups of rows, in their order: those that are zero, second-order cones of four rows each, those not negative.
+    Groups of rows, in order: equal to zero; second-order cones of four rows each; not negative.
     """
     import clarabel  # noqa: PLC0415  a grid does without it
 

@@ -174,7 +174,7 @@ class _PlateReader:
         return np.asarray(origin)
 
     def _samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Scaled samples of the channels, NaN where not finite; those that count; those at a converter's limit."""
+        """Scaled samples of the channels (NaN where not finite), which samples are valid, and which are saturated."""
         offset, scale = (each[columns] for each in calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE does not cover its channels")

@@ -135,7 +135,7 @@ class Panel:
     x_range, y_range : (2,) tuples or None
         What is shown; None for all.
     x_ticks : tuple of (float, str)
-        Where x is no plain scale: places and what stands there.
+        Positions and labels of the ticks, where x is not a plain scale.
     rows : tuple of str
         Where y counts rows (0 on top): their names. Beside another panel of a line they are not repeated.
     equal : bool
