@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from claims_page import claims_table, page, quote
 
+from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.ur5 import JointName, Speed
 from mocap_id.workflows.sensitivity.changing import CHANGES, run_from
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Moved, Result, moved, result
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
 from mocap_id.workflows.sensitivity.trying import Tried
-from mocap_id.workflows.simulate import Options, simulate
-from mocap_id.workflows.simulate.ur5 import JointName, Speed
 
 FRESH = 970_000  # the first seed; nothing was tuned on these
 NEGLIGIBLE = 0.5  # %: what the thesis calls so of the clock

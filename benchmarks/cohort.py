@@ -22,7 +22,7 @@ import pandas as pd
 from cohort_page import TEXT, events, figures, lengths, others, people, strategies, table_6_3, true_torques, variants
 from cohort_truth import configure, done, models, repetitions, run, skeletons
 
-from mocap_id.workflows.simulate import Cohort, Options, simulate_cohort
+from mocap_id.simulation import Cohort, Options, simulate_cohort
 
 FRESH = 970_000  # the first seed; nothing was tuned on these
 ORDINARY = Options(clock_offset=0.005)

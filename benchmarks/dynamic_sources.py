@@ -24,10 +24,10 @@ from kinematic_sweep import markdown
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.store import Folder, Table, Tree
-from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 950_000  # the first seed; nothing was tuned on these
 DIFFICULTIES = ("ordinary", "hard")

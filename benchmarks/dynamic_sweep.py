@@ -42,8 +42,8 @@ from kinematic_sweep import interval, markdown
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run_stage
-from mocap_id.workflows.simulate import Options, simulate
-from mocap_id.workflows.simulate.schedule import Strategy
+from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.schedule import Strategy
 
 FRESH = 980_000  # the first seed; nothing was tuned on these
 ANALOG = 1000.0  # Hz

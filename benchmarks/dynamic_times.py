@@ -16,10 +16,10 @@ from mocap_id.config import load
 from mocap_id.dynamics import identify
 from mocap_id.dynamics.consistent import fit_consistent
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.store import Folder
-from mocap_id.workflows.simulate import Options, simulate
 
 FRAMES = 16_000
 LONG = Options(rate=480, analog_rate=480, repetitions=5)  # longer than that

@@ -19,11 +19,11 @@ from mocap_id.dynamics.proposal import Proposal
 from mocap_id.errors import MocapIdError
 from mocap_id.geometry import planar
 from mocap_id.runner import run_to
+from mocap_id.simulation import Kind, Motion, Options, simulate, through
+from mocap_id.simulation.motion import smoothstep
+from mocap_id.simulation.subject import draw_subject
 from mocap_id.store import Folder
 from mocap_id.workflows.advice import Advised, Asked, advise
-from mocap_id.workflows.simulate import Kind, Motion, Options, simulate, through
-from mocap_id.workflows.simulate.motion import smoothstep
-from mocap_id.workflows.simulate.subject import draw_subject
 
 KINDS: Mapping[str, str] = {
     "robot": "a robot's joint that swings slowly by 7 to 11°, noisy cameras (2 mm) and plate (4 N)",

@@ -20,10 +20,10 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Artefact, Folder, LongTable, Table, Tree
-from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 930_000  # the first seed; nothing was tuned on these
 OPTIONS = Options(repetitions=2, analog_rate=100)

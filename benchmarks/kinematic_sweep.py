@@ -25,8 +25,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.geometry import planar
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
 from mocap_id.store import Folder, Table, Tree
-from mocap_id.workflows.simulate import Options, simulate
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "kinematic-sweep.md"
 FRESH = 700_000  # the first seed; nothing was tuned on these

@@ -17,8 +17,8 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, joint_angles
-from mocap_id.workflows.simulate.generate import Simulated, generate
-from mocap_id.workflows.simulate.options import Options
+from mocap_id.simulation.generate import Simulated, generate
+from mocap_id.simulation.options import Options
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "link-by-link.md"
 FRESH = 50_000  # the first seed; nothing was tuned on these

@@ -23,8 +23,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.geometry import planar
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, People, simulate
 from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.simulate import Options, People, simulate
 
 FRESH = 991_000  # the first seed; nothing was tuned on these
 UP_TO = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")

@@ -11,13 +11,13 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writing import write_c3d
-from mocap_id.workflows.simulate import Motion, Options, Simulated, through
-from mocap_id.workflows.simulate.body import Body, Link
-from mocap_id.workflows.simulate.generate import take
-from mocap_id.workflows.simulate.markers import PLATE, MarkerSet
-from mocap_id.workflows.simulate.motion import smoothstep
-from mocap_id.workflows.simulate.plate import draw_plate
-from mocap_id.workflows.simulate.scene import Scene, Streams, draw_scene, streams
+from mocap_id.simulation import Motion, Options, Simulated, through
+from mocap_id.simulation.body import Body, Link
+from mocap_id.simulation.generate import take
+from mocap_id.simulation.markers import PLATE, MarkerSet
+from mocap_id.simulation.motion import smoothstep
+from mocap_id.simulation.plate import draw_plate
+from mocap_id.simulation.scene import Scene, Streams, draw_scene, streams
 
 SEED = 930_000
 REPETITIONS = 4  # half a minute of sit-to-stands

@@ -19,10 +19,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from mocap_id.config import Trial, load
 from mocap_id.runner import run
+from mocap_id.simulation import Options, simulate
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
 from mocap_id.store import Artefact, Folder, LongTable, Table, Tree
-from mocap_id.workflows.simulate import Options, simulate
 
 RATES = (250.0, 500.0, 1000.0)
 REPEATS = 5

@@ -38,7 +38,7 @@ from mocap_id.dynamics.optimality import Answer, check
 from mocap_id.dynamics.point_masses import GridBodies, osqp_split, solve_nnls, solve_osqp
 from mocap_id.dynamics.solve import Compressed
 from mocap_id.runner import run
-from mocap_id.workflows.simulate import Options, simulate
+from mocap_id.simulation import Options, simulate
 
 FRESH = 940_000  # the first seed; nothing was tuned on these
 REPEATS = 5

@@ -24,10 +24,10 @@ import numpy as np
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Folder, Tree
-from mocap_id.workflows.simulate import Options, simulate
 
 FRAMES = (8_000, 16_000, 32_000, 64_000, 120_000)
 REPEATS = 5

@@ -20,8 +20,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
 from mocap_id.store import Folder, LongTable, Table
-from mocap_id.workflows.simulate import Options, simulate
 
 FRESH = 920_000  # the first seed; nothing was tuned on these
 SHORT = Options(repetitions=2, analog_rate=100)

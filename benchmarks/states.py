@@ -28,7 +28,7 @@ from mocap_id.estimation.noise import marker_noise
 from mocap_id.estimation.problem import Problem
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.kinematics import fit_chain, fix_gauge, frames_along_motion
-from mocap_id.workflows.simulate import Options, generate
+from mocap_id.simulation import Options, generate
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "states-compared.md"
 FRESH = 910_000  # the first seed; nothing was tuned on these

@@ -41,28 +41,28 @@ COMMANDS = (
     Entry(
         "run",
         "Run the whole pipeline on a trial; what is up to date is not computed again.",
-        partial(_found, "running", "run"),
+        partial(_found, "run", "run"),
     ),
-    *(Entry(stage, line, partial(_called, "running", "stage_command", stage)) for stage, line in LINEUP.items()),
+    *(Entry(stage, line, partial(_called, "run", "stage_command", stage)) for stage, line in LINEUP.items()),
     Entry(
         "init",
         "Write the file of a study from a folder of recordings: C3D files, or TRC files with their MOT.",
-        partial(_found, "initialising", "init"),
+        partial(_found, "init", "init"),
     ),
     Entry(
         "study",
         "Run every trial of a study, then write the cohort's tables and page; what is up to date is reused.",
-        partial(_found, "studying", "study"),
+        partial(_found, "study", "study"),
     ),
     Entry(
         "batch",
         "Run many trials and write one table over them; what is up to date is reused.",
-        partial(_found, "batching", "batch"),
+        partial(_found, "batch", "batch"),
     ),
     Entry(
         "regress",
         "Run recorded trials anew and compare every headline number with a baseline.",
-        partial(_found, "regressing", "regress"),
+        partial(_found, "regress", "regress"),
     ),
     Entry(
         "status",
@@ -77,32 +77,32 @@ COMMANDS = (
     Entry(
         "transfer",
         "Apply the body identified on one trial to other trials of the same person.",
-        partial(_found, "transferring", "transfer"),
+        partial(_found, "transfer", "transfer"),
     ),
     Entry(
         "compare",
         "Hold two runs against each other: what changed, and by how much.",
-        partial(_found, "comparing", "compare"),
+        partial(_found, "compare", "compare"),
     ),
     Entry(
         "export",
         "Write a run for OpenSim (trc, mot, sto, osim) or as tables (csv).",
-        partial(_found, "exporting", "export"),
+        partial(_found, "export", "export"),
     ),
     Entry(
         "figures",
         "Draw the figures of a report, of a study's page or of a validation's as SVG and PDF, with their captions.",
-        partial(_found, "drawing", "figures"),
+        partial(_found, "figures", "figures"),
     ),
     Entry(
         "explain",
         "Say what a code of a verdict, an error or an exit code means, how it is judged, and what to do.",
-        partial(_found, "explaining", "explain"),
+        partial(_found, "explain", "explain"),
     ),
     Entry(
         "doctor",
         "Check this installation: what is needed, what is there, and what to do; exit code 1 where something fails.",
-        partial(_found, "doctoring", "doctor"),
+        partial(_found, "doctor", "doctor"),
     ),
     Entry(
         "workspace",
@@ -112,32 +112,32 @@ COMMANDS = (
     Entry(
         "prescribe",
         "Find the springs that let a weak person hold most of a joint's, or a chain's, range.",
-        partial(_found, "prescribing", "prescribe"),
+        partial(_found, "prescribe", "prescribe"),
     ),
     Entry(
         "sensitivity",
         "Perturb a trial in every way that a lab meets, and say what its parameters tolerate (thesis 5.5.2).",
-        partial(_found, "sensitising", "sensitivity"),
+        partial(_found, "sensitivity", "sensitivity"),
     ),
     Entry(
         "advise",
         "Tell which movement would make the parameters of a trial's body better known.",
-        partial(_found, "advising", "advise"),
+        partial(_found, "advise", "advise"),
     ),
     Entry(
         "inspect",
         "Print what a recording holds: markers, rates, gaps, force plates, oddities.",
-        partial(_found, "inspecting", "inspect"),
+        partial(_found, "inspect", "inspect"),
     ),
     Entry(
         "simulate",
         "Make recordings whose exact truth is known.",
-        partial(_called, "simulating", "simulating"),
+        partial(_called, "simulate", "simulating"),
     ),
     Entry(
         "validate",
         "Repeat the thesis's validation studies.",
-        partial(_called, "validating", "validating"),
+        partial(_called, "validate", "validating"),
     ),
     Entry(
         "schema",

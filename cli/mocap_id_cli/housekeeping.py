@@ -16,7 +16,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages import LINEUP
 from mocap_id.store import Folder
 from mocap_id.workflows.batch import find
-from mocap_id_cli.running import short
+from mocap_id_cli.run import short
 
 Trials = Annotated[
     list[str],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from mocap_id_cli import live
+from mocap_id_cli import progress as live
 
 if TYPE_CHECKING:
     from mocap_id.workflows.performing import Performed

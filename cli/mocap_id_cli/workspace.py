@@ -12,7 +12,7 @@ import typer
 
 from mocap_id.prescription.overlay import Overlay
 from mocap_id.workflows import workspace as workflow
-from mocap_id_cli.running import Quiet, Verbose, log_to_stderr, progress
+from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
 
 
 def workspace(

@@ -26,10 +26,10 @@ from mocap_id.reporting.embedding import embedded, read
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
 from mocap_id.reporting.page import environment
 from mocap_id.runner import run
+from mocap_id.simulation import Options, RobotSet, generate
 from mocap_id.workflows.robot_study import validate_robot
 from mocap_id.workflows.sensitivity.asking import Asked
 from mocap_id.workflows.sensitivity.study import sensitivity
-from mocap_id.workflows.simulate import Options, RobotSet, generate
 from mocap_id.workflows.study import run as run_study
 
 pytestmark = pytest.mark.external

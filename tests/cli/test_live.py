@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mocap_id_cli import live
+from mocap_id_cli import progress as live
 
 
 class Terminal(io.StringIO):

@@ -14,11 +14,11 @@ import pytest
 
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.errors import ConfigError
+from mocap_id.simulation import Options, RobotSet, simulate_set
+from mocap_id.simulation.robot_set import set_trials
 from mocap_id.workflows.figures import figures
 from mocap_id.workflows.robot_study import Outcome, validate_robot
 from mocap_id.workflows.robot_study.columns import TABLES
-from mocap_id.workflows.simulate import Options, RobotSet, simulate_set
-from mocap_id.workflows.simulate.robot_set import set_trials
 
 OPTIONS = Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)

@@ -22,9 +22,9 @@ from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
 from mocap_id.geometry import planar
 from mocap_id.kinematics import State, skin_without_fit
-from mocap_id.workflows.simulate.forces import Exact
-from mocap_id.workflows.simulate.generate import Simulated, generate
-from mocap_id.workflows.simulate.options import Options
+from mocap_id.simulation.forces import Exact
+from mocap_id.simulation.generate import Simulated, generate
+from mocap_id.simulation.options import Options
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.random.default_rng(0).uniform([-0.1, 0.0], [0.1, 0.45], size=(16, 2))

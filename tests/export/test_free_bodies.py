@@ -14,9 +14,9 @@ from resultants import Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
+from mocap_id.simulation import Options, People, simulate
 from mocap_id.workflows.export import FORMATS, Exported, export
 from mocap_id.workflows.export.motions import sampled
-from mocap_id.workflows.simulate import Options, People, simulate
 
 NAMES = ("foot", "shank", "thigh", "torso")
 G = 9.81

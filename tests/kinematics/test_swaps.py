@@ -11,8 +11,8 @@ import pytest
 
 from mocap_id import recording
 from mocap_id.kinematics import Swap, find_swaps, repair
-from mocap_id.workflows.simulate.generate import generate
-from mocap_id.workflows.simulate.options import Options
+from mocap_id.simulation.generate import generate
+from mocap_id.simulation.options import Options
 
 MANNERS = ("normal", "dynamic", "stable")
 

@@ -16,9 +16,9 @@ from mocap_id.dynamics.excitation import standing
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.writing import write_c3d
 from mocap_id.runner import run_to
+from mocap_id.simulation import Options, generate, simulate
+from mocap_id.simulation.subject import draw_subject
 from mocap_id.workflows.advice import Asked, advise, angle_range, as_json, support_range, write
-from mocap_id.workflows.simulate import Options, generate, simulate
-from mocap_id.workflows.simulate.subject import draw_subject
 from mocap_id_cli.app import build
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"

@@ -13,11 +13,11 @@ import pytest
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.runner import run
+from mocap_id.simulation import Options, simulate
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.marker_names import columns
 from mocap_id.store import Folder, LongTable, Table, Tree
-from mocap_id.workflows.simulate import Options, simulate
 from mocap_id_cli.__main__ import main
 
 PLANARISE, SEGMENT, FIT_JOINTS = STAGES[:3]

@@ -21,9 +21,9 @@ from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
+from mocap_id.simulation import Options, Strategy, simulate
 from mocap_id.workflows.finished import Finished, finished
 from mocap_id.workflows.followed_bodies import followed
-from mocap_id.workflows.simulate import Options, Strategy, simulate
 from mocap_id.workflows.transfer import SERIES, Applied, Transfer, apply, rms, transfer
 from mocap_id.workflows.transfer_table import as_frame, as_json, write
 from mocap_id_cli.__main__ import main

@@ -14,8 +14,8 @@ from mocap_id.dynamics.pressure import centre_of_pressure
 from mocap_id.dynamics.reference_term import Prior
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.explanations import EXPLANATIONS
+from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.simulate import Options, simulate
 from mocap_id.workflows.transfer import CARRIED, SERIES, Applied, apply, rms
 from mocap_id.workflows.transfer_support import Carried, inside, stated_sd, support, worse_than_stated
 

@@ -17,13 +17,13 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import find_bursts
 from mocap_id.recording import decimation
+from mocap_id.simulation import Options
+from mocap_id.simulation.generate import generate
 from mocap_id.stages.base import Context, Files, PlateUse, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
-from mocap_id.workflows.simulate import Options
-from mocap_id.workflows.simulate.generate import generate
 
 
 def run(markers: Path, forces: Path | None = None, **options: Any) -> tuple[LongTable, Table]:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id.workflows.simulate import Options, simulate
+from mocap_id.simulation import Options, simulate
 from mocap_id_cli.app import build
 
 MARK = "Qarblifoxen"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.sensitivity.responses import Result, result
 from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
-from mocap_id.workflows.simulate import Options, simulate
 
 
 @pytest.fixture(scope="session")

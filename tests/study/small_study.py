@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mocap_id.recording.writing import write_c3d
+from mocap_id.simulation import Options, generate
 from mocap_id.workflows.performing import Performed
-from mocap_id.workflows.simulate import Options, generate
 from mocap_id.workflows.study import Outcome
 
 NAME = "DoeJane"

@@ -2,45 +2,34 @@
 
 from mocap_id.recording.angle_table import AngleTable, read_angles
 from mocap_id.recording.axes import to_z_up
-from mocap_id.recording.choice import GRAVITY, PlateChoice, choose_plates, doubtful, standing_mass
 from mocap_id.recording.decimation import Look, PlateSamples, averaging_width, decimate
-from mocap_id.recording.description import describe
 from mocap_id.recording.encoder_log import EncoderLog, read_encoder
 from mocap_id.recording.force_log import ForceLog, read_force_log
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reading import read
-from mocap_id.recording.seat import ZeroRule, empty_chair
 from mocap_id.recording.tables import MotionTable, read_table
 from mocap_id.recording.text_writing import motion_text, trc_text
 from mocap_id.recording.writing import write_c3d, write_trc
 
 __all__ = [
-    "GRAVITY",
     "AngleTable",
     "EncoderLog",
     "ForceLog",
     "Look",
     "MotionTable",
     "Plate",
-    "PlateChoice",
     "PlateSamples",
     "PlateSignals",
     "Recording",
-    "ZeroRule",
     "averaging_width",
-    "choose_plates",
     "decimate",
-    "describe",
-    "doubtful",
-    "empty_chair",
     "motion_text",
     "read",
     "read_angles",
     "read_encoder",
     "read_force_log",
     "read_table",
-    "standing_mass",
     "to_z_up",
     "trc_text",
     "write_c3d",

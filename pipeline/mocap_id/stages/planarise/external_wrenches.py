@@ -13,7 +13,8 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import known
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
-from mocap_id.recording import Look, PlateChoice, PlateSamples, Recording, ZeroRule
+from mocap_id.plates import PlateChoice, ZeroRule, doubtful, empty_chair
+from mocap_id.recording import Look, PlateSamples, Recording
 from mocap_id.stages.base import ExternalForce
 from mocap_id.stages.marker_names import columns
 from mocap_id.verdict import Reason
@@ -60,13 +61,13 @@ def summed(samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneF
 def measure_seat(seen: Seen, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule) -> Measured:
     """The chair's wrench on the body, from the plates under it."""
     look = seen.look
-    doubts = recording.doubtful(look.samples, choice, look.positions)
+    doubts = doubtful(look.samples, choice, look.positions)
     reasons = [_doubtful(index, choice, why) for index, why in doubts.items()]
     plates = [index for index in choice.indexes("seat") if index not in doubts]
     if not plates:
         return Measured(reasons=tuple(reasons))
     wrench, ok = summed(samples, plates, seen.frame)
-    empty = recording.empty_chair(*summed(look.samples, plates, seen.frame), look.positions, look.rate, zero)
+    empty = empty_chair(*summed(look.samples, plates, seen.frame), look.positions, look.rate, zero)
     if empty.reading is None:
         reasons.append(_zero_unknown())
     else:

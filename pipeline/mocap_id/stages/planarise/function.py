@@ -13,8 +13,9 @@ from mocap_id.arrays import BoolArray, FloatArray, chunks
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane import PlaneFrame
 from mocap_id.kinematics import find_bursts, fit_plane, propose_window
-from mocap_id.recording import Look, PlateChoice, PlateSamples, Recording
-from mocap_id.recording.dropout import dropped_out
+from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, standing_mass
+from mocap_id.plates.dropout import dropped_out
+from mocap_id.recording import Look, PlateSamples, Recording
 from mocap_id.recording.posture import Facing, facing, upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import columns
@@ -68,7 +69,7 @@ def planarise(context: Context) -> Outputs:
     part = replace(part, positions=swaps.positions)
     look = Look.at(part.positions, part.time, source.rate, source.plates)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
-    choice = recording.choose_plates(
+    choice = choose_plates(
         source.plates, look.samples, look.positions, feet=context.trial.plates.feet, seat=context.trial.plates.seat
     )
     frame, faced, planarity = _plane(look, source, choice, settings)
@@ -242,7 +243,7 @@ def _wrench_facts(
     reasons: tuple[Reason, ...] = ()
     if feet:
         vertical = sum((look.samples[index].force[:, 2] for index in feet), np.zeros(len(look.time)))
-        mass, why = recording.standing_mass(look.positions, look.rate, vertical + external.vertical)
+        mass, why = standing_mass(look.positions, look.rate, vertical + external.vertical)
     else:
         if plates:
             found = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))
@@ -269,7 +270,7 @@ def _dropouts(
         return np.zeros(len(part.time), np.bool_)
     vertical = sum((samples[index].force[:, 2] for index in choice.indexes("feet")), np.zeros(len(part.time)))
     tall = np.repeat(upright(look.positions)[0], look.step)[: len(part.time)]
-    return dropped_out(vertical, tall, part.source.rate, mass * recording.GRAVITY)
+    return dropped_out(vertical, tall, part.source.rate, mass * GRAVITY)
 
 
 def _without(samples: Sequence[PlateSamples], choice: PlateChoice, lost: BoolArray) -> tuple[PlateSamples, ...]:

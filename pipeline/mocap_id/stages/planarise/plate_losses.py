@@ -24,7 +24,7 @@ def losses(plates: Sequence[Plate], time: FloatArray, dropout: BoolArray) -> tup
     time : (F,) array
         Marker times, s.
     dropout : (F,) bool array
-        As :func:`mocap_id.recording.dropout.dropped_out` found them.
+        As :func:`mocap_id.plates.dropout.dropped_out` found them.
     """
     found = [reason for plate in plates for reason in (_saturated(plate, time), _short(plate, time))]
     return tuple(reason for reason in (*found, _dropout(time, dropout)) if reason is not None)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.plates.direction import Turned, turned
+from mocap_id.plates.registration import Registration, register, standing_lean
 from mocap_id.recording import Plate, PlateSamples
-from mocap_id.recording.direction import Turned, turned
-from mocap_id.recording.registration import Registration, register, standing_lean
 from mocap_id.verdict import Reason
 
 _MARGIN_M = 0.05

@@ -15,6 +15,8 @@ from mocap_id.errors import ConfigError
 from mocap_id.reporting.cohort.material import TrialEntry
 from mocap_id.reporting.robot.material import RobotMaterial, Shown
 from mocap_id.reporting.shape import ReasonEntry
+from mocap_id.simulation import RobotSet, simulate_set
+from mocap_id.simulation.robot_set import FILE, set_file
 from mocap_id.store import Folder
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.performing import Here, Performed, Tell, perform_all
@@ -23,8 +25,6 @@ from mocap_id.workflows.robot_study.columns import TABLES, TRIALS
 from mocap_id.workflows.robot_study.rows import Case, case
 from mocap_id.workflows.robot_study.tables import tables
 from mocap_id.workflows.robot_study.variants import CAMERAS, perform_variants
-from mocap_id.workflows.simulate import RobotSet, simulate_set
-from mocap_id.workflows.simulate.robot_set import FILE, set_file
 from mocap_id.workflows.study.writing import as_bytes, table_document, table_files
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"

@@ -9,12 +9,12 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry.planar import marker_positions, rotate
+from mocap_id.simulation import skin
+from mocap_id.simulation.markers import MarkerSet
 from mocap_id.store import LongTable, Table
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.signals import WRENCH, joints_of
 from mocap_id.workflows.sensitivity.subject import Perturbed
-from mocap_id.workflows.simulate import skin
-from mocap_id.workflows.simulate.markers import MarkerSet
 
 PLANAR, SEGMENTS = "planar.parquet", "segments.parquet"
 _BURST = (0.05, 0.5)  # s, shortest and longest drop-out

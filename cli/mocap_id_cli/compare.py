@@ -1,0 +1,86 @@
+"""``mocap-id compare``: what differs between two runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
+
+if TYPE_CHECKING:
+    from mocap_id.workflows.compare import Comparison, Difference
+    from mocap_id.workflows.compare.difference import Value
+
+_LONGEST = 40  # characters of a text in the table
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="A trial's YAML file or run folder.", show_default=False)],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The other one's.", show_default=False)],
+    *,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table, .csv.", show_default=False)] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Show what is the same too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Hold two runs against each other: what changed, and by how much.
+
+    What a YAML file asks for and is not there yet is computed first; a run folder is taken as it is.
+    """
+    from mocap_id.workflows import compare as workflow  # noqa: PLC0415  no other command has to wait for it
+
+    log_to_stderr(quiet, verbose)
+    if out is not None:
+        workflow.check_format(out)
+    found = workflow.compare(a, b, progress(quiet))
+    rows = found.rows if everything else found.changed
+    if out is not None:
+        workflow.write(rows, out)
+    if as_json:
+        typer.echo(json.dumps(workflow.as_json(found, rows), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo("\n".join(_lines(found, rows)))
+
+
+def _lines(found: Comparison, rows: tuple[Difference, ...]) -> Iterator[str]:
+    for letter, run in (("A", found.a), ("B", found.b)):
+        yield f"{letter}: {run.name} ({run.source})"
+    if found.identical:
+        yield "identical: every artefact holds the same content"
+    for section, group in groupby(rows, key=lambda row: row.section):
+        members = list(group)
+        unit = "rms in A, in B, and of B - A" if section == "series" else "A, B, B - A, of A, in combined sd"
+        yield f"\n{section}" + (f" ({unit})" if any(row.difference is not None for row in members) else "")
+        yield from _aligned([_cells(row) for row in members])
+
+
+def _cells(row: Difference) -> list[str]:
+    name = f"{row.name} ({row.unit})" if row.unit else row.name
+    numbers = (
+        "" if row.difference is None else f"{row.difference:{'' if row.section == 'series' else '+'}.4g}",
+        "" if row.percent is None else f"{row.percent:+.2f} %",
+        "" if row.in_sd is None else f"{row.in_sd:+.1f} sd",
+    )
+    return [f"  {name}", _shown(row.a), _shown(row.b), *numbers]
+
+
+def _shown(value: Value) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    text = str(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+def _aligned(rows: list[list[str]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for first, *rest in rows:
+        cells = (cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))
+        yield "  ".join([first.ljust(widths[0]), *cells]).rstrip()

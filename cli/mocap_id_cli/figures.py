@@ -1,0 +1,37 @@
+"""``mocap-id figures``: the figures of a page as files for a paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap_id.reporting.contents import PdfFonts
+from mocap_id_cli.run import short
+
+
+def figures(
+    run: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN", help="Folder of a run, a study or a validation; or its page.", show_default=False
+        ),
+    ],
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Gets `figures/`; default: beside the page.", show_default=False),
+    ] = None,
+    pdf_fonts: Annotated[
+        PdfFonts, typer.Option(help="Letters of the PDF: drawn (type-3), or truetype as some journals ask.")
+    ] = "type-3",
+) -> None:
+    """Draw the figures of a report, of a study's page or of a validation's as SVG and PDF, with their captions.
+
+    The figures and their data points are those of the page. Nothing is computed again.
+    """
+    from mocap_id.workflows.figures import figures as draw  # noqa: PLC0415  no other command has to wait for it
+
+    for file in draw(run, out, pdf_fonts):
+        typer.echo(short(file))

@@ -1,0 +1,78 @@
+"""``mocap-id inspect``: what a file holds, for people or as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mocap_id import recording
+from mocap_id.recording.c3d_package import package_differences
+from mocap_id.workflows.inspect import describe
+
+
+def inspect(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="C3D or TRC file.", show_default=False)],
+    *,
+    forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground's forces.")] = None,
+    units: Annotated[str | None, typer.Option(help="Length unit, where the file does not declare it.")] = None,
+    vertical: Annotated[str | None, typer.Option(help="Axis that points up, such as Z or -Y; found otherwise.")] = None,
+    force_unit: Annotated[str | None, typer.Option(help="Unit of the plates' forces, such as N or lbf.")] = None,
+    moment_unit: Annotated[str | None, typer.Option(help="Unit of the plates' moments, such as Nmm.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Print what a recording holds: markers, rates, gaps, force plates, oddities."""
+    found = describe(
+        recording.read(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
+    )
+    if found["format"].startswith("C3D"):
+        found["oddities"] += package_differences(file)
+    if as_json:
+        typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+        return
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(_overview(found))
+    if found["plates"]:
+        console.print(_plates(found["plates"]))
+    console.print("markers: " + ", ".join(found["markers"]), markup=False)
+    for oddity in found["oddities"]:
+        console.print(f"note: {oddity}", markup=False)
+
+
+def _overview(found: Mapping[str, Any]) -> Table:
+    table = Table.grid(padding=(0, 2))
+    for name, value in _rows(found):
+        table.add_row(name, value)
+    return table
+
+
+def _rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "file", str(found["file"])
+    yield "format", str(found["format"])
+    yield "frames", f"{found['frames']} from number {found['first_frame']}, {found['duration_s']:.2f} s"
+    yield "rate", f"{found['rate_hz']:g} Hz"
+    yield "markers", f"{len(found['markers'])}, {100 * found['missing_fraction']:.1f} % of the samples missing"
+    yield "units", f"{found['units']}, {found['vertical']} up"
+    analog = found["analog_rate_hz"]
+    yield "analog", "none" if analog is None else f"{analog:g} Hz"
+    mass = found["mass_kg"]
+    yield "mass", "no plate" if mass is None else f"{mass:.1f} kg, mean of what the plates carry"
+
+
+def _plates(plates: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table("plate", "type", "mean upward force", "as a mass", "problem")
+    for plate in plates:
+        force, mass = plate["mean_fz_N"], plate["mass_kg"]
+        table.add_row(
+            str(plate["index"]),
+            str(plate["type"]),
+            "–" if force is None else f"{force:.1f} N",
+            "–" if mass is None else f"{mass:.1f} kg",
+            plate["problem"] or "",
+        )
+    return table

@@ -1,0 +1,142 @@
+"""``mocap-id prescribe``: the springs that give most of a range back."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from mocap_id.config.prescription import load_prescription
+from mocap_id.errors import Refused
+from mocap_id.workflows import prescribe as workflow
+from mocap_id.workflows.prescribe.performing import Timed
+from mocap_id.workflows.prescribe.searching import SpringMap
+from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
+
+
+def prescribe(
+    config: Annotated[
+        Path, typer.Argument(metavar="CONFIG.yaml", help="What is asked for: docs/prescribe.md.", show_default=False)
+    ],
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Write JSON, tables and figures; a search resumes there.", show_default=False
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Find the springs that let a weak person hold most of a joint's, or a chain's, range."""
+    log_to_stderr(quiet, verbose)
+
+    def tell(line: str) -> None:
+        if not quiet:
+            typer.echo(line, err=True)
+
+    found = workflow.prescribe_from(load_prescription(config), out, progress(quiet), tell)
+    files = () if out is None else workflow.write(out, found)
+    if as_json:
+        typer.echo(json.dumps(workflow.as_json(found), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo("\n".join(_lines(found)))
+        if files:
+            typer.echo(f"written to {out}: {', '.join(files)}")
+    if found.refused is not None:
+        raise typer.Exit(Refused.exit_code)
+
+
+def _lines(found: workflow.Prescribed) -> Iterator[str]:
+    name = found.config.wishes.prescription
+    if found.workspace is not None:
+        low, high = found.workspace.workspace.interval
+        area = found.workspace.workspace.measure
+        yield f"{name}: joint limits alone allow {area:.5f} m² (95 % interval {low:.5f} to {high:.5f})"
+    if found.refused is not None:
+        yield f"{name}: nothing can be prescribed: {found.refused}. What stands above is the kinematic workspace alone"
+        return
+    if found.one is not None:
+        yield from _one(found)
+    if found.several is not None:
+        yield from _several(found)
+    if found.timed is not None:
+        yield from _timed(found.timed)
+    if found.map is not None:
+        yield _searched(found.map)
+    if found.graph is not None and found.graph_postures is not None:
+        yield from _graph(found)
+
+
+def _one(found: workflow.Prescribed) -> Iterator[str]:
+    one, joint, name = found.one, found.joint, found.config.wishes.prescription
+    assert one is not None and joint is not None
+    without = "nothing" if one.without is None else _range(one.without)
+    yield f"{name}: without a spring {without} can be held; gravity asks for up to {joint.weight:.3f} N·m"
+    if not one.helps:
+        yield f"no spring helps: none is {math.degrees(one.gap):.1f}° better or more"
+        return
+    share = one.stiffness / joint.weight
+    yield (
+        f"spring: {one.stiffness:.4g} N·m/rad ({share:.4f} of the moment of gravity per radian), rest angle "
+        f"{math.degrees(one.rest):.1f}°: {_range(one.range)} can be held"
+    )
+    yield f"no other spring's range is wider by more than {math.degrees(one.gap):.2f}°"
+
+
+def _several(found: workflow.Prescribed) -> Iterator[str]:
+    springs, name = found.several, found.config.wishes.prescription
+    assert springs is not None
+    yield (
+        f"{name}: without springs {springs.without:.4f} m² of {springs.reachable:.4f} m² within reach can be held, "
+        f"with them {springs.area:.4f} m²"
+    )
+    if not springs.helps:
+        yield "no springs help"
+    for s, place in enumerate(found.places):
+        if springs.stiffness[s] > 0:
+            across = " and ".join(found.body.joints[joint] for joint in place.joints)
+            yield f"spring on {across}: {springs.stiffness[s]:.4g} N·m/rad, rest {math.degrees(springs.rest[s]):.1f}°"
+    yield f"no other springs hold more by over {springs.gap:.4f} m² of these samples ({springs.boxes} boxes looked at)"
+
+
+def _timed(timed: Timed) -> Iterator[str]:
+    for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
+        yield f"within {time:g} s: {'nothing' if bound is None else _range(bound)} reached and held"
+    yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
+
+
+def _searched(springs: SpringMap) -> str:
+    if springs.best is None:
+        return "search: with none of these springs does the joint rest within its limits"
+    k, r = springs.best
+    return (
+        f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
+        f"{springs.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(springs.rest[r]):.0f}°"
+    )
+
+
+def _graph(found: workflow.Prescribed) -> Iterator[str]:
+    graph, postures = found.graph, found.graph_postures
+    assert graph is not None and postures is not None
+    for node in graph.nodes:
+        told = "no spring was found that will do"
+        if node.stiffness is not None and node.rest is not None:
+            pairs = zip(node.stiffness, node.rest, strict=True)
+            springs = [f"{k:.4g} N·m/rad at {math.degrees(rest):.1f}°" for k, rest in pairs if k > 0]
+            told = ", ".join(springs) or "no spring is needed"
+        yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {told}"
+    for switch in graph.switches:
+        one, other = (graph.nodes[k].name for k in switch.between)
+        at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(postures[switch.posture]))
+        yield f"switch between {one} and {other} at {at}; overlap {100 * switch.share:.0f} % of the postures"
+
+
+def _range(pair: tuple[float, float]) -> str:
+    return f"{math.degrees(pair[0]):.1f}° to {math.degrees(pair[1]):.1f}°"

@@ -1,0 +1,193 @@
+"""Bodies to simulate: a person of Winter's proportions, each off by up to 10 %, and a one-joint robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import spatial_inertia
+from mocap_id.simulation.subject import Subject
+
+GRAVITY = 9.81  # m/s²
+
+WINTER: Mapping[str, float] = {
+    "h_ankle": 0.039,
+    "l_foot": 0.152,
+    "l_shank": 0.246,
+    "l_thigh": 0.245,
+    "l_hat": 0.288,
+    "m_foot": 0.029,
+    "m_shank": 0.093,
+    "m_thigh": 0.200,
+    "m_hat": 0.678,
+    "c_shank": 0.567,
+    "c_thigh": 0.567,
+    "c_hat": 0.626,
+    "r_foot": 0.475,
+    "r_shank": 0.302,
+    "r_thigh": 0.323,
+    "r_hat": 0.496,
+}
+"""Winter's fractions, both sides together: lengths and ankle height of stature, masses of body mass, centres of mass
+from the joint on the ground's side and radii of gyration about them of the segment's length."""
+
+BEHIND_ANKLE = 0.24  # share of the foot's length behind the ankle
+ANKLE = (-0.03, 0.03)  # m from the middle of the plate
+
+
+@dataclass(frozen=True)
+class Link:
+    """One rigid segment; positions in m, kg and kg·m² in its own frame, +y towards the next joint.
+
+    Parameters
+    ----------
+    name : str
+    joint : str or None
+        Name of the joint at its origin, None for the base.
+    centre : (x, y)
+        That joint in the frame of the link before it.
+    length : float
+    mass : float
+    com : (x, y)
+        Centre of mass.
+    inertia : float
+        About the centre of mass, out of the plane.
+    """
+
+    name: str
+    joint: str | None
+    centre: tuple[float, float]
+    length: float
+    mass: float
+    com: tuple[float, float]
+    inertia: float
+
+    @property
+    def about_origin(self) -> float:
+        """Moment of inertia about the link's origin, kg·m²."""
+        return self.inertia + self.mass * (self.com[0] ** 2 + self.com[1] ** 2)
+
+
+@dataclass(frozen=True)
+class Body:
+    """Links from base to tip, where the base can press on the ground, and what the truth says of the subject.
+
+    Parameters
+    ----------
+    links : tuple of Link
+        Base first.
+    support : (low, high)
+        Reach of the base along x, m: the centre of pressure must stay inside.
+    scored_lengths : dict
+        Lengths that the marker data determine, by the name that ``summary.json`` gives them, m.
+    description : dict
+        JSON values for the truth.
+    """
+
+    links: tuple[Link, ...]
+    support: tuple[float, float]
+    scored_lengths: Mapping[str, float]
+    description: Mapping[str, Any]
+
+    @property
+    def mass(self) -> float:
+        """Total mass, kg."""
+        return sum(link.mass for link in self.links)
+
+    @property
+    def centres(self) -> FloatArray:
+        """(n, 2) joint centres, each in the link before it, m."""
+        return np.array([link.centre for link in self.links[1:]])
+
+    @property
+    def coms(self) -> FloatArray:
+        """(n + 1, 2) centres of mass in the links' frames, m."""
+        return np.array([link.com for link in self.links])
+
+    @property
+    def masses(self) -> FloatArray:
+        """(n + 1,) masses, kg."""
+        return np.array([link.mass for link in self.links])
+
+    @property
+    def inertias(self) -> FloatArray:
+        """(n + 1, 6, 6) inertia matrices for the recursion."""
+        about = np.zeros((len(self.links), 3, 3))
+        about[:, 2, 2] = [link.inertia for link in self.links]
+        return spatial_inertia(self.masses, np.column_stack([self.coms, np.zeros(len(self.links))]), about)
+
+    def base_parameters(self) -> tuple[list[str], list[float]]:
+        """Names and values of what the contact wrench determines, written out for a planar chain (eq. 6.1)."""
+        names, values = ["sum m"], [self.mass]
+        for i, link in enumerate(self.links):
+            beyond = sum(other.mass for other in self.links[i + 1 :])
+            x, y = self.links[i + 1].centre if beyond else (0.0, 0.0)
+            tail = f" + p{i + 2}{{}}*sum m{i + 2}.." if beyond else ""
+            names.append(f"mx{i + 1}" + tail.format("x"))
+            values.append(link.mass * link.com[0] + x * beyond)
+            if i > 0:
+                square = f" + |p{i + 2}|^2*sum m{i + 2}.." if beyond else ""
+                names += [f"my{i + 1}" + tail.format("y"), f"I{i + 1}" + square]
+                values += [link.mass * link.com[1] + y * beyond, link.about_origin + (x**2 + y**2) * beyond]
+        return names, values
+
+
+def person(rng: np.random.Generator, subject: Subject | None = None, feet: np.random.Generator | None = None) -> Body:
+    """A person on both feet, seen from the side and facing -x: foot, shank, thigh, and head, arms and trunk.
+
+    Every fraction of :data:`WINTER` is off by up to 10 %, and the masses still sum to one. A ``subject`` brings height
+    and mass along, and ``feet`` decides where they stand this time.
+    """
+    used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _mass_shares(rng)
+    height, mass = rng.uniform(1.55, 1.9), rng.uniform(52.0, 92.0)
+    ankle_x = rng.uniform(*ANKLE)
+    if subject is not None:
+        height, mass = subject.height, subject.mass
+    ankle = (ankle_x if feet is None else feet.uniform(*ANKLE), used["h_ankle"] * height)
+    length = {name: used[f"l_{name}"] * height for name in ("foot", "shank", "thigh", "hat")}
+    foot = length["foot"]
+    heel, toe = ankle[0] + BEHIND_ANKLE * foot, ankle[0] - (1 - BEHIND_ANKLE) * foot
+    base_com = ((heel + toe) / 2, ankle[1] / 2)
+    shares = {name: used[f"m_{name}"] * mass for name in ("foot", "shank", "thigh", "hat")}
+    radii = {name: used[f"r_{name}"] * length[name] for name in length}
+    links = [Link("foot", None, (0, 0), foot, shares["foot"], base_com, shares["foot"] * radii["foot"] ** 2)]
+    centre = ankle
+    for name, called, joint in (("shank", "shank", "ankle"), ("thigh", "thigh", "knee"), ("hat", "torso", "hip")):
+        com = (rng.uniform(-0.012, 0.012), used[f"c_{name}"] * length[name])
+        links.append(Link(called, joint, centre, length[name], shares[name], com, shares[name] * radii[name] ** 2))
+        centre = (0.0, length[name])
+    told = {
+        "height_m": height,
+        "mass_kg": mass,
+        "fractions_used": used,
+        "winter_fractions": dict(WINTER),
+        "ankle_x_m": ankle[0],
+        "ankle_height_m": ankle[1],
+        "heel_x_m": heel,
+        "toe_x_m": toe,
+    }
+    scored = {"shank": length["shank"], "thigh": length["thigh"]}
+    return Body(tuple(links), (toe, heel), scored, {"subject": told})
+
+
+def _mass_shares(rng: np.random.Generator) -> dict[str, float]:
+    names = [name for name in WINTER if name.startswith("m_")]
+    share = np.array([WINTER[name] for name in names])
+    off = rng.uniform(-0.1, 0.1, len(names))
+    off -= share @ off  # what one segment gains the others lose
+    off *= min(1.0, 0.1 / np.abs(off).max())
+    return dict(zip(names, (share * (1 + off)).tolist(), strict=True))
+
+
+def robot(rng: np.random.Generator) -> Body:
+    """A robot bolted to the plate with one joint that turns, its values off by up to 10 %."""
+    off = rng.uniform(0.9, 1.1, 7)
+    base_mass, mass = 21.0 * off[0], 5.2 * off[1]
+    reach, length = 0.52 * off[2], 0.50 * off[3]
+    base = Link("base", None, (0, 0), reach, base_mass, (0.0, 0.26 * off[4]), 0.11 * off[4])
+    arm = Link("link", "joint", (0.0, reach), length, mass, (rng.uniform(-0.01, 0.01), 0.36 * off[5]), 0.07 * off[6])
+    return Body((base, arm), (-0.2, 0.2), {"l1": reach}, {})

@@ -1,0 +1,199 @@
+"""A person of more bodies than the chain: pelvis, trunk and arms apart, a foot that turns, a weight in the hands.
+
+At rest on the chain's pins the bodies together are the chain's body, to the last gram.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.geometry import Chain, Revolute, se3, spatial_inertia
+from mocap_id.simulation.body import Body, Link
+from mocap_id.simulation.markers import MarkerSet
+
+COORDINATES = ("foot", "ankle", "knee", "hip gap x", "hip gap y", "hip", "lumbar", "shoulder")
+"""Of :attr:`LooseBody.chain`: rad, the gap in m along the thigh's axes."""
+
+LINKS = {"foot": 1, "shank": 2, "thigh": 3, "pelvis": 5, "trunk": 6, "arms": 7, "weight": 7}
+"""Link of the chain that each body is part of; 0 is the ground, 4 the hip's slide, both without mass."""
+
+SLIDE = 4
+TORSO = 3  # the segment of the pinned chain that is several bodies here
+
+# places and lengths as shares of the torso's length, masses as shares of the body's (Winter: pelvis, both whole arms)
+PELVIS_MASS, PELVIS_CENTRE, PELVIS_RADIUS = 0.142, 0.10, 0.18
+ARMS_MASS, ARMS_CENTRE, ARMS_RADIUS = 0.100, (-0.22, 0.76), 0.26
+LUMBAR, SHOULDER = 0.20, 1.00
+HANDS = (-0.265, 0.74)  # m, share: where the finger markers are
+WEIGHT_RADIUS = 0.05  # m, of gyration
+
+ON_ARMS = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
+ON_PELVIS = ("ASI",)
+
+
+@dataclass(frozen=True)
+class _Gliding:
+    """A joint along twists that commute: the pose is the exponential of their sum, the subspace is constant.
+
+    Parameters
+    ----------
+    along : tuple of (vx, vy, vz, wx, wy, wz)
+    """
+
+    along: tuple[tuple[float, ...], ...]
+
+    @property
+    def dimension(self) -> int:
+        return len(self.along)
+
+    @property
+    def twists(self) -> FloatArray:
+        return np.array(self.along).T
+
+    def subspace(self, q: FloatArray) -> FloatArray:
+        return np.broadcast_to(self.twists, (*q.shape[:-1], 6, self.dimension))
+
+    def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
+        return np.zeros((*q.shape[:-1], 6, self.dimension))
+
+
+@dataclass(frozen=True)
+class LooseBody:
+    """The true bodies of a person.
+
+    Parameters
+    ----------
+    parts : tuple of Link
+        Foot, shank, thigh, pelvis, trunk, arms and, if there is one, the weight. ``centre`` is where the frame's origin
+        sits in the part before it; the foot's frame is the plane frame as long as the foot is flat, the weight's sits
+        in the arms'.
+    toe : float
+        Place of the point that the foot turns about on the ground, m.
+    """
+
+    parts: tuple[Link, ...]
+    toe: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parts' names."""
+        return tuple(part.name for part in self.parts)
+
+    @cached_property
+    def chain(self) -> Chain:
+        """Joints of the :data:`COORDINATES`, from the ground to the arms."""
+        foot, shank, thigh, pelvis, trunk, arms = self.parts[:6]
+        turn = Revolute((0.0, 0.0, 1.0))
+        slide = _Gliding(((1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 0)))
+        about_toe = _Gliding(((0.0, -self.toe, 0, 0, 0, 1.0),))
+        places = [foot.centre, shank.centre, thigh.centre, pelvis.centre, (0.0, 0.0), trunk.centre, arms.centre]
+        placements = se3.pose(np.eye(3), np.array([(x, y, 0.0) for x, y in places]))
+        return Chain((about_toe, turn, turn, slide, turn, turn, turn), placements)
+
+    @cached_property
+    def inertias(self) -> FloatArray:
+        """(8, 6, 6) inertia matrices of the chain's links for the recursion."""
+        total = np.zeros((8, 6, 6))
+        for part, link, offset in zip(self.parts, self.links, self.offsets, strict=True):
+            about = np.zeros((3, 3))
+            about[2, 2] = part.inertia
+            centre = np.array([*(offset + np.array(part.com)), 0.0])
+            total[link] += spatial_inertia(np.array(part.mass), centre, about)
+        return total
+
+    @property
+    def links(self) -> IntArray:
+        """(B,) link of the chain that each part belongs to."""
+        return np.array([LINKS[name] for name in self.names])
+
+    @property
+    def offsets(self) -> FloatArray:
+        """(B, 2) origin of each part's frame in its link's frame, m: zero but for the weight."""
+        return np.array([part.centre if part.name == "weight" else (0.0, 0.0) for part in self.parts])
+
+    @property
+    def in_segment(self) -> FloatArray:
+        """(B, 2) origin of each part's frame in the frame of the pinned chain's segment, on the pins, m."""
+        places = np.zeros((len(self.parts), 2))
+        for i in range(TORSO + 1, len(self.parts)):
+            places[i] = places[i - 1] + self.parts[i].centre
+        return places
+
+    def part_of(self, markers: MarkerSet) -> IntArray:
+        """(M,) part that each marker sits on, -1 for the plate."""
+        names = self.names
+        part = np.where(markers.on_plate, -1, markers.link)
+        for i, label in enumerate(markers.labels):
+            if markers.link[i] == TORSO:
+                site = label[1:]
+                part[i] = names.index("arms" if site in ON_ARMS else "pelvis" if site in ON_PELVIS else "trunk")
+        return part
+
+    def local(self, markers: MarkerSet) -> FloatArray:
+        """(M, 3) places of the markers in the frames of the parts they sit on, m; on the plate, in the plane's."""
+        part, local = self.part_of(markers), markers.local.copy()
+        local[:, :2] -= np.where(part[:, None] >= 0, self.in_segment[part], 0.0)
+        return local
+
+
+def loosen(rng: np.random.Generator, body: Body, held: float) -> tuple[LooseBody, Body]:
+    """Divide a person into bodies, shares and places varied by up to 10 %; the chain returned holds the weight too.
+
+    Parameters
+    ----------
+    rng : Generator
+    body : Body
+        A :func:`mocap_id.simulation.body.person`.
+    held : float
+        Mass in the hands, kg.
+    """
+    torso = body.links[TORSO]
+    length = torso.length
+    off = rng.uniform(0.9, 1.1, 9)
+    pelvis_com = (float(rng.uniform(-0.01, 0.01)), PELVIS_CENTRE * off[0] * length)
+    arms_com = (ARMS_CENTRE[0] * off[1] * length, ARMS_CENTRE[1] * length * (1 + (off[2] - 1) / 2))
+    pelvis_mass, arms_mass = PELVIS_MASS * off[3] * body.mass, ARMS_MASS * off[4] * body.mass
+    pelvis = replace(torso, name="pelvis", mass=pelvis_mass, com=pelvis_com)
+    pelvis = replace(pelvis, inertia=pelvis_mass * (PELVIS_RADIUS * off[5] * length) ** 2)
+    arms = replace(torso, name="arms", mass=arms_mass, com=arms_com)
+    arms = replace(arms, inertia=arms_mass * (ARMS_RADIUS * off[6] * length) ** 2)
+    trunk = _together("trunk", torso, [(1, torso), (-1, pelvis), (-1, arms)])
+    lumbar, shoulder = (0.0, LUMBAR * off[7] * length), (0.0, SHOULDER * length)
+    hands = (HANDS[0], HANDS[1] * length)
+    reach = float(np.hypot(hands[0] - shoulder[0], hands[1] - shoulder[1]))
+    parts = [
+        *body.links[:TORSO],
+        replace(pelvis, length=lumbar[1]),
+        _moved(trunk, "lumbar", (0.0, 0.0), lumbar, length - lumbar[1]),
+        _moved(arms, "shoulder", lumbar, shoulder, reach),
+    ]
+    if held > 0:
+        weight = Link("weight", None, hands, 0.0, held, hands, held * WEIGHT_RADIUS**2)
+        parts.append(_moved(weight, None, shoulder, hands, 0.0))
+        loaded = _together("torso", torso, [(1, torso), (1, weight)])
+        body = replace(body, links=(*body.links[:TORSO], loaded))
+    return LooseBody(tuple(parts), body.support[0]), body
+
+
+def _together(name: str, like: Link, signed: Sequence[tuple[int, Link]]) -> Link:
+    """The rigid body of several that share a frame; those of sign -1 are taken away."""
+    mass = sum(sign * link.mass for sign, link in signed)
+    com = np.sum([sign * link.mass * np.array(link.com) for sign, link in signed], axis=0) / mass
+    about = sum(sign * link.about_origin for sign, link in signed)
+    return replace(
+        like, name=name, mass=mass, com=(float(com[0]), float(com[1])), inertia=about - mass * float(com @ com)
+    )
+
+
+def _moved(
+    link: Link, joint: str | None, before: tuple[float, float], origin: tuple[float, float], length: float
+) -> Link:
+    """A link with its frame at ``origin`` in place of the torso's; the frame of the part before sits at ``before``."""
+    centre = (origin[0] - before[0], origin[1] - before[1])
+    com = (link.com[0] - origin[0], link.com[1] - origin[1])
+    return replace(link, joint=joint, centre=centre, com=com, length=length)

@@ -1,0 +1,174 @@
+"""How a person moves beside the chain's three angles: gap of the hip, bend of the spine, swing of the arms, heels.
+
+What follows the posture belongs to the person, and is the same at the same angles in all trials; what varies from one
+repetition to the next, and what drifts, belongs to the trial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.simulation.motion import Motion, smoothstep, through
+from mocap_id.simulation.people import People
+from mocap_id.simulation.schedule import Schedule
+
+SEATED_KNEE, SEATED_HIP = -1.9, 2.2  # rad, about the largest of a sit-to-stand
+LEANING = 0.8  # rad, about the trunk's largest lean
+DRIFTS = ("gap x", "gap y", "lumbar", "arms")
+PERIODS = (0.8, 6.0)  # s, of the drift's waves
+WAVES = 5
+
+
+@dataclass(frozen=True)
+class Habit:
+    """How a person's hip and spine follow the posture.
+
+    Parameters
+    ----------
+    sink : float
+        How unevenly the torso sinks while the person rises, -0.3 … 0.3.
+    ripple, phase : (2,) arrays
+        Turns over the rise, and where they begin, rad, of the waver of the gap in x and y.
+    forward : float
+        Share of the gap's range that is across the thigh.
+    slump : float
+        Share of the spine's bend that comes with sitting; the rest comes with the lean.
+    """
+
+    sink: float
+    ripple: FloatArray
+    phase: FloatArray
+    forward: float
+    slump: float
+
+
+def draw_habit(rng: np.random.Generator) -> Habit:
+    """Draw the habit of a person."""
+    return Habit(
+        sink=float(rng.uniform(-0.3, 0.3)),
+        ripple=rng.uniform(1.0, 1.8, 2),
+        phase=rng.uniform(0, 2 * np.pi, 2),
+        forward=float(rng.uniform(0.3, 0.5)),
+        slump=float(rng.uniform(0.4, 0.6)),
+    )
+
+
+@dataclass(frozen=True)
+class Occasion:
+    """What a trial adds: size and time of each repetition's swings, and drifts.
+
+    Parameters
+    ----------
+    swing : (R, 3) array
+        Size of the arms' swing while rising, while sitting down, and of their rest while standing; 1 is usual.
+    late : (R, 2) array
+        Delay of the first two, s.
+    heel : (R,) array
+        Size of the heel's lift; 1 is usual.
+    frequency, phase : (4, W) arrays
+        Of the waves of the :data:`DRIFTS`, Hz and rad.
+    """
+
+    swing: FloatArray
+    late: FloatArray
+    heel: FloatArray
+    frequency: FloatArray
+    phase: FloatArray
+
+    def drift(self, which: str, time: FloatArray) -> FloatArray:
+        """Drift (T,) of one coordinate, of unit variance."""
+        i = DRIFTS.index(which)
+        waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
+        total: FloatArray = waves.sum(axis=1) * np.sqrt(2 / WAVES)
+        return total
+
+
+def draw_occasion(rng: np.random.Generator, repetitions: int) -> Occasion:
+    """Draw what a trial adds."""
+    shape = (len(DRIFTS), WAVES)
+    return Occasion(
+        swing=rng.uniform(0.75, 1.25, (repetitions, 3)),
+        late=rng.uniform(-0.12, 0.12, (repetitions, 2)),
+        heel=rng.uniform(0.8, 1.2, repetitions),
+        frequency=1 / np.exp(rng.uniform(np.log(PERIODS[0]), np.log(PERIODS[1]), shape)),
+        phase=rng.uniform(0, 2 * np.pi, shape),
+    )
+
+
+@dataclass(frozen=True)
+class Looseness:
+    """From the pinned chain's angles to the coordinates of a :class:`LooseBody`.
+
+    Parameters
+    ----------
+    people : People
+    habit : Habit
+    occasion : Occasion
+    schedule : Schedule
+    foot : float
+        Length from toe to heel, m.
+    """
+
+    people: People
+    habit: Habit
+    occasion: Occasion
+    schedule: Schedule
+    foot: float
+
+    def motion(self, time: FloatArray, angles: FloatArray, duration: float) -> Motion:
+        """All coordinates for ankle, knee and hip angles (T, 3) at even times (T,): the trunk keeps its own angle."""
+        foot, gap, bend = self._foot(time), self._gap(time, angles), self._bend(time, angles)
+        columns = [foot, angles[:, 0] - foot, angles[:, 1], gap[:, 0], gap[:, 1], angles[:, 2] - bend, bend]
+        return through(time, np.column_stack([*columns, self._arms(time)]), duration)
+
+    def _gap(self, time: FloatArray, angles: FloatArray) -> FloatArray:
+        """(T, 2) m, along the thigh's axes: the torso sinks with the rise and wavers on the way."""
+        habit, size = self.habit, 1e-3 * self.people.hip_gap_mm
+        risen, bent = 1 - angles[:, 1] / SEATED_KNEE, angles[:, 2] / SEATED_HIP
+        (turns_x, turns_y), (phase_x, phase_y) = habit.ripple, habit.phase
+        sunk = risen + habit.sink * risen * (1 - risen)
+        y = -0.7 * sunk + 0.1 * np.sin(2 * np.pi * turns_y * risen + phase_y)
+        x = habit.forward * np.sin(np.pi * turns_x * bent + phase_x)
+        drift = [0.05 * self.occasion.drift(which, time) for which in ("gap x", "gap y")]
+        return size * (np.column_stack([x, y]) + np.column_stack(drift))
+
+    def _bend(self, time: FloatArray, angles: FloatArray) -> FloatArray:
+        """(T,) rad: the trunk's rotation against the pelvis, forwards positive."""
+        seated, lean = angles[:, 1] / SEATED_KNEE, angles.sum(axis=1) / LEANING
+        slump = self.habit.slump
+        shape = slump * seated + (1 - slump) * np.tanh(lean) / np.tanh(1.0)
+        bend: FloatArray = np.radians(self.people.lumbar_deg) * (
+            0.9 * shape + 0.04 * self.occasion.drift("lumbar", time)
+        )
+        return bend
+
+    def _arms(self, time: FloatArray) -> FloatArray:
+        """(T,) rad: forwards (negative) while rising, less so while sitting down, hanging back while standing."""
+        level = 0.02 * self.occasion.drift("arms", time)
+        for each, (up, down, rest), (late_up, late_down) in zip(
+            self.schedule.repetitions, self.occasion.swing, self.occasion.late, strict=True
+        ):
+            rise, sit = each.rise_end - each.legs_start, each.legs_end - each.sit_start
+            level -= 0.6 * up * _bump(time, (each.legs_start + each.rise_end) / 2 + late_up, 1.6 * rise)
+            level -= 0.35 * down * _bump(time, (each.sit_start + each.legs_end) / 2 + late_down, 1.6 * sit)
+            stood = smoothstep((time - each.seat_off) / rise) - smoothstep((time - each.sit_start) / sit)
+            level += 0.25 * rest * stood
+        swing: FloatArray = np.radians(self.people.arm_swing_deg) * level
+        return swing
+
+    def _foot(self, time: FloatArray) -> FloatArray:
+        """(T,) rad: the heel's lift about the toe, highest between seat-off and standing."""
+        level = np.zeros_like(time)
+        for each, size in zip(self.schedule.repetitions, self.occasion.heel, strict=True):
+            length = each.rise_end - each.seat_off
+            level += size * _bump(time, each.seat_off + length / 2, 1.3 * length)
+        return np.asarray(np.arcsin(1e-3 * self.people.heel_lift_mm / self.foot * level))
+
+
+def _bump(time: FloatArray, middle: float, width: float) -> FloatArray:
+    """A wave of height 1 that is over within ``width``, s; about a third of that above half its height."""
+    step = smoothstep((time - middle) / width + 0.5)
+    return 4 * step * (1 - step)

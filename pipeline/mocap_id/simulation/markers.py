@@ -1,0 +1,145 @@
+"""Where markers sit on a simulated body and on the plate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.simulation.body import Body
+
+PLACEMENT = 0.006  # m, standard deviation of where a marker is glued
+
+
+@dataclass(frozen=True)
+class MarkerSet:
+    """Markers in the frames of their links.
+
+    Parameters
+    ----------
+    labels : tuple of str, length M
+    link : (M,) int array
+        0 = base.
+    local : (M, 3) array
+        x, y in the link's frame, z out of the plane from the body's mid-plane, m.
+    softness : (M,) array
+        Largest displacement of the skin, m.
+    hidden : (M,) bool array
+        Whether something in front of the cameras may hide it.
+    on_plate : (M,) bool array
+    at_joint : tuple of (str or None), length M
+        Joint on whose axis the marker sits.
+    """
+
+    labels: tuple[str, ...]
+    link: IntArray
+    local: FloatArray
+    softness: FloatArray
+    hidden: BoolArray
+    on_plate: BoolArray
+    at_joint: tuple[str | None, ...]
+
+
+@dataclass(frozen=True)
+class _Site:
+    """A marker's place: along the link (y) in link lengths, across it (x, z) in m; ``paired``: left and right."""
+
+    name: str
+    link: int
+    x: float
+    y: float
+    z: float
+    soft_mm: float
+    paired: bool = True
+    hidden: bool = False
+    at_joint: str | None = None
+
+
+_PERSON = (
+    _Site("FHD", 3, -0.080, 1.74, 0.070, 1.0, hidden=True),
+    _Site("BHD", 3, 0.070, 1.70, 0.070, 1.0, hidden=True),
+    _Site("C7", 3, 0.065, 1.17, 0.0, 2.0, paired=False, hidden=True),
+    _Site("T10", 3, 0.100, 0.72, 0.0, 3.0, paired=False, hidden=True),
+    _Site("CLAV", 3, -0.075, 1.02, 0.0, 2.0, paired=False, hidden=True),
+    _Site("STRN", 3, -0.110, 0.74, 0.0, 3.0, paired=False, hidden=True),
+    _Site("RBAK", 3, 0.095, 0.95, -0.080, 3.0, paired=False, hidden=True),
+    _Site("SHO", 3, 0.0, 1.07, 0.185, 3.0, hidden=True),
+    _Site("UPA", 3, -0.050, 0.86, 0.220, 3.0, hidden=True),
+    _Site("ELB", 3, -0.110, 0.62, 0.230, 3.0, hidden=True),
+    _Site("FRM", 3, -0.190, 0.63, 0.180, 3.0, hidden=True),
+    _Site("WRA", 3, -0.250, 0.70, 0.100, 3.0, hidden=True),
+    _Site("WRB", 3, -0.225, 0.63, 0.095, 3.0, hidden=True),
+    _Site("FIN", 3, -0.265, 0.74, 0.030, 2.0, hidden=True),
+    _Site("ASI", 3, -0.090, 0.17, 0.125, 4.0, hidden=True),
+    _Site("THI", 2, -0.065, 0.38, 0.155, 4.0),
+    _Site("THI2", 2, -0.055, 0.70, 0.185, 4.0),
+    _Site("THI3", 2, 0.010, 0.54, 0.205, 4.0),
+    _Site("TIB", 1, -0.035, 0.76, 0.115, 2.0),
+    _Site("TIB2", 1, -0.022, 0.44, 0.125, 2.0),
+    _Site("TIB3", 1, 0.020, 0.62, 0.140, 2.0),
+    _Site("ANK", 1, 0.0, 0.0, 0.150, 1.0, at_joint="ankle"),
+    _Site("HEE", 0, 0.11, 0.20, 0.120, 0.3),
+    _Site("TOE", 0, -0.14, 0.16, 0.135, 0.3),
+)
+
+_ROBOT = (
+    _Site("BAS1", 0, 0.060, 0.10, 0.065, 0.0, paired=False),
+    _Site("BAS2", 0, -0.055, 0.12, 0.070, 0.0, paired=False),
+    _Site("BAS3", 0, 0.005, 0.14, -0.080, 0.0, paired=False),
+    _Site("UPA1", 0, 0.050, 0.28, 0.110, 0.0, paired=False),
+    _Site("UPA2", 0, -0.050, 0.40, 0.120, 0.0, paired=False),
+    _Site("UPA3", 0, 0.048, 0.52, 0.095, 0.0, paired=False),
+    _Site("UPA4", 0, -0.046, 0.65, 0.115, 0.0, paired=False),
+    _Site("UPA5", 0, 0.044, 0.79, 0.125, 0.0, paired=False),
+    _Site("UPA6", 0, -0.052, 0.90, 0.105, 0.0, paired=False),
+    _Site("FOA1", 1, 0.045, 0.10, 0.050, 0.0, paired=False, hidden=True),
+    _Site("FOA2", 1, -0.040, 0.24, 0.060, 0.0, paired=False, hidden=True),
+    _Site("FOA3", 1, 0.038, 0.37, 0.020, 0.0, paired=False, hidden=True),
+    _Site("FOA4", 1, -0.042, 0.49, 0.065, 0.0, paired=False, hidden=True),
+    _Site("FOA5", 1, 0.036, 0.61, 0.035, 0.0, paired=False, hidden=True),
+    _Site("WRI1", 1, 0.050, 0.78, 0.045, 0.0, paired=False, hidden=True),
+    _Site("WRI2", 1, -0.048, 0.85, 0.055, 0.0, paired=False, hidden=True),
+    _Site("WRI3", 1, 0.040, 0.92, 0.025, 0.0, paired=False, hidden=True),
+    _Site("WRI4", 1, -0.034, 0.98, 0.070, 0.0, paired=False, hidden=True),
+)
+
+PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
+
+
+def place(rng: np.random.Generator, body: Body) -> MarkerSet:
+    """The body's markers and seven on the plate, none exactly where the plan has it."""
+    person = len(body.links) > 2
+    sites = tuple(one for site in (_PERSON if person else _ROBOT) for one in _sides(site))
+    on_plate = np.array([False] * len(sites) + [True] * len(PLATE))
+    local = np.array([_local(body, site) for site in sites] + [(x, 0.004, z) for x, z in PLATE])
+    local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
+    plain = len(PLATE)
+    return MarkerSet(
+        labels=tuple(site.name for site in sites) + tuple(f"PLT{i + 1}" for i in range(plain)),
+        link=np.array([site.link for site in sites] + [0] * plain),
+        local=local,
+        softness=np.array([site.soft_mm for site in sites] + [0.0] * plain) / 1e3,
+        hidden=np.array([site.hidden for site in sites] + [False] * plain),
+        on_plate=on_plate,
+        at_joint=tuple(site.at_joint for site in sites) + (None,) * plain,
+    )
+
+
+def _sides(site: _Site) -> tuple[_Site, ...]:
+    """The subject faces -x, so the left side is at +z."""
+    if not site.paired:
+        return (site,)
+    fields = {"link": site.link, "x": site.x, "y": site.y, "soft_mm": site.soft_mm}
+    rest = {"hidden": site.hidden, "at_joint": site.at_joint}
+    return tuple(
+        _Site(side + site.name, z=sign * site.z, **fields, **rest)  # type: ignore[arg-type]
+        for side, sign in (("L", 1.0), ("R", -1.0))
+    )
+
+
+def _local(body: Body, site: _Site) -> tuple[float, float, float]:
+    """Coordinates in the link's frame; markers of a foot are placed from the ankle, those of a robot from the plate."""
+    link = body.links[site.link]
+    start = body.links[1].centre[0] if site.link == 0 else 0.0
+    return start + site.x, site.y * link.length, site.z

@@ -1,0 +1,101 @@
+"""Soft tissue: skin that slides with the joints and wanders slowly, so that its error is anything but white."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.simulation.markers import MarkerSet
+
+WANDER = 0.15  # size of the slow wander against the largest displacement
+WANDER_PERIODS = (4.0, 20.0)  # s
+
+
+MIDDLE = np.array([0.35, -1.12, 1.10])  # rad, of a person's ankle, knee and hip in sit-to-stands
+
+
+def of_a_trial(rng: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray) -> FloatArray:
+    """Displacement (T, M, 3) of every marker in its link's frame, m, where nobody asks whose skin it is.
+
+    Slides about the middle of the trial's own motion. The mean over the trial is taken out, so that a marker's place on
+    its link means the place it has on average. Arguments as for :func:`displacement`.
+    """
+    moved = displacement(rng, markers, q, time, wander=rng, middle=(q.max(axis=0) + q.min(axis=0)) / 2)
+    centred: FloatArray = moved - moved.mean(axis=0)
+    return centred
+
+
+def of_a_person(
+    rng: np.random.Generator, wander: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray
+) -> tuple[FloatArray, MarkerSet]:
+    """Displacement (T, M, 3), m, that is the same at the same angles in all trials of a person, but for the wander.
+
+    Its mean over the trial goes to the markers' places, which are returned with it. Arguments as for
+    :func:`displacement`.
+    """
+    moved = displacement(rng, markers, q, time, wander=wander, middle=MIDDLE)
+    mean = moved.mean(axis=0)
+    return moved - mean, replace(markers, local=markers.local + mean)
+
+
+def displacement(
+    rng: np.random.Generator,
+    markers: MarkerSet,
+    q: FloatArray,
+    time: FloatArray,
+    *,
+    wander: np.random.Generator,
+    middle: FloatArray,
+) -> FloatArray:
+    """Displacement of every marker in its link's frame.
+
+    Each marker slides along a direction of its own as a smooth function of the two joints next to its link, which
+    dominates, and drifts along three more by sines of 4 to 20 s.
+
+    Parameters
+    ----------
+    rng : Generator
+        Of how it slides.
+    markers : MarkerSet
+        With ``softness`` scaled as wanted.
+    q : (T, n) array
+        Joint angles, rad.
+    time : (T,) array
+        s.
+    wander : Generator
+        Of how it drifts.
+    middle : (n,) array
+        Joint angles that the sliding is about, rad.
+
+    Returns
+    -------
+    (T, M, 3) array
+        m.
+    """
+    moved = np.zeros((len(time), len(markers.labels), 3))
+    for i, (link, size) in enumerate(zip(markers.link, markers.softness, strict=True)):
+        moved[:, i] = size * (_sliding(rng, int(link), q, middle) + WANDER * _wander(wander, time))
+    return moved
+
+
+def _sliding(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatArray) -> FloatArray:
+    """(T, 3), about 1 long at the ends of the motion."""
+    total = np.zeros((len(q), 3))
+    for joint, weight in ((link - 1, rng.uniform(0.3, 1.0)), (link, rng.uniform(0.3, 1.0))):
+        direction = rng.normal(size=3)
+        bend, shift = rng.uniform(0.8, 1.3), rng.uniform(-0.3, 0.3)
+        if 0 <= joint < q.shape[1]:
+            along = np.sin(bend * (q[:, joint] - middle[joint] + shift))
+            total += weight * along[:, None] * direction / np.linalg.norm(direction)
+    return total
+
+
+def _wander(rng: np.random.Generator, time: FloatArray) -> FloatArray:
+    """(T, 3) of unit variance."""
+    period = rng.uniform(*WANDER_PERIODS, (6, 3))
+    phase = rng.uniform(0, 2 * np.pi, (6, 3))
+    waves = np.sin(2 * np.pi * time[:, None, None] / period + phase)
+    total: FloatArray = waves.sum(axis=1) / np.sqrt(3)
+    return total

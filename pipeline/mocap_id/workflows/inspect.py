@@ -1,0 +1,47 @@
+"""What a file holds, for `inspect`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mocap_id.plates.choice import GRAVITY
+from mocap_id.recording.model import Plate, Recording
+
+
+def describe(recording: Recording) -> dict[str, Any]:
+    """Summarise a recording as JSON values; None where a quantity is not known.
+
+    ``mass_kg`` stands for the mean upward force of a plate, and of all plates together.
+    """
+    total = sum(plate.mean_vertical() for plate in recording.plates if plate.usable and plate.ok.any())
+    loaded = any(plate.usable and plate.ok.any() for plate in recording.plates)
+    return {
+        "file": ", ".join(str(path) for path in recording.files),
+        "format": recording.format,
+        "frames": len(recording.frames),
+        "first_frame": int(recording.frames[0]),
+        "rate_hz": recording.rate,
+        "duration_s": float(recording.time[-1] - recording.time[0]),
+        "markers": list(recording.labels),
+        "missing_fraction": recording.missing_fraction,
+        "units": recording.units,
+        "vertical": recording.vertical,
+        "analog_rate_hz": recording.analog_rate,
+        "plates": [_plate(plate) for plate in recording.plates],
+        "mass_kg": total / GRAVITY if loaded else None,
+        "oddities": list(recording.oddities),
+    }
+
+
+def _plate(plate: Plate) -> dict[str, Any]:
+    force = plate.mean_vertical() if plate.usable else float("nan")
+    number = plate.kind.removeprefix("type ")
+    return {
+        "index": plate.index,
+        "type": int(number) if number.isdigit() else plate.kind,
+        "mean_fz_N": force if np.isfinite(force) else None,
+        "mass_kg": force / GRAVITY if np.isfinite(force) else None,
+        "problem": plate.problem or None,
+    }
