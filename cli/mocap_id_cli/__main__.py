@@ -62,7 +62,7 @@ def _command_line() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # which gives back what tables no longer need
     _return_memory()
     gc.set_threshold(50_000, 20, 20)  # the libraries' objects stay: looking for garbage among them takes 0.1 s of a run
-    from mocap_id_cli import live  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
+    from mocap_id_cli import progress as live  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
     from mocap_id_cli.app import build  # noqa: PLC0415
 
     try:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mocap_id_cli import progress as live
+from mocap_id_cli import progress as progress as live
 
 
 class Terminal(io.StringIO):
