@@ -1,16 +1,12 @@
-"""The thesis's claims of 5.5.2 on trials of ours: ``python benchmarks/claims.py [--write docs/sensitivity.md]``.
+"""The thesis's claims of 5.5.2 on simulated trials and on two recordings of the shared set.
 
-Generated robots and sit-to-stands, and two recordings of the shared set, are perturbed as the thesis did it and as
-`mocap-id sensitivity` does it. Each claim is held against a limit that stands here, in code. Prints the page; about
-five minutes of processor time. The recordings are looked for where MOCAP_ID_RECORDINGS says.
+The trials are perturbed as in the thesis and as ``mocap-id sensitivity`` does. The limit of each claim is in this file.
+About five minutes of processor time.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import os
-import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,23 +14,22 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from claims_page import claims_table, page, quote
+from claims_tables import claims_table, cost_table, kind_table, tolerance_list
+from harness import ROOT, command_line, measured_by, progress, publish, recordings
 
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
-from mocap_id.workflows.sensitivity.changing import CHANGES, run_from
+from mocap_id.workflows.sensitivity.perturbed_trial import CHANGES, run_from
 from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Moved, Result, moved, result
+from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
 from mocap_id.workflows.sensitivity.study import sensitivity
-from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
-from mocap_id.workflows.sensitivity.trying import Tried
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 
-FRESH = 970_000  # the first seed; nothing was tuned on these
-NEGLIGIBLE = 0.5  # %: what the thesis calls so of the clock
+NEGLIGIBLE = 0.5  # %: as the thesis uses the word for the clock
 SUBSTANTIAL = 5.0  # %
 GRAVITY = 9.81
 SIGMAS, MARKER_SDS = (1e1, 1e2, 1e3, 1e4), ("0.0001", "0.001", "0.01", "0.1")
-NO_GATE = 1e6  # standard deviations: the thesis's filter leaves no marker out
+NO_GATE = 1e6  # standard deviations: the thesis's filter excludes no marker
 CELLS: Sequence[tuple[JointName, Speed]] = (("shoulder", "slow"), ("elbow", "slow"), ("elbow", "fast"))
 RECORDED = {
     "ur5-elbow-fast": "robot-joint",
@@ -43,8 +38,8 @@ RECORDED = {
 
 
 @dataclass(frozen=True)
-class Said:
-    """What a trial says of a claim: a number, in %, and what it belongs to."""
+class Outcome:
+    """Number that a trial gives for a claim, in %, and the parameter or state that it belongs to."""
 
     value: float
     about: str = ""
@@ -54,17 +49,17 @@ class Said:
 class Case:
     """A trial, unperturbed."""
 
-    trial: Perturbed
-    _swept: dict[float | None, dict[tuple[float, str], Moved]] = field(default_factory=dict)
+    trial: TrialInputs
+    _swept: dict[float | None, dict[tuple[float, str], SeriesChanges]] = field(default_factory=dict)
 
     @cached_property
-    def own(self) -> Result:
-        """Its result."""
-        return result(self.trial)
+    def own(self) -> Estimates:
+        """Its estimates."""
+        return read_estimates(self.trial)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Its base parameters."""
+        """Names of its base parameters."""
         return tuple(one.name for one in self.own.parameters.values() if one.verdict)
 
     @property
@@ -73,84 +68,86 @@ class Case:
         number = len(self.trial.joints) + 1
         return f"mx{number}", f"my{number}"
 
-    def run(self, kind: str, target: str, level: float, **filtering: float) -> tuple[Result, Moved]:
-        """One perturbation, with other settings of the filter where they are given."""
+    def run(self, kind: str, target: str, level: float, **filtering: float) -> tuple[Estimates, SeriesChanges]:
+        """Compute one perturbation, with other settings of the filter if given."""
         change = Perturbation(kind, target, level)
         changed = CHANGES[kind](self.trial, change)
         if filtering:
-            changed = changed.set_to("ukf-smooth", **filtering)
-        done = run_from(change.of.entry, changed)
-        return result(done), moved(self.trial, done)
+            changed = changed.with_settings("ukf-smooth", **filtering)
+        done = run_from(change.definition.entry, changed)
+        return read_estimates(done), compare_series(self.trial, done)
 
-    def swept(self, gate: float | None) -> dict[tuple[float, str], Moved]:
-        """How far the states move over the whole grid of noises, computed once."""
+    def swept(self, gate: float | None) -> dict[tuple[float, str], SeriesChanges]:
+        """Return the changes of the states over the grid of noises, computed once."""
         if gate not in self._swept:
             more = {} if gate is None else {"gate": gate}
             grid = {(s, m): self.run("filter-noise", m, s, **more)[1] for s in SIGMAS for m in MARKER_SDS}
             self._swept[gate] = grid
         return self._swept[gate]
 
-    def percent(self, now: Result, name: str) -> float:
-        """Change of a parameter, % of its size; infinite where it is not known any more."""
+    def percent(self, now: Estimates, name: str) -> float:
+        """Return the change of a parameter, % of its size; infinite if it is lost."""
         before, after = self.own.parameters[name], now.parameters.get(name)
         if after is None or not math.isfinite(after.value):
             return math.inf
         return 100 * abs(after.value - before.value) / before.size
 
-    def largest(self, now: Result, but: Sequence[str] = ()) -> Said:
-        """The largest change of any parameter but some."""
-        return max((Said(self.percent(now, n), n) for n in self.names if n not in but), key=lambda said: said.value)
+    def largest(self, now: Estimates, but: Sequence[str] = ()) -> Outcome:
+        """Return the largest change of all parameters but some."""
+        return max(
+            (Outcome(self.percent(now, n), n) for n in self.names if n not in but), key=lambda outcome: outcome.value
+        )
 
 
-def worst(found: Iterator[Said]) -> Said:
-    """The largest of several."""
-    return max(found, key=lambda said: said.value)
+def worst(found: Iterator[Outcome]) -> Outcome:
+    """Return the largest of several."""
+    return max(found, key=lambda outcome: outcome.value)
 
 
-def _off(moves: Moved, state: int | None = None) -> float:
-    """100 (1 - r²) of the worst joint, of one state or of all."""
+def _off(moves: SeriesChanges, state: int | None = None) -> float:
+    """Return 100 (1 - r²) of the worst joint, of one state or of all."""
     r2 = moves.state_r2 if state is None else moves.state_r2[state]
     return float(100 * np.nanmax(1 - r2)) if np.isfinite(r2).any() else math.inf
 
 
-def sweep(case: Case, gate: float | None = None) -> Said:
-    """All states over the whole grid of noises."""
+def sweep(case: Case, gate: float | None = None) -> Outcome:
+    """Change all states over the grid of noises."""
     grid = case.swept(gate)
     beyond = sum(_off(moves) >= 1 for moves in grid.values())
-    return Said(max(map(_off, grid.values())), f"{len(grid) - beyond} of {len(grid)} below 1 %")
+    return Outcome(max(map(_off, grid.values())), f"{len(grid) - beyond} of {len(grid)} below 1 %")
 
 
-def corner(case: Case, gate: float | None = None) -> Said:
-    """The acceleration in the over-constrained corner."""
-    return Said(_off(case.swept(gate)[SIGMAS[0], MARKER_SDS[-1]], 2))
+def corner(case: Case, gate: float | None = None) -> Outcome:
+    """Change the acceleration in the over-constrained corner."""
+    return Outcome(_off(case.swept(gate)[SIGMAS[0], MARKER_SDS[-1]], 2))
 
 
-def rotation(case: Case) -> Said:
-    """What is left of the outermost first moments' change once they are turned back, % of their size."""
+def rotation(case: Case) -> Outcome:
+    """Return the change of the outermost first moments after rotating them back, % of their size."""
     joint = case.trial.joints[-1]
     before = complex(*(case.own.parameters[name].value for name in case.last))
 
-    def left(bias: float) -> Said:
+    def left(bias: float) -> Outcome:
         now = case.run("angle-bias", joint, bias)[0]
         after = complex(*(now.parameters[name].value for name in case.last))
-        return Said(100 * abs(after - before * np.exp(-1j * bias)) / abs(before), f"at {bias:g} rad")
+        return Outcome(100 * abs(after - before * np.exp(-1j * bias)) / abs(before), f"at {bias:g} rad")
 
     return worst(map(left, (0.01, 0.1)))
 
 
-def rotation_alone(case: Case) -> Said:
-    """What else moves when the outermost angle is off."""
+def rotation_alone(case: Case) -> Outcome:
+    """Return the largest other change with a bias of the outermost angle."""
     return worst(case.largest(case.run("angle-bias", case.trial.joints[-1], b)[0], case.last) for b in (0.01, 0.1))
 
 
-def noisy_angles(case: Case) -> Said:
-    """Parameters or acceleration, whatever moves more, with 0.01 rad of noise in every angle."""
+def noisy_angles(case: Case) -> Outcome:
+    """Return the change of parameters or acceleration with 0.01 rad of noise in every angle."""
     now, moves = case.run("angle-noise", _every(case), 0.01)
-    return worst(iter((case.largest(now), Said(min(_off(moves, 2), 999.0), "acceleration"))))
+    return worst(iter((case.largest(now), Outcome(min(_off(moves, 2), 999.0), "acceleration"))))
 
 
-def tuned_angles(case: Case) -> Said:
-    """Parameters with that noise and a filter that is told of it."""
+def tuned_angles(case: Case) -> Outcome:
+    """Return the change of parameters with that noise and a filter that is tuned to it."""
     noise = 0.01
     facts = case.trial.table("states.parquet").facts
     sigma_v = float(np.exp(np.mean(np.log(facts["sigma_v"]))))
@@ -165,52 +162,52 @@ def _every(case: Case) -> str:
     return "all" if len(case.trial.joints) > 1 else case.trial.joints[0]
 
 
-def offset(kind: str, *levels: float) -> Callable[[Case], Said]:
-    """The largest change by clock offsets both ways."""
+def offset(kind: str, *levels: float) -> Callable[[Case], Outcome]:
+    """Return the largest change by clock offsets in both directions."""
     return lambda case: worst(case.largest(case.run(kind, "", way * s)[0]) for s in levels for way in (1, -1))
 
 
-def noise(component: str) -> Callable[[Case], Said]:
-    """The largest change by 1 N or N·m of noise."""
+def noise(component: str) -> Callable[[Case], Outcome]:
+    """Return the largest change by 1 N or N·m of noise."""
     return lambda case: case.largest(case.run("wrench-noise", component, 1.0)[0])
 
 
-def bias(component: str, into: int | None) -> Callable[[Case], Said]:
-    """What a mean of 0.1 to 10 does beside going, as mean over gravity, into one parameter alone."""
+def bias(component: str, into: int | None) -> Callable[[Case], Outcome]:
+    """Return the change by a mean of 0.1 to 10, apart from mean / gravity in one parameter."""
 
-    def measured(case: Case) -> Said:
+    def measured(case: Case) -> Outcome:
         return worst(each for level in (0.1, 1.0, 10.0) for each in _beside(case, component, level, into))
 
     return measured
 
 
-def _beside(case: Case, component: str, level: float, into: int | None) -> Iterator[Said]:
+def _beside(case: Case, component: str, level: float, into: int | None) -> Iterator[Outcome]:
     now = case.run("wrench-bias", component, level)[0]
     taken = () if into is None else (case.names[into],)
     yield case.largest(now, taken)
     for name in taken:
         change = now.parameters[name].value - case.own.parameters[name].value
-        yield Said(100 * abs(change * GRAVITY / level - 1), f"{name} off {component}/g")
+        yield Outcome(100 * abs(change * GRAVITY / level - 1), f"{name} off {component}/g")
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of the thesis and what would confirm it.
+    """Claim of the thesis and the limit that confirms it.
 
     Parameters
     ----------
     letter, text : str
     measure : callable
-        Of a trial: the number that the claim is about.
+        Number that a trial gives for the claim.
     holds : callable
-        Whether such a number confirms it.
+        Whether such a number confirms the claim.
     limit : str
         The same in words.
     """
 
     letter: str
     text: str
-    measure: Callable[[Case], Said]
+    measure: Callable[[Case], Outcome]
     holds: Callable[[float], bool]
     limit: str
 
@@ -260,54 +257,45 @@ CLAIMS = (
 
 
 def case_of(configuration: Path) -> Case:
-    """A trial, computed."""
-    return Case(read(located(configuration)))
+    """Return a trial with its results."""
+    return Case(read_inputs(locate_trial(configuration)))
 
 
 def robots(seeds: Sequence[int], folder: Path) -> list[Case]:
-    """Trials of the thesis's robot, its cells in turn (table 5.2), made for this."""
+    """Simulate trials of the thesis's robot, its cells in turn (table 5.2)."""
     cells = [Options(rate=480, analog_rate=2400, joint=joint, speed=speed) for joint, speed in CELLS]
     made = [replace(cells[k % len(cells)], seed=seed) for k, seed in enumerate(seeds)]
     return [case_of(simulate("robot", folder / f"robot-{one.seed}", one)) for one in made]
 
 
 def people(seeds: Sequence[int], folder: Path) -> list[Case]:
-    """Sit-to-stands with ordinary errors, made for this."""
+    """Simulate sit-to-stands with ordinary errors."""
     options = Options(analog_rate=1000, repetitions=5)
     return [case_of(simulate("sit-to-stand", folder / f"sit-{seed}", replace(options, seed=seed))) for seed in seeds]
 
 
-def recorded(name: str, recordings: Path, folder: Path) -> Path:
-    """A trial's file for one of the shared recordings."""
+def write_configuration(name: str, source: Path, folder: Path) -> Path:
+    """Write the configuration of one of the shared recordings."""
     file = folder / f"{name}.yaml"
-    file.write_text(
-        f"trial: {name}\nrecording: {recordings / 'simulated' / name}/trial.c3d\nprotocol: {RECORDED[name]}\n"
-    )
+    file.write_text(f"trial: {name}\nrecording: {source / 'simulated' / name}/trial.c3d\nprotocol: {RECORDED[name]}\n")
     return file
 
 
-def judged(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Said]:
-    """Whether a claim holds on every one of some trials, and what the trial said that is farthest from it."""
+def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
+    """Return whether a claim holds on every trial, and the outcome farthest from it."""
     found = [claim.measure(case) for case in cases]
-    failing = [said for said in found if not claim.holds(said.value)]
+    failing = [outcome for outcome in found if not claim.holds(outcome.value)]
     return not failing, worst(iter(failing or found))
 
 
 def main() -> None:
-    """Hold every claim against every group and print, or write, the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=6, help="generated robots; half as many sit-to-stands")
-    parser.add_argument("--write", type=Path, help="page to replace")
-    parser.add_argument("--quote", type=Path, help="page between whose marks the claims are repeated")
-    arguments = parser.parse_args()
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    root = Path(__file__).resolve().parents[2]
-    recordings = Path(os.environ.get("MOCAP_ID_RECORDINGS", root / "shared" / "recordings"))
-    seeds = range(FRESH, FRESH + arguments.trials)
-    studies: dict[str, tuple[list[str], tuple[Tried, ...]]] = {}
+    """Test every claim on every group of trials."""
+    arguments = command_line(__doc__, trials=6, first=970_000).parse_args()
+    source = recordings() or ROOT.parent / "shared" / "recordings"
+    seeds = range(arguments.first, arguments.first + arguments.trials)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        files = {name: recorded(name, recordings.absolute(), folder) for name in RECORDED}
+        files = {name: write_configuration(name, source, folder) for name in RECORDED}
         groups: Mapping[str, Sequence[Case]] = {
             "generated robots": robots(seeds, folder),
             "ur5-elbow-fast": [case_of(files["ur5-elbow-fast"])],
@@ -316,17 +304,27 @@ def main() -> None:
         }
         answers = []
         for claim in CLAIMS:
-            answers.append((claim, {name: judged(claim, cases) for name, cases in groups.items()}))
-            sys.stderr.write(f"{claim.letter} {claim.text}\n")
-        for name, file in files.items():
-            found = sensitivity(file, jobs=2)
-            studies[name] = ([row["sentence"] for row in found.document["tolerates"]], found.studied.tried)
-    text = page(answers, {name: len(cases) for name, cases in groups.items()}, studies, FRESH)
-    sys.stdout.write(text)
-    if arguments.write:
-        arguments.write.write_text(text, encoding="utf-8")
-    if arguments.quote:
-        quote(arguments.quote, claims_table(answers, {name: len(cases) for name, cases in groups.items()}))
+            answers.append((claim, {name: judge(claim, cases) for name, cases in groups.items()}))
+            progress(f"{claim.letter} {claim.text}")
+        studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
+    counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].result.runs
+    tolerances = [
+        tolerance_list(name, [row["sentence"] for row in found.document["tolerates"]], found.result.runs)
+        for name, found in studies.items()
+    ]
+    source = (
+        f"{counts['generated robots']} trials of the thesis's robot and {counts['generated sit-to-stands']} "
+        f"sit-to-stands, seeds from {arguments.first}, and on the recordings `ur5-elbow-fast` and `sts-normal`"
+    )
+    sections = {
+        "sensitivity-kinds": kind_table(),
+        "claims-trials": measured_by(__file__, source),
+        "claims": claims_table(answers, counts),
+        "sensitivity-tolerances": "\n\n".join(tolerances),
+        "sensitivity-costs": f"{len(runs)} perturbations, {sum(one.seconds for one in runs):.0f} s in all:\n\n"
+        + cost_table(runs),
+    }
+    publish(sections, write=arguments.write)
 
 
 if __name__ == "__main__":

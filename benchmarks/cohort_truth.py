@@ -1,4 +1,4 @@
-"""Trials of a simulated cohort, finished and held against their truth: every model on every action of its person."""
+"""Trials of a simulated cohort with their truth, and every model on every action of its person."""
 
 from __future__ import annotations
 
@@ -10,27 +10,26 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from dynamic_truth import Finished as Truthful
-from dynamic_truth import read, rms
-from kinematic_sweep import COUNT, SCORED, group
+from dynamic_truth import TrialWithTruth, read
+from harness import DYNAMIC, SEGMENTS, read_group, rms
+from kinematic_sweep import SCORED
 from ruamel.yaml import YAML
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.dynamics.carry import carry
-from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.parameter_transfer import transfer_parameters
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder, LongTable, Table
-from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.followed_bodies import followed
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.matched_bodies import match_bodies
 from mocap_id.workflows.moving_bodies import MovingBodies
-from mocap_id.workflows.transfer import CARRIED, HELD_OUT, OWN, apply
+from mocap_id.workflows.transfer import HELD_OUT, OWN, TRANSFERRED, apply_model
 
 WINTER = "winter"
 TRUTHS = ("Fy", "tauz", "CoP", "tau_1", "tau_2", "tau_3")
-_UP_TO = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")
 _SUBJECT = ("height", "mass", "sex")
-_FOUND = 0.25  # s: an event as far from the true one as that belongs to something else
+_FOUND = 0.25  # s: an event this far from the true one belongs to another
 
 
 @dataclass(frozen=True)
@@ -44,54 +43,54 @@ class Trial:
 
 @dataclass(frozen=True)
 class Done:
-    """A trial that has been through ``identify-dim``, and its truth."""
+    """A trial that went through ``identify-dim``, and its truth."""
 
     trial: Trial
-    model: Finished
-    truth: Truthful
+    model: IdentifiedTrial
+    truth: TrialWithTruth
     out: Folder
 
     @property
     def torques(self) -> FloatArray:
-        """(F, 3) of the trial's own model, N·m."""
-        return self.model.dynamics[[f"tau_{j}" for j in range(1, COUNT)]].to_numpy(dtype=np.float64)
+        """(F, 3) torques of the trial's own model, N·m."""
+        return self.model.dynamics[[f"tau_{j}" for j in range(1, SEGMENTS)]].to_numpy(dtype=np.float64)
 
 
 def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tuple[Trial, Path]]:
-    """A configuration for every trial of a study, with settings of ``identify-dim``, in the folder ``place``."""
-    told, made = YAML(typ="safe").load(study), []
+    """Write a configuration for every trial of a study, with settings of ``identify-dim``."""
+    study_file, made = YAML(typ="safe").load(study), []
     place.mkdir(exist_ok=True)
-    for row in told["trials"]:
-        subject = {key: told["subjects"][row["subject"]][key] for key in _SUBJECT}
+    for row in study_file["trials"]:
+        subject = {key: study_file["subjects"][row["subject"]][key] for key in _SUBJECT}
         keys = {"trial": row["trial"], "recording": str(study.parent / row["recording"]), "subject": subject}
         file = place / f"{row['trial']}.yaml"
-        file.write_text(json.dumps(told["defaults"] | keys | {"identify-dim": dict(settings)}))
+        file.write_text(json.dumps(study_file["defaults"] | keys | {"identify-dim": dict(settings)}))
         made.append((Trial(row["trial"], row["subject"], row["strategy"]), file))
     return made
 
 
 def run(file: Path) -> str | None:
-    """Run a trial up to ``identify-dim``; why it was refused, if it was."""
+    """Run a trial up to ``identify-dim``; return the code of a refusal."""
     trial = load(file)
-    for name in _UP_TO:
+    for name in DYNAMIC:
         refused = run_stage(trial, name).refused
         if refused is not None:
             return refused.code
     return None
 
 
-def done(study: Path, trial: Trial, file: Path) -> Done | None:
-    """A trial that was run; None where it has no four segments or no parameters."""
+def read_done(study: Path, trial: Trial, file: Path) -> Done | None:
+    """Read a trial; None without four segments or without parameters."""
     out = load(file).out
     truth = read(study.parent / "truth" / trial.name / "truth.json", out)
-    return None if truth is None else Done(trial, finished(out), truth, Folder(out))
+    return None if truth is None else Done(trial, open_identified_trial(out), truth, Folder(out))
 
 
 def models(trials: Sequence[Done]) -> pd.DataFrame:
-    """Every model of a person on every action of that person: a row a pair, errors as ``mean``, ``sd`` and ``rms``.
+    """Return the errors of every model on every action of its person, a row for each pair.
 
-    Against the measurement over the samples of the fit, as ``mocap-id transfer`` does (``Fy``, ``tauz``, ``cop``),
-    torques against the trial's own (``t1`` …); against the truth over all samples off the seat with ``true_`` before.
+    ``Fy``, ``tauz`` and ``cop`` are compared with the measurement over the samples of the fit, torques ``t1`` … with
+    those of the trial's own model. Names with ``true_`` are compared with the truth over all samples off the seat.
     """
     pairs = [(source, target) for target in trials for source in trials if source.trial.subject == target.trial.subject]
     rows = [row for source, target in pairs for row in _pair(source, target)]
@@ -99,17 +98,17 @@ def models(trials: Sequence[Done]) -> pd.DataFrame:
 
 
 def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
-    """Rows of one model on one trial, and of the allometric body."""
-    found = apply(source.model, target.model)
+    """Yield rows of one model on one trial, and of the allometric body."""
+    found = apply_model(source.model, target.model)
     bodies = {body.name: body for body in found.bodies}
-    moving = target.model.chain if source.model.measured is None else followed(source.model, target.model)
+    moving = target.model.chain if source.model.measured is None else match_bodies(source.model, target.model)
     of_body = {
         WINTER: (target.model.bodies, target.model.reference),
-        CARRIED: (moving, carry(source.model.parameters, found.registration)),
+        TRANSFERRED: (moving, transfer_parameters(source.model.parameters, found.registration)),
     }
     same = source.trial == target.trial
     names = {WINTER: WINTER} | (
-        {OWN: target.trial.strategy, HELD_OUT: HELD_OUT} if same else {CARRIED: source.trial.strategy}
+        {OWN: target.trial.strategy, HELD_OUT: HELD_OUT} if same else {TRANSFERRED: source.trial.strategy}
     )
     for body, model in names.items():
         row = {"subject": target.trial.subject, "action": target.trial.strategy, "trial": target.trial.name}
@@ -129,10 +128,10 @@ def _numbers(name: str, error: Any) -> dict[str, float]:
 
 
 def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
-    """Errors against the truth off the seat, of bodies with their full parameters or of the trial's own model."""
+    """Return errors against the truth off the seat, of bodies with full parameters or of the trial's own model."""
     model, truth = target.model, target.truth
     if of_body is None:
-        columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, COUNT))]
+        columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, SEGMENTS))]
         series = model.dynamics[columns].to_numpy(dtype=np.float64)
     else:
         bodies, full = of_body
@@ -147,10 +146,10 @@ def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict
 
 
 def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
-    """A row a trial: errors of shank and thigh, %, of the same lengths from stature alone, and the markers' rms, mm."""
+    """Return a row for each trial: errors of the lengths, %, also from stature alone, and the markers' rms, mm."""
     rows = []
     for each in trials:
-        lengths = group(each.truth.chain, "segments")["length"]
+        lengths = read_group(each.truth.chain, "segments")["length"]
         height = each.truth.truth["subject"]["height_m"]
         row: dict[str, Any] = {"subject": each.trial.subject, "strategy": each.trial.strategy}
         for name, length, share in zip(SCORED, lengths, (0.246, 0.245), strict=True):
@@ -163,7 +162,7 @@ def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
 
 
 def repetitions(trials: Sequence[Done]) -> pd.DataFrame:
-    """A row a true repetition: whether it was found, and the errors of its events, ms."""
+    """Return a row for each true repetition: whether it was found, and the errors of its events, ms."""
     rows = []
     for each in trials:
         events = each.out.read("events.parquet")

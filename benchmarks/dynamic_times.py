@@ -1,4 +1,4 @@
-"""How long ``identify-dim`` takes on a long trial, and its constrained solve: a part of benchmarks/dynamic_sweep.py."""
+"""Time of ``identify-dim`` and of its constrained fit on a long trial: a part of benchmarks/dynamic_sweep.py."""
 
 from __future__ import annotations
 
@@ -11,29 +11,26 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from harness import run_simulated
 
-from mocap_id.config import load
-from mocap_id.dynamics import identify
-from mocap_id.dynamics.consistent import fit_consistent
-from mocap_id.runner import run_stage
-from mocap_id.simulation import Options, simulate
+from mocap_id.dynamics import identification
+from mocap_id.dynamics.consistency import fit_consistent
+from mocap_id.simulation import Options
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.store import Folder
 
 FRAMES = 16_000
-LONG = Options(rate=480, analog_rate=480, repetitions=5)  # longer than that
-BEFORE = ("planarise", "segment", "fit-joints", "ukf-smooth")
+LONG = Options(rate=480, analog_rate=480, repetitions=5)  # has more frames
 CALLS = 10
 
 
-def timing(seed: int) -> Mapping[str, tuple[float, float]]:
-    """Seconds by the clock, and of this process alone, of the stage and of its constrained solve."""
+def measure_times(seed: int) -> Mapping[str, tuple[float, float]]:
+    """Return wall and processor time, s, of the stage and of its constrained fit."""
     with tempfile.TemporaryDirectory() as place:
-        configuration = simulate("sit-to-stand", Path(place) / "trial", replace(LONG, seed=seed))
-        trial = load(configuration)
-        for name in BEFORE:
-            run_stage(trial, name)
+        done = run_simulated(Path(place) / "trial", replace(LONG, seed=seed))
+        assert done is not None
+        trial = done[0]
         folder = Folder(trial.out)
         inputs: Any = {name: folder.read(name) for name in STAGE.inputs}
     for name in ("states.parquet", "wrench.parquet", "poses.parquet"):
@@ -41,14 +38,14 @@ def timing(seed: int) -> Mapping[str, tuple[float, float]]:
             inputs[name], columns={key: values[:FRAMES] for key, values in inputs[name].columns.items()}
         )
     stage = _Timed(STAGE.function)
-    with patch.object(identify, "fit_consistent", _Timed(fit_consistent)) as solve:
+    with patch.object(identification, "fit_consistent", _Timed(fit_consistent)) as solve:
         for _ in range(CALLS):
             stage(Context(trial.keys, trial.settings[STAGE.name], inputs))
-    return {"the whole stage": stage.quickest(), "of it, the constrained solve": solve.quickest()}
+    return {"the whole stage": stage.fastest(), "its constrained fit": solve.fastest()}
 
 
 class _Timed:
-    """A function whose calls are timed."""
+    """A function that records the times of its calls."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
@@ -60,7 +57,7 @@ class _Timed:
         self.calls.append((perf_counter() - wall, process_time() - own))
         return result
 
-    def quickest(self) -> tuple[float, float]:
-        """Least of either time: what other processes on the machine disturbed least."""
+    def fastest(self) -> tuple[float, float]:
+        """Return the shortest wall and processor time."""
         wall, own = np.min(self.calls, axis=0)
         return float(wall), float(own)

@@ -1,20 +1,19 @@
-"""A trial's dynamics against its exact truth: parameters, wrench, centre of pressure, torques, and their intervals.
+"""Dynamics of a simulated trial beside its exact truth: parameters, wrench, centre of pressure and torques.
 
-Parameters are compared in the frames that the chain has: +y towards the next joint, which is the truth's frame too, and
-in the last segment towards the middle of its markers, to which the truth is turned. What is wrong with a frame because
-a joint was placed wrongly therefore counts as an error of the parameters.
+Parameters are compared in the frames of the chain. There +y points to the next joint, as in the truth, and in the last
+segment to the centroid of its markers; the truth is rotated to that frame. An error of a frame that comes from a
+misplaced joint therefore counts as an error of the parameters.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kinematic_sweep import COUNT, JOINTS, group
+from harness import JOINTS, SEGMENTS, read_artefacts, read_group, read_true_arrays, read_truth, rms
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics import planar_regressor, structural_base
@@ -30,8 +29,8 @@ SCALE = np.array([1, 1, 1, 1e3, 1, 1, 1])
 
 
 @dataclass(frozen=True)
-class Finished:
-    """A trial that has been through ``identify-dim``, and its truth.
+class TrialWithTruth:
+    """A simulated trial that went through ``identify-dim``, and its truth.
 
     Parameters
     ----------
@@ -56,92 +55,81 @@ class Finished:
 
     @property
     def off_seat(self) -> BoolArray:
-        """(F,) samples between a seat-off and its seat-on, when the chair's force is exactly zero."""
+        """(F,) samples from a seat-off to its seat-on, where the force of the chair is exactly zero."""
         pairs = [(one["seat_off"], one["seat_on"]) for one in self.truth["reps"]]
         return np.asarray(np.any([(self.time >= start) & (self.time <= end) for start, end in pairs], axis=0))
 
     @property
     def base(self) -> Mapping[str, FloatArray]:
         """Base parameters: ``value``, ``sd`` and ``regrouping``."""
-        node = self.dynamics.data["base"]
-        assert isinstance(node, Mapping)
+        node: Any = self.dynamics.data["base"]
         return {key: np.asarray(node[key], dtype=np.float64) for key in ("value", "sd", "regrouping")}
 
     @property
     def markers(self) -> Mapping[str, tuple[int, FloatArray]]:
-        """Segment and place in its frame, m, of every marker."""
-        node = self.chain.data["markers"]
-        assert isinstance(node, Mapping)
-        rows = zip(np.asarray(node["name"]), np.asarray(node["segment"]), np.asarray(node["local"]), strict=True)
+        """Segment of every marker, and its position in the segment's frame, m."""
+        node = read_group(self.chain, "markers")
+        rows = zip(node["name"], node["segment"], node["local"], strict=True)
         return {str(name): (int(segment), local) for name, segment, local in rows}
 
 
-def read(configuration: Path, out: Path) -> Finished | None:
-    """A simulated trial's artefacts and truth; None where it has no four segments or no parameters."""
-    folder = Folder(out)
-    chain, dynamics = folder.read("chain.h5"), folder.read("dynamics.h5")
-    states, predicted = folder.read("states.parquet"), folder.read("dynamics.parquet")
-    if not (isinstance(chain, Tree) and isinstance(dynamics, Tree)):
-        raise TypeError("not the artefacts that were expected")
-    if not (isinstance(states, Table) and isinstance(predicted, Table)):
-        raise TypeError("not the artefacts that were expected")
-    if len(group(chain, "joints")["centre"]) != COUNT - 1 or dynamics.facts["why"] is not None:
+def read(configuration: Path, out: Path) -> TrialWithTruth | None:
+    """Read a simulated trial and its truth; None without four segments or without parameters."""
+    names = ("chain.h5", "dynamics.h5", "states.parquet", "dynamics.parquet")
+    chain, dynamics, states, predicted = read_artefacts(Folder(out), *names)
+    if len(read_group(chain, "joints")["centre"]) != SEGMENTS - 1 or dynamics.facts["why"] is not None:
         return None
     time = states.frame["time"].to_numpy(dtype=np.float64)
-    with np.load(configuration.with_name("truth.npz")) as arrays:
-        at = np.searchsorted(arrays["t"], time - 1e-6)
-        names = ("q", "qd", "qdd", "wrench", "tau")
-        true = {name: arrays[name][at].astype(np.float64) for name in names}
-    truth = json.loads(configuration.with_name("truth.json").read_text())
-    return Finished(time, chain, dynamics, states, predicted, truth, true)
+    true = read_true_arrays(configuration, time, ("q", "qd", "qdd", "wrench", "tau"))
+    return TrialWithTruth(time, chain, dynamics, states, predicted, read_truth(configuration), true)
 
 
-def last_frame_turn(done: Finished) -> float:
-    """Angle, rad, from the truth's frame of the last segment to the one whose y points at its markers' middle."""
-    local = {marker["label"]: marker["local_xyz_m"][:2] for marker in done.truth["markers"]}
-    own = [local[name] for name, (segment, _) in done.markers.items() if segment == COUNT - 1]
+def last_frame_turn(truth: Mapping[str, Any], chain: Tree) -> float:
+    """Return the angle, rad, from the true frame of the last segment to the frame whose y points to its markers."""
+    markers, last = read_group(chain, "markers"), len(truth["segments"]) - 1
+    local = {marker["label"]: marker["local_xyz_m"][:2] for marker in truth["markers"]}
+    own = [local[str(name)] for name, k in zip(markers["name"], markers["segment"], strict=True) if k == last]
     x, y = np.mean(own, axis=0)
     return float(np.arctan2(-x, y))
 
 
-def true_centres(done: Finished) -> FloatArray:
-    """(n, 2) true joint centres, m."""
+def true_centres(done: TrialWithTruth) -> FloatArray:
+    """Return (n, 2) true joint centres, m."""
     return np.array([segment["p_in_parent_m"] for segment in done.truth["segments"][1:]])
 
 
-def true_base(done: Finished) -> FloatArray:
-    """(b,) base parameters: the true full ones, regrouped with the true lengths, in the chain's frames."""
+def true_base(done: TrialWithTruth) -> FloatArray:
+    """Return (b,) true base parameters, regrouped with the true lengths, in the frames of the chain."""
     full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in done.truth["segments"]])
-    full[-1, 1:3] = planar.rotate(np.array(-last_frame_turn(done)), full[-1, 1:3])
+    full[-1, 1:3] = planar.rotate(np.array(-last_frame_turn(done.truth, done.chain)), full[-1, 1:3])
     return np.asarray(structural_base(true_centres(done)).regrouping @ full.reshape(-1))
 
 
 def norms(base: FloatArray) -> FloatArray:
-    """(8,) what does not depend on how frames are turned: mass, mx1, and |(mx, my)| and I of each moving segment."""
+    """Return (8,) mass, mx1, and |(mx, my)| and I of each moving segment, independent of rotations of frames."""
     blocks = base[2:].reshape(-1, 3)
     return np.append(base[:2], np.column_stack([np.hypot(blocks[:, 0], blocks[:, 1]), blocks[:, 2]]))
 
 
-def true_series(done: Finished) -> FloatArray:
-    """(F, 7) true wrench, N and N·m, centre of pressure, m, and torques, N·m."""
+def true_series(done: TrialWithTruth) -> FloatArray:
+    """Return (F, 7) true wrench, N and N·m, centre of pressure, m, and torques, N·m."""
     wrench = done.true["wrench"]
     return np.column_stack([wrench, wrench[:, 2] / wrench[:, 1], done.true["tau"]])
 
 
-def series(done: Finished, prefix: str = "") -> FloatArray:
-    """(F, 7) the model's, or with ``sd_`` their standard deviations."""
-    names = [f"{name}_model" for name in (*WRENCH, "cop_x")] + [f"tau_{j}" for j in range(1, COUNT)]
+def series(done: TrialWithTruth, prefix: str = "") -> FloatArray:
+    """Return (F, 7) wrench, centre of pressure and torques of the model, or with ``sd_`` their standard deviations."""
+    names = [f"{name}_model" for name in (*WRENCH, "cop_x")] + [f"tau_{j}" for j in range(1, SEGMENTS)]
     return done.predicted.frame[[prefix + name for name in names]].to_numpy(dtype=np.float64)
 
 
-def carried(fitted: Finished, other: Finished) -> FloatArray:
-    """(4(n + 1),) full parameters of one trial of a person in the frames of another.
+def transfer_parameters(fitted: TrialWithTruth, other: TrialWithTruth) -> FloatArray:
+    """Return (4(n + 1),) full parameters of one trial of a person in the frames of another.
 
-    Each moving segment is carried by the markers that both trials have on it: a turn and a shift. The base stays, since
-    both plane frames lie in the plate and the feet have not moved.
+    The markers that both trials have on a moving segment give its rotation and shift. The base stays, since both plane
+    frames lie in the plate and the feet do not move.
     """
-    node = fitted.dynamics.data["full"]
-    assert isinstance(node, Mapping)
+    node: Any = fitted.dynamics.data["full"]
     full = np.array(node["value"], dtype=np.float64).reshape(-1, 4)
     here, there = fitted.markers, other.markers
     for k in range(1, len(full)):
@@ -155,20 +143,15 @@ def carried(fitted: Finished, other: Finished) -> FloatArray:
     return full.reshape(-1)
 
 
-def transferred(done: Finished, base: FloatArray) -> FloatArray:
-    """(4,) rms errors off the seat of Fx, Fy, tauz and the centre of pressure (mm) of other base parameters (b,)."""
-    joints = range(1, COUNT)
+def wrench_errors(done: TrialWithTruth, base: FloatArray) -> FloatArray:
+    """Return (4,) rms errors off the seat of Fx, Fy, tauz and centre of pressure (mm) with base parameters (b,)."""
+    joints = range(1, SEGMENTS)
     q, dq, ddq = (
         done.states.frame[[f"{name}_{j}" for j in joints]].to_numpy(dtype=np.float64)
         for name in ("theta", "dtheta", "ddtheta")
     )
-    centres = group(done.chain, "joints")["centre"]
+    centres = read_group(done.chain, "joints")["centre"]
     regressor = planar_regressor(centres, q, dq, ddq, done.truth["g"])
     wrench = regressor[:, :, structural_base(centres).kept] @ base
     model = np.column_stack([wrench, wrench[:, 2] / wrench[:, 1]])
     return np.asarray(rms((model - true_series(done)[:, :4])[done.off_seat]) * SCALE[:4])
-
-
-def rms(values: FloatArray) -> FloatArray:
-    """Root mean square along the first axis, over what is known."""
-    return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))

@@ -1,29 +1,31 @@
-"""Speed of the state filter, against filterpy in the same run: ``python benchmarks/filter.py``.
+"""Time of the state filter and smoother beside filterpy's, in the same run; they must agree too.
 
-Prints a table: time per sample of filter and smoother on a chain of three joints and nine markers (12 states, 18
-observations), how far the two engines differ, the time of the whole estimate (noise included) on 16,000 frames of 40
-markers, and the time of a first call that finds no compiled code.
+The chain has three joints and nine markers (12 states, 18 observations). ``filter.py --frames N`` prints JSON instead:
+seconds of both on N frames of 39 markers, for benchmarks/scale.py.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from harness import command_line, markdown, publish
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.estimation import compiled, reference, smooth
-from mocap_id.estimation.inverse import Chain, frame_angles
-from mocap_id.estimation.problem import Problem, Track
+from mocap_id.estimation import compiled_filter, reference, smooth
+from mocap_id.estimation.filter_problem import FilterProblem, Track
+from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 
 RATE, NOISE = 480.0, 1e-3
+PER_SEGMENT = 13
 
 COLD = """
 from time import perf_counter
@@ -38,8 +40,8 @@ print(perf_counter() - start)
 """
 
 
-def recording(frames: int, per_segment: int) -> tuple[Chain, FloatArray]:
-    """Three joints that swing at 0.4 to 0.8 Hz, and their markers (F, M, 2) with 1 mm of noise."""
+def recording(frames: int, per_segment: int) -> tuple[MarkerChain, FloatArray]:
+    """Return a chain whose three joints swing at 0.4 to 0.8 Hz, and markers (F, M, 2) with 1 mm of noise."""
     rng = np.random.default_rng(0)
     time = np.arange(frames)[:, None] / RATE
     angles = np.array([0.2, 0.8, 0.9]) * np.sin(2 * np.pi * np.array([0.4, 0.6, 0.8]) * time + [0.0, 1.0, 2.0])
@@ -47,13 +49,13 @@ def recording(frames: int, per_segment: int) -> tuple[Chain, FloatArray]:
     segment: IntArray = np.repeat(np.arange(1, 4), per_segment)
     local = rng.uniform([-0.08, 0.05], [0.08, 0.4], (len(segment), 2))
     markers = marker_positions(angles, centres, segment, local)
-    return Chain(centres, segment, local), markers + NOISE * rng.standard_normal(markers.shape)
+    return MarkerChain(centres, segment, local), markers + NOISE * rng.standard_normal(markers.shape)
 
 
-def problem(chain: Chain, markers: FloatArray) -> Problem:
-    """What both engines are given."""
+def problem(chain: MarkerChain, markers: FloatArray) -> FilterProblem:
+    """Return the problem for both engines."""
     variance = np.full(len(chain.segment), NOISE**2)
-    return Problem(
+    return FilterProblem(
         observed=markers,
         dt=1.0 / RATE,
         centres=chain.centres,
@@ -68,9 +70,9 @@ def problem(chain: Chain, markers: FloatArray) -> Problem:
     )
 
 
-def theirs(given: Problem) -> tuple[float, Track]:
-    """Time and result of filterpy's predict, update and rts_smoother, given our start; no gate."""
-    first = compiled.filter_forwards(given)
+def theirs(given: FilterProblem) -> tuple[float, Track]:
+    """Return time and result of filterpy's predict, update and rts_smoother, from our initial state, without gate."""
+    first = compiled_filter.filter_forwards(given)
     ukf = reference._filterpy(given)
     ukf.x, ukf.P = first.mean[0].copy(), first.covariance[0].copy()
     mean, covariance = [ukf.x.copy()], [ukf.P.copy()]
@@ -78,7 +80,7 @@ def theirs(given: Problem) -> tuple[float, Track]:
     for z in given.observed[1:]:
         ukf.predict()
         seen = np.isfinite(z).all(axis=1)
-        if seen.any():  # filterpy knows nothing of rows that are missing
+        if seen.any():  # filterpy does not handle missing rows
             ukf.update(z[seen].ravel(), R=np.diag(np.repeat(given.variance[seen], 2)), markers=seen)
         mean.append(ukf.x.copy())
         covariance.append(ukf.P.copy())
@@ -87,57 +89,65 @@ def theirs(given: Problem) -> tuple[float, Track]:
     return seconds, Track(x, p, first.used, first.restarted, 0.0)
 
 
-def ours(given: Problem) -> tuple[float, Track]:
-    """Time and result of the compiled engine."""
+def ours(given: FilterProblem) -> tuple[float, Track]:
+    """Return time and result of the compiled engine."""
     start = perf_counter()
-    track = compiled.smooth_backwards(given, compiled.filter_forwards(given))
+    track = compiled_filter.smooth_backwards(given, compiled_filter.filter_forwards(given))
     return perf_counter() - start, track
 
 
-def best(function: Callable[[], float], times: int) -> float:
-    """Shortest of several runs: what the machine's other work disturbs least."""
-    return min(function() for _ in range(times))
-
-
 def whole(frames: int) -> float:
-    """Seconds for everything from markers to states."""
-    chain, markers = recording(frames, 13)
+    """Return the seconds from markers to states, including the noise estimate."""
+    chain, markers = recording(frames, PER_SEGMENT)
     start = perf_counter()
     smooth(markers, RATE, chain.centres, chain.segment, chain.local)
     return perf_counter() - start
 
 
 def cold() -> float:
-    """Seconds of a first call in a process that finds no compiled code."""
+    """Return the seconds of a first call in a process without compiled code."""
     with tempfile.TemporaryDirectory() as folder:
-        code = COLD.format(folder=os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120
+        code = COLD.format(folder=str(Path(__file__).parent))
         environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
         done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
         return float(done.stdout)
 
 
+def compare_large(frames: int) -> dict[str, float]:
+    """Return the seconds of filterpy and of our engine on many markers."""
+    ours(problem(*recording(200, PER_SEGMENT)))  # compiles
+    given = problem(*recording(frames, PER_SEGMENT))
+    whole(500)
+    own = min(ours(given)[0] for _ in range(3))
+    return {"frames": frames, "filterpy": theirs(given)[0], "ours": own, "noise too": whole(frames)}
+
+
 def main() -> None:
-    """Measure and print."""
+    """Measure both engines."""
+    parser = command_line(__doc__)
+    parser.add_argument("--frames", type=int, help="print the times for so many frames of 39 markers as JSON")
+    arguments = parser.parse_args()
+    if arguments.frames:
+        print(json.dumps(compare_large(arguments.frames)))
+        return
     short, long = problem(*recording(600, 3)), problem(*recording(12_000, 3))
     ours(short)
-    per_sample = best(lambda: ours(long)[0], 5) / 12_000
-    reference_seconds, reference_track = theirs(short)
-    reference_per_sample = min(reference_seconds, theirs(short)[0]) / 600
-    track = ours(short)[1]
+    own = min(ours(long)[0] for _ in range(5)) / 12_000
+    seconds, reference_track = theirs(short)
+    other = min(seconds, theirs(short)[0]) / 600
     scale = np.abs(reference_track.mean).max(axis=0)
-    difference = np.max(np.abs(track.mean - reference_track.mean) / scale)
+    difference = np.max(np.abs(ours(short)[1].mean - reference_track.mean) / scale)
     whole(2_000)
     rows = [
-        ("filter + smoother, 12 states, 18 observations", f"{1e6 * per_sample:.1f} µs a sample"),
-        ("the same with filterpy", f"{1e6 * reference_per_sample:.0f} µs a sample"),
-        ("ratio", f"1/{reference_per_sample / per_sample:.0f}"),
-        ("largest difference between the two, of each state's range", f"{difference:.0e}"),
-        ("markers to states, 16,000 frames x 39 markers", f"{best(lambda: whole(16_000), 3):.2f} s"),
-        ("the same, 32,000 frames", f"{best(lambda: whole(32_000), 2):.2f} s"),
-        ("first call, nothing compiled", f"{cold():.1f} s"),
+        ["filter + smoother, 12 states, 18 observations", f"{1e6 * own:.1f} µs per sample"],
+        ["the same with filterpy", f"{1e6 * other:.0f} µs per sample"],
+        ["ratio", f"1/{other / own:.0f}"],
+        ["largest difference between the two, of each state's range", f"{difference:.0e}"],
+        ["markers to states, 16,000 frames × 39 markers", f"{min(whole(16_000) for _ in range(3)):.2f} s"],
+        ["the same, 32,000 frames", f"{min(whole(32_000) for _ in range(2)):.2f} s"],
+        ["first call, nothing compiled", f"{cold():.1f} s"],
     ]
-    width = max(len(name) for name, _ in rows)
-    print("\n".join(f"| {name:<{width}} | {value} |" for name, value in rows))
+    publish({"filter": markdown(["", ""], rows)}, write=arguments.write)
 
 
 if __name__ == "__main__":

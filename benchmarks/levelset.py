@@ -1,11 +1,8 @@
-"""Time of a level set solve beside the `hj_reachability` package, on the same equation and grid, in one run.
+"""Time of a level set solution beside the ``hj_reachability`` package: ``python benchmarks/levelset.py [NODES]``.
 
-    python benchmarks/levelset.py [NODES]
-
-It needs `hj_reachability` (with jax, on the CPU), which is not among this program's dependencies. Both solve the tube
-of states that the joint of docs/prescribe.md reaches within 2 s, with the second-order scheme of each. The first solve
-of either, which compiles, does not count. What is printed is the least of several times, their ratio, and by how much
-the two sets differ.
+It needs ``hj_reachability`` (with jax, on the CPU), which is not a dependency of this program. Both compute the states
+that the joint of docs/prescribe.md reaches within 2 s, on the same grid, with their second-order schemes. The first
+call of each, which compiles, does not count. Prints the shortest time, the ratio, and how much the two sets differ.
 """
 
 from __future__ import annotations
@@ -17,30 +14,37 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.prescription.level_set import Dynamics, Grid, Scheme, grid_for, reach, solve
+from mocap_id.prescription.level_set import (
+    JointDynamics,
+    Scheme,
+    StateGrid,
+    compute_reachable_set,
+    grid_for,
+    solve_level_set,
+)
 from mocap_id.prescription.one_joint import OneJoint
 
 HORIZON = 2.0
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, np.radians(210)
 
 
-def joint() -> Dynamics:
-    """The thesis's arm with a fifth of the strength that it needs, and its spring."""
+def joint() -> JointDynamics:
+    """Return the thesis's arm with a fifth of the required strength, and its spring."""
     limits = np.radians([-60, 180])
     one = OneJoint(WEIGHT, 0.0, float(limits[0]), float(limits[1]), -0.2 * WEIGHT, 0.2 * WEIGHT)
-    return Dynamics(one, INERTIA, STIFFNESS, float(REST))
+    return JointDynamics(one, INERTIA, STIFFNESS, float(REST))
 
 
-def first_set(dynamics: Dynamics, grid: Grid) -> Any:
-    """χ at the beginning: a small ellipse about the equilibrium."""
+def first_set(dynamics: JointDynamics, grid: StateGrid) -> Any:
+    """Return the initial χ: a small ellipse about the equilibrium."""
     at = dynamics.equilibrium()
     assert at is not None
     size = Scheme().radius * grid.steps
     return np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1]) - 1.0
 
 
-def theirs(dynamics: Dynamics, grid: Grid, first: Any) -> Callable[[], Any]:
-    """The same tube by `hj_reachability`: backwards in time with the motion reversed."""
+def theirs(dynamics: JointDynamics, grid: StateGrid, first: Any) -> Callable[[], Any]:
+    """Return a function that computes the same set by ``hj_reachability``: backwards in time, with reversed motion."""
     import hj_reachability as hj  # noqa: PLC0415
     import jax.numpy as jnp  # noqa: PLC0415
 
@@ -71,7 +75,7 @@ def theirs(dynamics: Dynamics, grid: Grid, first: Any) -> Callable[[], Any]:
 
 
 def least(call: Callable[[], Any], repetitions: int = 5) -> tuple[float, Any]:
-    """Least wall time, s, and the result."""
+    """Return the shortest wall time, s, and the result."""
     result = call()
     times = []
     for _ in range(repetitions):
@@ -87,15 +91,15 @@ def main() -> None:
     dynamics, scheme = joint(), Scheme(nodes, nodes)
     grid = grid_for(dynamics, scheme, HORIZON)
     first, free = first_set(dynamics, grid), np.full((len(grid.angle), len(grid.velocity)), -np.inf)
-    whole, plain = least(lambda: solve(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
-    band, _ = least(lambda: reach(dynamics, (HORIZON,), scheme))
+    whole, plain = least(lambda: solve_level_set(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
+    band, _ = least(lambda: compute_reachable_set(dynamics, (HORIZON,), scheme))
     other, values = least(theirs(dynamics, grid, first))
     apart = float(np.mean((plain <= 0) != (values <= 0)) / np.mean(plain <= 0))
-    print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, least of 5:")
-    print(f"  mocap-id, where the front is   {band:.3f} s")
+    print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, shortest of 5:")
+    print(f"  mocap-id, near the front       {band:.3f} s")
     print(f"  mocap-id, the whole grid       {whole:.3f} s")
-    print(f"  hj_reachability, the same      {other:.3f} s")
-    print(f"  theirs by ours: {other / band:.1f} and {other / whole:.1f}")
+    print(f"  hj_reachability, whole grid    {other:.3f} s")
+    print(f"  ratio to mocap-id: {other / band:.1f} and {other / whole:.1f}")
     print(f"  the sets differ in {100 * apart:.1f} % of their states")
 
 

@@ -1,9 +1,7 @@
-"""What reading a recording and writing its arrays takes without any of our code: ``scale_floor.py FILE.c3d``.
+"""Time to read a recording and to write its arrays with the libraries alone: ``scale_floor.py FILE.c3d [--quick]``.
 
-Prints JSON, seconds: the file read by numpy alone (``numpy``), by ezc3d, and by the c3d package (``c3d``, frame by
-frame in Python; left out with ``--quick``, and where that package cannot read the file); the marker positions with
-frame, time and label as a long table (``parquet``) and as they are (``hdf5``) written with each library's own
-defaults and synced.
+Prints JSON, seconds: reading by numpy (``numpy``), by ezc3d and by the c3d package (not with ``--quick``, and not where
+that package fails); writing marker positions as a long table (``parquet``) and as an array (``hdf5``), synced.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ MISSING = -1.0
 
 
 def by_numpy(file: Path) -> Any:
-    """Positions (F, M, 3), mm, of an Intel file of floats, by the offsets in its header."""
+    """Read positions (F, M, 3), mm, of an Intel file of floats, by the offsets in its header."""
     header = np.fromfile(file, "<u2", BLOCK // 2)
     markers, analog, start = int(header[1]), int(header[2]), int(header[8])
     values = np.fromfile(file, "<f4", offset=(start - 1) * BLOCK)
@@ -41,12 +39,12 @@ def by_numpy(file: Path) -> Any:
 
 
 def by_ezc3d(file: Path) -> Any:
-    """The same by the reader that this program uses."""
+    """Read positions by ezc3d."""
     return ezc3d.c3d(str(file))["data"]["points"]
 
 
 def by_c3d(file: Path) -> int:
-    """Frames, each with its points and analog samples, by the c3d package."""
+    """Read all frames by the c3d package and return their number."""
     import c3d  # noqa: PLC0415
 
     with file.open("rb") as stream:
@@ -54,7 +52,7 @@ def by_c3d(file: Path) -> int:
 
 
 def as_parquet(points: Any, place: Path) -> None:
-    """A row a frame and marker."""
+    """Write a row for each frame and marker."""
     frames, markers, _ = points.shape
     label = pd.Categorical.from_codes(np.tile(np.arange(markers), frames), [f"M{k}" for k in range(markers)])
     number = np.repeat(np.arange(frames), markers)
@@ -62,18 +60,18 @@ def as_parquet(points: Any, place: Path) -> None:
     columns = {"frame": number, "time": number * 0.01, "marker": label, "x": flat[:, 0], "y": flat[:, 1]}
     table = pa.Table.from_pandas(pd.DataFrame(columns | {"z": flat[:, 2]}), preserve_index=False)
     pq.write_table(table, place / "points.parquet")
-    synced(place / "points.parquet")
+    sync(place / "points.parquet")
 
 
 def as_hdf5(points: Any, place: Path) -> None:
-    """One array."""
+    """Write one array."""
     with h5py.File(place / "points.h5", "w") as file:
         file["points"] = points
-    synced(place / "points.h5")
+    sync(place / "points.h5")
 
 
-def synced(path: Path) -> None:
-    """Have a file on the disk."""
+def sync(path: Path) -> None:
+    """Wait until a file is on the disk."""
     with path.open("rb") as stream:
         os.fsync(stream.fileno())
 
@@ -89,17 +87,17 @@ def least(function: Callable[[], object], times: int = 3) -> float:
 
 
 def main() -> None:
-    """Measure and tell."""
+    """Print all times."""
     file = Path(sys.argv[1])
     points = by_numpy(file)
-    told = {"numpy": least(lambda: by_numpy(file)), "ezc3d": least(lambda: by_ezc3d(file))}
+    times = {"numpy": least(lambda: by_numpy(file)), "ezc3d": least(lambda: by_ezc3d(file))}
     if "--quick" not in sys.argv:
         with contextlib.suppress(ValueError):  # it fails on the two-word frame fields that ezc3d writes
-            told["c3d"] = least(lambda: by_c3d(file), 1)
+            times["c3d"] = least(lambda: by_c3d(file), 1)
     with tempfile.TemporaryDirectory() as place:
-        told["parquet"] = least(lambda: as_parquet(points, Path(place)))
-        told["hdf5"] = least(lambda: as_hdf5(points, Path(place)))
-    print(json.dumps(told))
+        times["parquet"] = least(lambda: as_parquet(points, Path(place)))
+        times["hdf5"] = least(lambda: as_hdf5(points, Path(place)))
+    print(json.dumps(times))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Time and memory against frames, markers and joints, stage by stage: a part of benchmarks/scale.py."""
+"""Time and memory of every stage against frames, markers and joints: a part of benchmarks/scale.py."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from scale_processes import PROGRAM, in_turns, spend, told
+from scale_processes import PROGRAM, in_turns, read_script, spend
 from scale_recordings import Wanted, make
 
 STAGES = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim", "report")
@@ -19,7 +19,7 @@ SHORT = 1_000_000  # marker-frames up to which a run is repeated
 
 
 def measure(wanted: Sequence[Wanted], place: Path, repeats: int, say: Any) -> list[dict[str, Any]]:
-    """Each recording: its stages in a warm process, whole runs in fresh ones, and the floor."""
+    """Measure each recording: its stages in a warm process, whole runs in new ones, and the floor."""
     return [_one(one, place, repeats if one.marker_frames <= SHORT else 1, say) for one in wanted]
 
 
@@ -28,7 +28,7 @@ def _one(wanted: Wanted, place: Path, repeats: int, say: Any) -> dict[str, Any]:
     runs = [_stages(file, warm, place) for _ in range(repeats)]
     whole = in_turns({"run": lambda: _whole(file, place)}, repeats)["run"]
     shutil.rmtree(place / "runs", ignore_errors=True)
-    floor = told("scale_floor.py", str(file.with_suffix(".c3d")), "--quick", place=place)
+    floor = read_script("scale_floor.py", str(file.with_suffix(".c3d")), "--quick", place=place)
     say(f"{wanted.name}: {whole.wall:.1f} s, {whole.peak:.0f} MB")
     first = runs[0]
     return {
@@ -42,7 +42,7 @@ def _one(wanted: Wanted, place: Path, repeats: int, say: Any) -> dict[str, Any]:
 
 def _stages(file: Path, warm: Path, place: Path) -> dict[str, Any]:
     shutil.rmtree(place / "runs", ignore_errors=True)
-    found: dict[str, Any] = told("scale_trial.py", str(file), str(warm), place=place)
+    found: dict[str, Any] = read_script("scale_trial.py", str(file), str(warm), place=place)
     names = [(one["stage"], one["action"]) for one in found["stages"]]
     if names != [(name, "computed") for name in STAGES]:
         raise RuntimeError(f"{file}: {names}, verdict {found['verdict']} {found['codes']}")
@@ -55,7 +55,7 @@ def _whole(file: Path, place: Path) -> Any:
 
 
 def _middle(runs: Sequence[dict[str, Any]], k: int) -> dict[str, float | None]:
-    """Medians of a stage's times, its largest memory."""
+    """Return medians of a stage's times, and its largest memory."""
     each = [run["stages"][k] for run in runs]
     peaks = [one["peak"] for one in each if one["peak"] is not None]
     growth = [one["peak"] - one["first"] for one in each if one["peak"] is not None]
@@ -68,23 +68,23 @@ def _middle(runs: Sequence[dict[str, Any]], k: int) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class Grown:
-    """Processor seconds at every size, and the power of the size that they grow with: over all, and the larger half."""
+    """Processor seconds at every size, and their exponent: over all sizes and over the larger half."""
 
     seconds: tuple[float, ...]
     all: float | None
     larger: float | None
 
 
-def fitted_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
-    """Of a stage, or of a whole ``run``, against ``frames``, ``markers`` or ``joints``."""
+def fit_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
+    """Fit the time of a stage, or of a whole ``run``, against ``frames``, ``markers`` or ``joints``."""
     sizes = [float(one["wanted"][key]) for one in part]
     seconds = tuple(float((one["whole"] if name == "run" else one["stages"][name])["cpu"]) for one in part)
     half = len(sizes) // 2
     return Grown(seconds, exponent(sizes, seconds), exponent(sizes[half:], seconds[half:]))
 
 
-def fitted_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] | None:
-    """MB a million marker-frames, MB without any, and the largest distance of a length from that line."""
+def fit_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] | None:
+    """Return MB per million marker-frames, MB without any, and the largest deviation of a length."""
     size = np.array([one["wanted"]["frames"] * one["wanted"]["markers"] / 1e6 for one in part])
     peak = np.array([one["whole"]["peak"] for one in part])
     if len(size) < 2:
@@ -94,5 +94,5 @@ def fitted_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, floa
 
 
 def exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
-    """p of value ∝ size^p, by least squares of the logarithms; None for fewer than two sizes."""
+    """Return p of value ∝ size^p, by least squares of the logarithms; None for fewer than two sizes."""
     return float(np.polyfit(np.log(size), np.log(value), 1)[0]) if len(size) > 1 else None

@@ -1,7 +1,4 @@
-"""Batches: how well two workers are used, what Dask costs, and what 100,000 trials cost whoever hands them out.
-
-A part of benchmarks/scale.py.
-"""
+"""Batches: workers, Dask, and the cost of distributing 100,000 trials: a part of benchmarks/scale.py."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from statistics import median
 from typing import Any
 
 import pyarrow.parquet as pq
-from scale_processes import PROGRAM, Spent, spend, together, told
+from scale_processes import PROGRAM, Spent, read_script, spend, together
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand"
 CLUSTER = "kind: local\nworkers: 2\n"
@@ -22,12 +19,12 @@ ONE, TWO, APART, DASK, AGAIN = (
     "two processes (`--jobs 2`)",
     "two commands of one process each, half the trials each, started together",
     "Dask, two workers (`--cluster`)",
-    "the same once more, nothing to do (`--jobs 2`)",
+    "the same again, nothing to do (`--jobs 2`)",
 )
 
 
 def batches(place: Path, trials: int, rounds: int, say: Callable[[str], object]) -> dict[str, Any]:
-    """Each way of running the same trials, in turns; medians over the rounds."""
+    """Measure each way to run the same trials, in turns; medians over the rounds."""
     folder = place / "batch"
     halves = _trials(folder, trials)
     every = str(folder / "*.yaml")
@@ -44,14 +41,14 @@ def batches(place: Path, trials: int, rounds: int, say: Callable[[str], object])
         for name, way in ways.items():
             one = asdict(way()) | _table(place)
             found[name].append(one)
-            say(f"{name}: {one['wall']:.1f} s, of which {one['working']:.1f} s a worker in trials")
+            say(f"{name}: {one['wall']:.1f} s, of which {one['working']:.1f} s in trials")
     keys = ("wall", "cpu", "peak", "working", "trial")
     ways_found = {name: {key: median(one[key] for one in each) for key in keys} for name, each in found.items()}
     return {"trials": trials, "rounds": rounds, "ways": ways_found, "each": found}
 
 
 def _trials(folder: Path, count: int) -> list[str]:
-    """As many trials of the sample recording, half of them called a, half b: their patterns."""
+    """Write trials of the sample recording, half of them called a, half b, and return their patterns."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     shutil.copyfile(SAMPLE / "trial.c3d", folder / "trial.c3d")
@@ -76,7 +73,7 @@ def _batch(place: Path, patterns: Sequence[str], *how: str, keep: bool = False) 
 
 
 def _table(place: Path) -> dict[str, float]:
-    """Seconds that one of the workers spent in trials, on average, and of a trial in the middle."""
+    """Return the seconds that all trials took, and their median."""
     tables = [pq.read_table(file).to_pydict() for file in sorted(place.glob("batch-*.parquet"))]
     if any(code != 0 for table in tables for code in table["exit_code"]):
         raise RuntimeError("a trial of the batch did not go through")
@@ -84,8 +81,8 @@ def _table(place: Path) -> dict[str, float]:
     return {"working": sum(seconds), "trial": median(seconds)}
 
 
-def handed_out(place: Path, counts: Sequence[int], dask: Sequence[int], say: Callable[[str], object]) -> dict[str, Any]:
-    """Trials that take no time, by the thousand, and what stands before and after them."""
+def distribute(place: Path, counts: Sequence[int], dask: Sequence[int], say: Callable[[str], object]) -> dict[str, Any]:
+    """Measure trials that take no time, and the work before and after them."""
     found: dict[str, Any] = {}
     for what, sizes in (("here", counts), ("dask", dask), ("table", counts), ("finding", counts), ("study", counts)):
         found[what] = []
@@ -93,14 +90,14 @@ def handed_out(place: Path, counts: Sequence[int], dask: Sequence[int], say: Cal
             most = {"finding": 10_000, "study": 3_000}.get(what, count)
             if count > most and found[what] and found[what][-1]["count"] >= most:
                 continue
-            one = told("scale_tasks.py", what, str(min(count, most)), place=place)
+            one = read_script("scale_tasks.py", what, str(min(count, most)), place=place)
             say(f"{what}: {one['count']:,} in {one['seconds']:.1f} s, {one['peak']:.0f} MB")
             found[what].append(one)
     return found
 
 
 def storage(place: Path) -> dict[str, Any]:
-    """Bytes of a sample trial's run folder, by file, before and after its figures are left out."""
+    """Return the bytes of a sample trial's run folder, by file."""
     folder = place / "storage"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

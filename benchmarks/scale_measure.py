@@ -1,9 +1,8 @@
-"""What a process takes, measured by one so small that its own memory does not count: ``scale_measure.py COMMAND…``.
+"""Time and memory of commands, measured by a process whose own memory is negligible: ``scale_measure.py COMMAND…``.
 
-Prints JSON: wall and processor seconds of the command and of all that it started and waited for, and the largest
-resident memory of any one of these processes, MB. (A process inherits the peak of the one that starts it, so a large
-program cannot ask this of its own children.) Several commands, parted by ``--and``, are started together and told of
-one by one; each one's wall seconds then run from the common start.
+Prints JSON: wall and processor seconds of the command and of its children, and the largest resident memory of any of
+these processes, MB. (A process inherits the peak of its parent, so a large program cannot measure its own children.)
+Several commands, separated by ``--and``, start together.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ AND = "--and"
 KILOBYTE = 1024  # bytes: the unit of the largest resident memory, on Linux
 
 
-def parted(words: list[str]) -> list[list[str]]:
-    """The commands."""
+def split(words: list[str]) -> list[list[str]]:
+    """Split the commands."""
     commands: list[list[str]] = [[]]
     for word in words:
         if word == AND:
@@ -30,14 +29,14 @@ def parted(words: list[str]) -> list[list[str]]:
 
 
 def main() -> None:
-    """Run the commands and tell."""
+    """Run the commands and print the results."""
     start = time.perf_counter()
     running = {}
-    for number, command in enumerate(parted(sys.argv[1:])):
+    for number, command in enumerate(split(sys.argv[1:])):
         with open(f"scale-{os.getpid()}-{number}.err", "wb") as errors:  # noqa: PTH123  pathlib is large
             process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors)
         running[process.pid] = (number, process, errors.name)
-    told = {}
+    found = {}
     while running:
         pid, status, usage = os.wait4(-1, 0)
         number, process, errors = running.pop(pid)
@@ -45,14 +44,14 @@ def main() -> None:
         with open(errors, encoding="utf-8", errors="replace") as stream:  # noqa: PTH123
             said = stream.read()[-2000:]
         os.unlink(errors)  # noqa: PTH108
-        told[number] = {
+        found[number] = {
             "wall": time.perf_counter() - start,
             "cpu": usage.ru_utime + usage.ru_stime,
             "peak": usage.ru_maxrss * KILOBYTE / 1e6,
             "code": process.returncode,
             "said": "" if process.returncode == 0 else said,
         }
-    print(json.dumps([told[number] for number in sorted(told)]))
+    print(json.dumps([found[number] for number in sorted(found)]))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Processes measured from outside, those that are compared in turns: a part of benchmarks/scale.py."""
+"""Time and memory of processes, measured from outside: a part of benchmarks/scale.py."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Spent:
 
 
 def together(commands: Sequence[Sequence[str]], place: Path, fine: Sequence[int] = (0,)) -> list[Spent]:
-    """Commands started at the same time; RuntimeError with what one said when it ended in another way than asked."""
+    """Start commands at the same time; raise RuntimeError with the message of one that fails."""
     words: list[str] = []
     for command in commands:
         words += [*(["--and"] if words else []), *command]
-    found = json.loads(script("scale_measure.py", *words, place=place))
+    found = json.loads(run_script("scale_measure.py", *words, place=place))
     for command, one in zip(commands, found, strict=True):
         if one["code"] not in fine:
             raise RuntimeError(f"{' '.join(command)} ended with {one['code']}: {one['said']}")
@@ -39,12 +39,12 @@ def together(commands: Sequence[Sequence[str]], place: Path, fine: Sequence[int]
 
 
 def spend(command: Sequence[str], place: Path, fine: Sequence[int] = (0,)) -> Spent:
-    """One command."""
+    """Measure one command."""
     return together([command], place, fine)[0]
 
 
-def script(name: str, *words: str, place: Path) -> str:
-    """Standard output of a script of this folder, in a process of its own."""
+def run_script(name: str, *words: str, place: Path) -> str:
+    """Return the standard output of a script of this folder, in a process of its own."""
     command = [sys.executable, str(HERE / name), *words]
     done = subprocess.run(command, cwd=place, env=os.environ | ONE_CORE, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -52,13 +52,8 @@ def script(name: str, *words: str, place: Path) -> str:
     return done.stdout
 
 
-def told(name: str, *words: str, place: Path) -> Any:
-    """What a script of this folder tells as JSON."""
-    return json.loads(script(name, *words, place=place))
-
-
 def in_turns(measures: Mapping[str, Callable[[], Spent]], repeats: int) -> dict[str, Spent]:
-    """Medians of several measurements each, taken in turns, so that a busy spell of the machine hits all alike."""
+    """Return medians of measurements that are made in turns, so that other work disturbs all of them alike."""
     found: dict[str, list[Spent]] = {name: [] for name in measures}
     for _ in range(repeats):
         for name, measure in measures.items():
@@ -67,5 +62,10 @@ def in_turns(measures: Mapping[str, Callable[[], Spent]], repeats: int) -> dict[
 
 
 def middle(each: Sequence[Spent]) -> Spent:
-    """Medians of time, the largest memory."""
+    """Return medians of time, and the largest memory."""
     return Spent(median(one.wall for one in each), median(one.cpu for one in each), max(one.peak for one in each))
+
+
+def read_script(name: str, *words: str, place: Path) -> Any:
+    """Return the JSON output of a script of this folder."""
+    return json.loads(run_script(name, *words, place=place))

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.geometry.plane import PlaneFrame
+from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.recording.plate_types import PlateSignals
-from mocap_id.recording.writing import write_c3d
-from mocap_id.simulation import Motion, Options, Simulated, through
-from mocap_id.simulation.body import Body, Link
-from mocap_id.simulation.generate import take
+from mocap_id.recording.writer import write_c3d
+from mocap_id.simulation import JointMotion, Options, SimulatedTrial, motion_through
+from mocap_id.simulation.body import Link, SimulatedBody
+from mocap_id.simulation.joint_motion import smoothstep
 from mocap_id.simulation.markers import PLATE, MarkerSet
-from mocap_id.simulation.motion import smoothstep
 from mocap_id.simulation.plate import draw_plate
 from mocap_id.simulation.scene import Scene, Streams, draw_scene, streams
+from mocap_id.simulation.simulated_trial import measure_scene
 
 SEED = 930_000
 REPETITIONS = 4  # half a minute of sit-to-stands
 LINK, WIDTH = 0.30, 0.06  # m, of a chain of many joints
 STEP, PAD = 0.02, 2.0  # s
-SCATTER = 0.03  # m, between a marker and one that is added to it
+SCATTER = 0.03  # m, between a marker and an added one
 
 _TRIAL = """\
 trial: {name}
@@ -35,7 +36,7 @@ subject: {{{subject}}}
 
 @dataclass(frozen=True)
 class Wanted:
-    """A recording to make: its frames, rate and analog rate (Hz), markers, and joints (None for a sit-to-stand)."""
+    """Frames, rate and analog rate (Hz), markers, and joints (None for a sit-to-stand) of a recording to make."""
 
     frames: int
     rate: float = 100.0
@@ -45,37 +46,37 @@ class Wanted:
 
     @property
     def name(self) -> str:
-        """Of its files."""
+        """Name of its files."""
         body = "sts" if self.joints is None else f"chain-{self.joints}"
         return f"{body}-{self.rate:g}-hz-{self.markers}-markers-{self.frames}-frames"
 
     @property
     def marker_frames(self) -> int:
-        """Positions that it holds."""
+        """Number of marker positions."""
         return self.frames * self.markers
 
 
 def make(wanted: Wanted, place: Path) -> Path:
-    """Write the recording and its trial's file, which is returned; what is there already is taken as it is."""
+    """Write the recording and return its configuration; existing files are used again."""
     file = place / f"{wanted.name}.yaml"
     if file.exists():
         return file
     options = Options(seed=SEED, rate=wanted.rate, analog_rate=wanted.analog, repetitions=REPETITIONS)
     rng = streams(options.seed)
     scene = _chain(wanted, rng) if wanted.joints else _person(wanted, options, rng)
-    made = take(scene, options, rng)
-    points, signals = played(made, wanted)
+    made = measure_scene(scene, options, rng)
+    points, signals = play(made, wanted)
     write_c3d(place / f"{wanted.name}.c3d", scene.markers.labels, points, wanted.rate, plates=(signals,))
-    told = f"mass: {scene.body.mass:.2f}"
+    subject = f"mass: {scene.body.mass:.2f}"
     if wanted.joints is None:
-        told = f"height: {scene.body.description['subject']['height_m']:.3f}, {told}"
+        subject = f"height: {scene.body.description['subject']['height_m']:.3f}, {subject}"
     protocol = "free" if wanted.joints else "sit-to-stand"
-    file.write_text(_TRIAL.format(name=wanted.name, protocol=protocol, subject=told), encoding="utf-8")
+    file.write_text(_TRIAL.format(name=wanted.name, protocol=protocol, subject=subject), encoding="utf-8")
     return file
 
 
-def played(made: Simulated, wanted: Wanted) -> tuple[FloatArray, PlateSignals]:
-    """The trial to and fro for so many frames (backwards too the forces are those of the motion): points, channels."""
+def play(made: SimulatedTrial, wanted: Wanted) -> tuple[FloatArray, PlateSignals]:
+    """Return points and channels of the trial, played forwards and backwards for so many frames."""
     per_frame = round(wanted.analog / wanted.rate)
     frames = len(made.points)
     there = to_and_fro(frames, wanted.frames)
@@ -84,13 +85,13 @@ def played(made: Simulated, wanted: Wanted) -> tuple[FloatArray, PlateSignals]:
 
 
 def to_and_fro(own: int, count: int) -> IntArray:
-    """``count`` indices 0 … own - 1 … 0 …"""
+    """Return ``count`` indices 0 … own - 1 … 0 …"""
     period = np.concatenate([np.arange(own), np.arange(own - 2, 0, -1)])
     return np.resize(period, count)
 
 
 def _person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
-    """A sit-to-stand with as many markers as wanted: evenly fewer, or more beside those there are."""
+    """Return a sit-to-stand with so many markers: evenly fewer, or more beside the usual ones."""
     scene = draw_scene("sit-to-stand", options, rng)
     own = scene.markers
     if wanted.markers <= len(own.labels):
@@ -105,7 +106,7 @@ def _person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
 
 
 def _spread(markers: MarkerSet, count: int) -> IntArray:
-    """So many markers, of each link in its share and no fewer than three."""
+    """Choose so many markers, in proportion to each link's and at least three of each."""
     links = [np.flatnonzero(markers.link == link) for link in np.unique(markers.link)]
     share = [max(3, round(count * len(link) / len(markers.link))) for link in links]
     share[-1] += count - sum(share)
@@ -114,38 +115,26 @@ def _spread(markers: MarkerSet, count: int) -> IntArray:
 
 
 def _some(markers: MarkerSet, chosen: IntArray) -> MarkerSet:
-    return MarkerSet(
-        labels=tuple(markers.labels[k] for k in chosen),
-        link=markers.link[chosen],
-        local=markers.local[chosen],
-        softness=markers.softness[chosen],
-        hidden=markers.hidden[chosen],
-        on_plate=markers.on_plate[chosen],
-        at_joint=tuple(markers.at_joint[k] for k in chosen),
-    )
+    def pick(values: Any) -> Any:
+        return tuple(values[k] for k in chosen) if isinstance(values, tuple) else values[chosen]
+
+    return MarkerSet(**{field.name: pick(getattr(markers, field.name)) for field in fields(MarkerSet)})
 
 
 def _joined(one: MarkerSet, other: MarkerSet) -> MarkerSet:
-    return MarkerSet(
-        labels=one.labels + other.labels,
-        link=np.concatenate([one.link, other.link]),
-        local=np.concatenate([one.local, other.local]),
-        softness=np.concatenate([one.softness, other.softness]),
-        hidden=np.concatenate([one.hidden, other.hidden]),
-        on_plate=np.concatenate([one.on_plate, other.on_plate]),
-        at_joint=one.at_joint + other.at_joint,
-    )
+    pairs = {field.name: (getattr(one, field.name), getattr(other, field.name)) for field in fields(MarkerSet)}
+    return MarkerSet(**{k: a + b if isinstance(a, tuple) else np.concatenate([a, b]) for k, (a, b) in pairs.items()})
 
 
 def _chain(wanted: Wanted, rng: Streams) -> Scene:
-    """A chain of equal links that stands on a plate, each joint swinging at a frequency of its own."""
+    """Return a chain of equal links on a plate, whose joints swing at different frequencies."""
     assert wanted.joints
     base = Link("base", None, (0.0, 0.0), 0.1, 5.0, (0.0, 0.05), 0.02)
     links = [Link(f"l{k}", f"j{k}", (0.0, LINK if k > 1 else 0.1), LINK, 2.0, (0.01, LINK / 2), 0.02)
              for k in range(1, wanted.joints + 1)]  # fmt: skip
     plate = draw_plate(rng["plate"], "reaction", moved=False, flipped=False, noise=1.0, bias=0.0)
     return Scene(
-        body=Body((base, *links), (-0.2, 0.2), {}, {}),
+        body=SimulatedBody((base, *links), (-0.2, 0.2), {}, {}),
         motion=_swinging(wanted.joints, wanted.frames / wanted.rate, rng["motion"]),
         chair=None,
         markers=_on_chain(wanted, rng["markers"]),
@@ -156,17 +145,17 @@ def _chain(wanted: Wanted, rng: Streams) -> Scene:
     )
 
 
-def _swinging(joints: int, seconds: float, rng: np.random.Generator) -> Motion:
-    """Sines of 0.2 to 0.5 Hz by 17 to 29°, from rest to rest."""
+def _swinging(joints: int, seconds: float, rng: np.random.Generator) -> JointMotion:
+    """Return sines of 0.2 to 0.5 Hz by 17 to 29°, from rest to rest."""
     time = np.arange(-PAD, seconds + PAD, STEP)
     frequency, size = rng.uniform(0.2, 0.5, joints), rng.uniform(0.3, 0.5, joints)
     moving = smoothstep((np.minimum(time, seconds - time) - 0.5) / 1.5)
     swing = np.sin(2 * np.pi * np.multiply.outer(time, frequency) + rng.uniform(0, 2 * np.pi, joints))
-    return through(time, moving[:, None] * size * swing, seconds)
+    return motion_through(time, moving[:, None] * size * swing, seconds)
 
 
 def _on_chain(wanted: Wanted, rng: np.random.Generator) -> MarkerSet:
-    """Seven markers on the plate, the others on the links in turn."""
+    """Put seven markers on the plate and the others on the links in turn."""
     assert wanted.joints
     count = wanted.markers - len(PLATE)
     link = 1 + np.arange(count) % wanted.joints

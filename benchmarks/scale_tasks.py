@@ -1,8 +1,8 @@
-"""What handing out many trials costs, without the trials: ``scale_tasks.py here|dask|table|finding|study COUNT``.
+"""Cost of distributing many trials that take no time: ``scale_tasks.py here|dask|table|finding|study COUNT``.
 
-Prints JSON: count, seconds and the peak memory of this process, MB. ``here`` and ``dask`` have two workers do nothing
-for each trial, through the code path of `mocap-id batch`; ``table`` makes the batch's table of one summary over and
-over; ``finding`` reads so many trials' files, ``study`` a study's file with so many trials.
+Prints JSON: count, seconds and peak memory of this process, MB. ``here`` and ``dask`` give trials without work to two
+workers, through the code path of ``mocap-id batch``. ``table`` makes the batch's table from copies of one summary.
+``finding`` reads the files of many trials, ``study`` the file of a study with many trials.
 """
 
 from __future__ import annotations
@@ -23,24 +23,21 @@ from scale_trial import memory
 
 from mocap_id.config import Trial, load
 from mocap_id.config.study import load_study
-from mocap_id.store import Table
-from mocap_id.store.parquet import arrow
-from mocap_id.workflows.batch import BATCH, find
-from mocap_id.workflows.batch.table import row
-from mocap_id.workflows.performing import Dask, Engine, Here, Performed, perform_all
-from mocap_id.workflows.study.columns import frame
-from mocap_id.workflows.study.writing import parquet
+from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.workflows.batch import BATCH, find_trials
+from mocap_id.workflows.batch.table import read_trial, row
+from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand" / "trial.yaml"
 
 
-def nothing(trial: Trial) -> Performed:
-    """A trial that takes no time."""
-    return Performed(trial.name, 0, None, None, "0" * 64, computed=True, seconds=0.0)
+def nothing(trial: Trial) -> TrialRun:
+    """Return the record of a trial that takes no time."""
+    return TrialRun(trial.name, 0, None, None, "0" * 64, computed=True, seconds=0.0)
 
 
 def trials(count: int) -> list[Trial]:
-    """So many, all different."""
+    """Return so many different trials."""
     one = load(SAMPLE)
     names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
     return [
@@ -48,30 +45,30 @@ def trials(count: int) -> list[Trial]:
     ]
 
 
-def through(engine: Engine, count: int) -> dict[str, float]:
-    """Seconds for all, told of as they end, and until the first was told of."""
-    asked, first = trials(count), []
+def through(backend: Backend, count: int) -> dict[str, float]:
+    """Return the seconds of all trials, and until the first was reported."""
+    wanted, first = trials(count), []
     start = perf_counter()
-    done = perform_all(asked, engine, lambda _: first or first.append(perf_counter() - start), how=scale_tasks.nothing)
+    done = run_trials(wanted, backend, lambda _: first or first.append(perf_counter() - start), run=scale_tasks.nothing)
     taken = perf_counter() - start
-    if [one.trial for one in done] != [one.name for one in asked]:
+    if [one.trial for one in done] != [one.name for one in wanted]:
         raise RuntimeError("not every trial was done")
     return {"seconds": taken, "first": first[0]}
 
 
 def table(count: int) -> dict[str, float]:
-    """Rows of so many trials that went through, and their bytes as a table."""
+    """Return the seconds to make the table, and its bytes."""
     with tempfile.TemporaryDirectory() as place:
         summary = _summary(Path(place))
-        asked = [replace(one, out=summary.parent) for one in trials(count)]
+        wanted = [replace(one, out=summary.parent) for one in trials(count)]
         start = perf_counter()
-        rows = [row(one, nothing(one), Path(place)) for one in asked]
-        content = parquet(arrow(Table.from_frame(BATCH, frame(BATCH, rows))), BATCH, "batch")
+        rows = [row(read_trial(one, nothing(one), Path(place))) for one in wanted]
+        content = ResultTable.of(BATCH, rows).parquet("batch")
     return {"seconds": perf_counter() - start, "bytes": len(content)}
 
 
 def _summary(place: Path) -> Path:
-    """A finished trial's, made by a process of its own, whose memory is not this one's."""
+    """Return the summary of a trial, made by another process, whose memory does not count."""
     for name in ("trial.c3d", "trial.yaml"):
         shutil.copyfile(SAMPLE.with_name(name), place / name)
     spend([*PROGRAM, "run", "--quiet", str(place / "trial.yaml")], place)
@@ -79,7 +76,7 @@ def _summary(place: Path) -> Path:
 
 
 def finding(count: int) -> dict[str, float]:
-    """A folder with so many trials' files."""
+    """Return the seconds to read a folder with so many trials' files."""
     with tempfile.TemporaryDirectory() as place:
         for k in range(count):
             text = SAMPLE.read_text("utf-8").replace("sit-to-stand", f"t{k:06}", 2)
@@ -87,7 +84,7 @@ def finding(count: int) -> dict[str, float]:
                 text.replace(f"protocol: t{k:06}", "protocol: sit-to-stand"), "utf-8"
             )
         start = perf_counter()
-        found, unreadable = find([place])
+        found, unreadable = find_trials([place])
         taken = perf_counter() - start
     if len(found) != count or unreadable:
         raise RuntimeError(f"{len(found)} of {count} trials were found, {len(unreadable)} unreadable")
@@ -95,7 +92,7 @@ def finding(count: int) -> dict[str, float]:
 
 
 def study(count: int) -> dict[str, float]:
-    """A study's file with so many trials of people who do three each."""
+    """Return the seconds to read a study's file with three trials per person."""
     people = [f"  p{k:04}: {{height: 1.75, mass: 70}}" for k in range(count // 3 + 1)]
     lines = [
         f"  - {{trial: t{k:05}, subject: p{k // 3:04}, strategy: normal, recording: p{k // 3:04}/t{k:05}.c3d}}"
@@ -110,9 +107,9 @@ def study(count: int) -> dict[str, float]:
         return {"seconds": perf_counter() - start}
 
 
-WHAT: dict[str, Callable[[int], dict[str, float]]] = {
-    "here": lambda count: through(Here(2), count),
-    "dask": lambda count: through(Dask(cluster={"kind": "local", "workers": 2}), count),
+TASKS: dict[str, Callable[[int], dict[str, float]]] = {
+    "here": lambda count: through(LocalBackend(2), count),
+    "dask": lambda count: through(DaskBackend(cluster={"kind": "local", "workers": 2}), count),
     "table": table,
     "finding": finding,
     "study": study,
@@ -120,10 +117,10 @@ WHAT: dict[str, Callable[[int], dict[str, float]]] = {
 
 
 def main() -> None:
-    """Measure and tell."""
+    """Print the results."""
     what, count = sys.argv[1], int(sys.argv[2])
     before = memory("VmRSS") or 0.0
-    found: dict[str, Any] = WHAT[what](count)
+    found: dict[str, Any] = TASKS[what](count)
     print(json.dumps({"count": count, **found, "before": before, "peak": memory("VmHWM") or 0.0}))
 
 

@@ -1,8 +1,8 @@
-"""One trial run in this process, stage by stage, told as JSON: ``scale_trial.py TRIAL.yaml WARM.yaml``.
+"""Time and memory of each stage of one trial, in a warm process: ``scale_trial.py TRIAL.yaml WARM.yaml``.
 
-WARM is run first, so that libraries are imported, compiled code is loaded and figures have been drawn once. Of each
-stage: wall seconds of the whole step (reading, computing, hashing, writing), processor seconds of it, and peak and
-first resident memory, MB; the peak needs Linux, which can be told to forget the last one, and is null elsewhere.
+WARM runs first, so that libraries are imported, compiled code is loaded and figures have been drawn once. Prints JSON:
+for each stage the wall seconds of the whole step (reading, computing, hashing, writing), its processor seconds, and
+peak and initial resident memory, MB. The peak needs Linux and is null elsewhere.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Any
 from mocap_id import runner
 from mocap_id.config import load
 
-STATUS, FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 KILOBYTE = 1024
 
 
 def memory(what: str) -> float | None:
-    """``VmHWM``, the peak since it was forgotten, or ``VmRSS``, what there is now, MB."""
+    """Return ``VmHWM``, the peak since its reset, or ``VmRSS``, the present memory, MB."""
     if not STATUS.exists():
         return None
     found = re.search(rf"^{what}:\s*(\d+) kB", STATUS.read_text("ascii"), re.MULTILINE)
@@ -31,7 +31,7 @@ def memory(what: str) -> float | None:
 
 
 class Stages:
-    """Listens to a run."""
+    """Listener that records the stages of a run."""
 
     def __init__(self) -> None:
         self.found: list[dict[str, Any]] = []
@@ -46,24 +46,24 @@ class Stages:
         self._begin()
 
     def _begin(self) -> None:
-        if FORGET.exists():
-            FORGET.write_text("5")
+        if RESET.exists():
+            RESET.write_text("5")
         self._wall, self._cpu, self._first = perf_counter(), process_time(), memory("VmRSS")
 
 
 def main() -> None:
-    """Run and tell."""
+    """Run the trial and print the results."""
     trial, warm = (load(Path(word)) for word in sys.argv[1:])
     runner.run(warm)
     shutil.rmtree(trial.out, ignore_errors=True)
-    listening = Stages()
-    outcome = runner.run(trial, progress=listening)
+    stages = Stages()
+    outcome = runner.run(trial, progress=stages)
     summary = outcome.summary()
     bytes_of = {file.relative_to(trial.out).as_posix(): file.stat().st_size for file in trial.out.rglob("*")}
     print(
         json.dumps(
             {
-                "stages": listening.found,
+                "stages": stages.found,
                 "verdict": summary["verdict"]["level"],
                 "codes": [one["code"] for one in summary["verdict"]["reasons"]],
                 "segments": (summary["segments"] or {}).get("count"),

@@ -1,1 +1,1 @@
-"""The command line."""
+"""Command line of mocap-id: one module for each command, named after it."""

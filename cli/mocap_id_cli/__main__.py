@@ -1,4 +1,4 @@
-"""The door: every error becomes one message and one exit code, every signal an orderly stop."""
+"""Entry point: errors become a message and an exit code, and signals an orderly stop."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from types import FrameType
 from mocap_id.errors import MocapIdError, NumericalError
 
 _LARGE = 4 << 20
-"""Bytes: memory of this size and more goes back to the system when an array goes."""
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # glibc's numbers
+"""Bytes: blocks of at least this size are returned to the system when they are freed."""
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # option numbers of glibc
 _EXIT_CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 class Interrupted(BaseException):
-    """Ctrl-C or SIGTERM, past everything that catches exceptions."""
+    """Ctrl-C or SIGTERM; a BaseException, so that no handler of errors catches it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -29,23 +29,25 @@ class Interrupted(BaseException):
 
 
 def main() -> None:
-    """Entry point of ``mocap-id``."""
-    sys.exit(guarded(_command_line))
+    """Run ``mocap-id`` and exit."""
+    sys.exit(exit_code(_command_line))
 
 
-def guarded(call: Callable[[], None]) -> int:
-    """Make a call; its exit code, with a message on stderr where it failed, never a traceback."""
+def exit_code(call: Callable[[], None]) -> int:
+    """Make a call and return its exit code; a failure prints a message on stderr, never a traceback."""
     before = {number: signal.signal(number, _interrupt) for number in _EXIT_CODES}
     try:
         call()
     except MocapIdError as error:
         return _fail(_sentence(error), error.exit_code)
     except Interrupted as interruption:
-        return _fail("interrupted: nothing is half-written; the same command goes on from here", interruption.exit_code)
+        return _fail(
+            "interrupted: no file is half-written; the same command continues from here", interruption.exit_code
+        )
     except BrokenPipeError:
-        sys.stdout = None  # whoever read our output has gone: do not flush it
+        sys.stdout = None  # the reader of the output has gone: do not flush it
         return 0
-    except Exception as error:  # noqa: BLE001  the last stop: a user sees a sentence, not a traceback
+    except Exception as error:  # noqa: BLE001  users see a sentence, not a traceback
         what = str(error).partition("\n")[0]
         return _fail(f"unforeseen failure, {type(error).__name__}: {what}; please report it", NumericalError.exit_code)
     finally:
@@ -55,26 +57,26 @@ def guarded(call: Callable[[], None]) -> int:
 
 
 def _command_line() -> None:
-    # Matrices are small here: threads of the linear algebra would wait for each other longer than they compute.
+    # Matrices are small: threads of the linear algebra would wait for each other longer than they compute.
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none of ours; looking for them takes 12 ms
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # which gives back what tables no longer need
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # we have none, and searching takes 12 ms
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # returns the memory of freed tables
     _return_memory()
-    gc.set_threshold(50_000, 20, 20)  # the libraries' objects stay: looking for garbage among them takes 0.1 s of a run
-    from mocap_id_cli import progress as live  # noqa: PLC0415  so that Ctrl-C during the imports is orderly too
+    gc.set_threshold(50_000, 20, 20)  # saves 0.1 s of a run: the libraries' objects are permanent
+    from mocap_id_cli import progress  # noqa: PLC0415  so that Ctrl-C during the imports is handled too
     from mocap_id_cli.app import build  # noqa: PLC0415
 
     try:
         build()(prog_name="mocap-id")
     finally:
-        live.stop()
+        progress.stop()
 
 
 def _return_memory() -> None:
-    """Keep the C library, where it is glibc, from holding back the room of arrays that are gone.
+    """Make glibc return the memory of freed arrays.
 
-    It learns from every large array to keep the next one's room for itself: a tenth of a long recording's peak.
+    By default it raises its thresholds after each large array, which costs a tenth of a long recording's peak memory.
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):
         for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
@@ -86,7 +88,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _sentence(error: MocapIdError) -> str:
-    """The message after what it is about; paths below the working folder without it."""
+    """Return the message, preceded by its notes, with paths relative to the working folder."""
     about = "".join(f"{note}: " for note in getattr(error, "__notes__", []))
     return f"{about}{error}".replace(f"{Path.cwd()}/", "")
 

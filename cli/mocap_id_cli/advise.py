@@ -1,53 +1,56 @@
-"""``mocap-id advise``: which movement to record next."""
+"""``mocap-id advise``: the movement to record next."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from mocap_id.dynamics.proposal import Objective
+from mocap_id.design.proposal import Objective
 from mocap_id.workflows import advice
-from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
+from mocap_id_cli import progress
+from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stderr, print_json
 
 
 def advise(
-    trial: Annotated[
-        Path, typer.Argument(metavar="TRIAL", help="Trial to start from: YAML or run folder.", show_default=False)
-    ],
+    trial: TrialPath,
     *,
     objective: Annotated[
-        Objective, typer.Option("--for", help="What is to become small: sds, their volume, or a condition number.")
+        Objective,
+        typer.Option("--for", help="What to minimise: standard deviations, their volume, or a condition number."),
     ] = "intervals",
-    seconds: Annotated[float | None, typer.Option(help="Length of the recording, s; default: as the trial.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Length of the recording, s; default: that of the trial.")
+    ] = None,
     widen: Annotated[
-        float | None, typer.Option(help="Degrees beyond what was seen of each joint; default: robot 20, else 5.")
+        float | None,
+        typer.Option(help="Degrees beyond the observed range of each joint; default: 20 for a robot, else 5."),
     ] = None,
     angle: Annotated[
-        list[str] | None, typer.Option(metavar="JOINT=LOW:HIGH", help="Range of one joint, degrees; repeat for more.")
+        list[str] | None, typer.Option(metavar="JOINT=LOW:HIGH", help="Range of one joint, degrees (repeatable).")
     ] = None,
-    speed: Annotated[float | None, typer.Option(help="Limit of every joint's speed, degrees/s.")] = None,
-    acceleration: Annotated[float | None, typer.Option(help="Of its acceleration, degrees/s^2.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Speed limit of every joint, degrees/s.")] = None,
+    acceleration: Annotated[float | None, typer.Option(help="Acceleration limit of every joint, degrees/s^2.")] = None,
     support: Annotated[
         str | None,
-        typer.Option(metavar="LOW:HIGH", help="Where the centre of pressure may go, cm, or `bolted` for anywhere."),
+        typer.Option(metavar="LOW:HIGH", help="Range of the centre of pressure, cm, or `bolted` for no limit."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the search.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Write advice.json, movement.csv and movement.svg.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Tell which movement would make the parameters of a trial's body better known.
+    """Propose the movement to record next.
 
-    What a YAML file asks for and is not there yet is computed first; a run folder is taken as it is.
+    It is the movement from which the parameters of the body would be known best. With a YAML file, missing or
+    outdated results are computed first; a run folder is read unchanged.
     """
     log_to_stderr(quiet, verbose)
-    asked = advice.Asked(
+    options = advice.AdviceOptions(
         objective=objective,
         seconds=seconds,
         widen=widen,
@@ -57,10 +60,11 @@ def advise(
         support=None if support is None else advice.support_range(support),
         seed=seed,
     )
-    found = advice.advise(trial, asked, progress(quiet))
+    found = advice.advise(trial, options, progress.of_stages(quiet))
+    output = advice.advice_output(found)
     if out is not None:
-        advice.write(found, out)
+        output.write(out)
     if as_json:
-        typer.echo(json.dumps(advice.as_json(found), indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(output.document)
         return
     typer.echo("\n".join(advice.lines(found)))

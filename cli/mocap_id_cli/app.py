@@ -1,4 +1,4 @@
-"""The command line, put together so that asking for help loads none of the commands."""
+"""The command line, assembled so that its help loads no command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id_cli.commands import COMMANDS, Entry
 
 
 class _Commands(TyperGroup):
-    """A group that knows its commands by name and line, and loads the one that is called."""
+    """A group that knows the name and help of its commands, and loads only the one that is called."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -23,7 +23,9 @@ class _Commands(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
         if args and args[0].startswith("-") and args[0] not in own and any(name in self.commands for name in args[1:]):
-            ctx.fail(f"No such option: {args[0]}. A command's options stand after it: mocap-id COMMAND {args[0]} …")
+            ctx.fail(
+                f"No such option: {args[0]}. Give a command's options after its name: mocap-id COMMAND {args[0]} …"
+            )
         return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -34,7 +36,7 @@ class _Commands(TyperGroup):
 
 
 def loaded(entry: Entry) -> Any:
-    """The command itself."""
+    """Load a command."""
     found = entry.load()
     if not isinstance(found, typer.Typer):
         function, found = found, typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -45,7 +47,7 @@ def loaded(entry: Entry) -> Any:
 
 
 def build() -> typer.Typer:
-    """The whole command line."""
+    """Build the command line."""
     app = typer.Typer(
         name="mocap-id",
         cls=_Commands,
@@ -57,8 +59,8 @@ def build() -> typer.Typer:
     return app
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"mocap-id {__version__}")
         raise typer.Exit
 
@@ -68,4 +70,4 @@ def _top(
         bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)
     ] = False,
 ) -> None:
-    """Skeleton, joint states and inertial parameters of an individual from one motion-capture recording."""
+    """Recover skeleton, joint states and inertial parameters of an individual from one motion-capture recording."""

@@ -1,8 +1,7 @@
-"""``mocap-id compare``: what differs between two runs."""
+"""``mocap-id compare``: the differences between two runs."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
+from mocap_id_cli import progress
+from mocap_id_cli.console import AsJson, Quiet, Verbose, aligned, log_to_stderr, print_json
 
 if TYPE_CHECKING:
     from mocap_id.workflows.compare import Comparison, Difference
@@ -21,29 +21,29 @@ _LONGEST = 40  # characters of a text in the table
 
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="A trial's YAML file or run folder.", show_default=False)],
-    b: Annotated[Path, typer.Argument(metavar="B", help="The other one's.", show_default=False)],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The other run, likewise.", show_default=False)],
     *,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table, .csv.", show_default=False)] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Show what is the same too.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Also show what is equal.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Hold two runs against each other: what changed, and by how much.
+    """Compare two runs: show what changed, and by how much.
 
-    What a YAML file asks for and is not there yet is computed first; a run folder is taken as it is.
+    With a YAML file, missing or outdated results are computed first; a run folder is read unchanged.
     """
     from mocap_id.workflows import compare as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
     if out is not None:
         workflow.check_format(out)
-    found = workflow.compare(a, b, progress(quiet))
+    found = workflow.compare(a, b, progress.of_stages(quiet))
     rows = found.rows if everything else found.changed
     if out is not None:
         workflow.write(rows, out)
     if as_json:
-        typer.echo(json.dumps(workflow.as_json(found, rows), indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(workflow.as_json(found, rows))
     else:
         typer.echo("\n".join(_lines(found, rows)))
 
@@ -52,12 +52,12 @@ def _lines(found: Comparison, rows: tuple[Difference, ...]) -> Iterator[str]:
     for letter, run in (("A", found.a), ("B", found.b)):
         yield f"{letter}: {run.name} ({run.source})"
     if found.identical:
-        yield "identical: every artefact holds the same content"
+        yield "identical: all artefacts have the same content"
     for section, group in groupby(rows, key=lambda row: row.section):
         members = list(group)
         unit = "rms in A, in B, and of B - A" if section == "series" else "A, B, B - A, of A, in combined sd"
         yield f"\n{section}" + (f" ({unit})" if any(row.difference is not None for row in members) else "")
-        yield from _aligned([_cells(row) for row in members])
+        yield from aligned([_cells(row) for row in members], numbers=True)
 
 
 def _cells(row: Difference) -> list[str]:
@@ -77,10 +77,3 @@ def _shown(value: Value) -> str:
         return f"{value:.6g}"
     text = str(value)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
-
-
-def _aligned(rows: list[list[str]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for first, *rest in rows:
-        cells = (cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))
-        yield "  ".join([first.ljust(widths[0]), *cells]).rstrip()

@@ -1,13 +1,14 @@
-"""``mocap-id doctor``: whether this installation works."""
+"""``mocap-id doctor``: checks of the installation."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from mocap_id_cli.console import AsJson, print_json
 
 _WIDTH = 20
 
@@ -15,18 +16,21 @@ _WIDTH = 20
 def doctor(
     *,
     full: Annotated[
-        bool, typer.Option("--full", help="Run the whole pipeline on a small simulated trial too.")
+        bool, typer.Option("--full", help="Also run the whole pipeline on a small simulated trial.")
     ] = False,
     warm: Annotated[
-        bool, typer.Option("--warm", help="Check nothing: compile the filter, so that the first run need not.")
+        bool, typer.Option("--warm", help="Check nothing; compile the filter, so that the first run does not have to.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Check this installation: what is needed, what is there, and what to do; exit code 1 where something fails."""
-    from mocap_id.workflows import doctor as look  # noqa: PLC0415  no other command has to wait for it
+    """Check this installation and say how to repair it.
+
+    The exit code is 1 if a check fails.
+    """
+    from mocap_id.workflows import doctor as workflow  # noqa: PLC0415  no other command has to wait for it
 
     found = []
-    for check in [look.warm()] if warm else look.examine(Path.cwd(), full=full):
+    for check in [workflow.compile_filter()] if warm else workflow.check_installation(Path.cwd(), full=full):
         found.append(check)
         if not as_json:
             typer.echo(f"{check.level:<5} {check.name:<{_WIDTH}} {check.found}")
@@ -34,7 +38,7 @@ def doctor(
                 typer.echo(f"{'':<6}{'':<{_WIDTH}} to do: {check.advice}")
     failed = [check.name for check in found if check.level == "fail"]
     if as_json:
-        typer.echo(json.dumps([asdict(check) for check in found], indent=2, ensure_ascii=False))
+        print_json([asdict(check) for check in found])
     elif not warm:
         typer.echo(f"does not work: {', '.join(failed)}" if failed else "mocap-id works here")
     if failed:

@@ -1,8 +1,7 @@
-"""``mocap-id explain``: a code of a verdict or an exit code in plain words."""
+"""``mocap-id explain``: codes of a verdict and exit codes in plain words."""
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -10,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mocap_id_cli.console import AsJson, print_json
+
 if TYPE_CHECKING:
-    from mocap_id.workflows.explaining import Entry
+    from mocap_id.workflows.explain import Entry
 
 _WIDTH = 100
 
@@ -21,35 +22,38 @@ def explain(
         str | None,
         typer.Argument(
             metavar="[CODE]",
-            help="A verdict's code, an exit code or an error's name; without one, all are listed.",
+            help="A verdict's code, an exit code or an error's name; all codes are listed if omitted.",
             show_default=False,
         ),
     ] = None,
     *,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Say what a code of a verdict, an error or an exit code means, how it is judged, and what to do."""
-    from mocap_id.workflows import explaining  # noqa: PLC0415  no other command has to wait for it
+    """Explain a verdict's code, an error or an exit code.
 
-    found = list(explaining.answers().values()) if code is None else [explaining.explain(code)]
+    The explanation has the meaning, the criterion and what to do.
+    """
+    from mocap_id.workflows import explain as workflow  # noqa: PLC0415  no other command has to wait for it
+
+    found = list(workflow.entries().values()) if code is None else [workflow.explain(code)]
     if as_json:
-        shown = [asdict(answer) for answer in found]
-        typer.echo(json.dumps(shown if code is None else shown[0], indent=2, ensure_ascii=False))
+        shown = [asdict(entry) for entry in found]
+        print_json(shown if code is None else shown[0])
         return
-    typer.echo("\n".join(_listed(found) if code is None else _told(found[0])))
+    typer.echo("\n".join(_list(found) if code is None else _details(found[0])))
 
 
-def _listed(found: list[Entry]) -> Iterator[str]:
-    width = max(len(answer.code) for answer in found)
-    for answer in found:
-        levels = " or ".join(answer.levels) or "exit code"
-        yield f"{answer.code:<{width}}  {levels:<15}  {answer.title}"
+def _list(found: list[Entry]) -> Iterator[str]:
+    width = max(len(entry.code) for entry in found)
+    for entry in found:
+        levels = " or ".join(entry.levels) or "exit code"
+        yield f"{entry.code:<{width}}  {levels:<15}  {entry.title}"
 
 
-def _told(answer: Entry) -> Iterator[str]:
-    levels = f" ({' or '.join(answer.levels)})" if answer.levels else ""
-    yield f"{answer.code}{levels}: {answer.title}"
-    for name, text in (("means", answer.meaning), ("judged", answer.judged), ("to do", answer.action)):
+def _details(entry: Entry) -> Iterator[str]:
+    levels = f" ({' or '.join(entry.levels)})" if entry.levels else ""
+    yield f"{entry.code}{levels}: {entry.title}"
+    for name, text in (("means", entry.meaning), ("judged", entry.judged), ("to do", entry.action)):
         if text:
             yield ""
             yield from textwrap.wrap(f"{name:<8}{text}", _WIDTH, subsequent_indent=" " * 8, break_on_hyphens=False)

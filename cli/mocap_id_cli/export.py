@@ -1,4 +1,4 @@
-"""``mocap-id export``: a run as files of other programs."""
+"""``mocap-id export``: a run as files for other programs."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from typing import Annotated
 
 import typer
 
-from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress, short
+from mocap_id_cli import progress
+from mocap_id_cli.console import Quiet, TrialPath, Verbose, log_to_stderr, short
 
 
 def export(
-    trial: Annotated[
-        Path, typer.Argument(metavar="TRIAL", help="A trial's YAML file or run folder.", show_default=False)
-    ],
+    trial: TrialPath,
     *,
     to: Annotated[
         list[str],
@@ -21,21 +20,22 @@ def export(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Where to write; default: export in the run folder.", show_default=False),
+        typer.Option(metavar="FOLDER", help="Output folder; default: export in the run folder.", show_default=False),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write a run for OpenSim (trc, mot, sto, osim) or as tables (csv).
+    """Write a run as OpenSim files or as tables.
 
-    What a YAML file asks for and is not there yet is computed first; a run folder is taken as it is.
+    The formats trc, mot, sto and osim are for OpenSim, csv for tables. With a YAML file, missing or outdated
+    results are computed first; a run folder is read unchanged.
     """
     from mocap_id.workflows import export as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
     formats = [name.strip() for each in to for name in each.split(",")]
-    done = workflow.export(trial, formats, out, force=force, progress=progress(quiet))
+    done = workflow.export(trial, formats, out, force=force, progress=progress.of_stages(quiet))
     for file in done.files:
         typer.echo(short(file))
     if not quiet:

@@ -8,28 +8,30 @@ from typing import Annotated
 import typer
 
 from mocap_id.reporting.contents import PdfFonts
-from mocap_id_cli.run import short
+from mocap_id_cli.console import short
 
 
 def figures(
     run: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN", help="Folder of a run, a study or a validation; or its page.", show_default=False
+            metavar="RUN", help="Folder of a run, a study or a validation, or its page.", show_default=False
         ),
     ],
     *,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Gets `figures/`; default: beside the page.", show_default=False),
+        typer.Option(
+            metavar="FOLDER", help="Parent folder of `figures/`; default: that of the page.", show_default=False
+        ),
     ] = None,
     pdf_fonts: Annotated[
-        PdfFonts, typer.Option(help="Letters of the PDF: drawn (type-3), or truetype as some journals ask.")
+        PdfFonts, typer.Option(help="Fonts in the PDF: type-3, or truetype, which some journals require.")
     ] = "type-3",
 ) -> None:
-    """Draw the figures of a report, of a study's page or of a validation's as SVG and PDF, with their captions.
+    """Draw the figures of a page as SVG and PDF files.
 
-    The figures and their data points are those of the page. Nothing is computed again.
+    The figures, captions and data are read from the page; nothing is computed again.
     """
     from mocap_id.workflows.figures import figures as draw  # noqa: PLC0415  no other command has to wait for it
 

@@ -1,48 +1,51 @@
-"""``mocap-id init``: the first version of a study's file, from a folder of recordings."""
+"""``mocap-id init``: a first study file for a folder of recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from mocap_id_cli.console import aligned
 
 if TYPE_CHECKING:
     from mocap_id.workflows.study.discovery import Discovery
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds the recordings.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the recordings.", show_default=False)],
     *,
     pattern: Annotated[
         str | None,
         typer.Option(
-            help="Where person and strategy stand in a recording's path, such as '{subject}/{strategy}*.c3d'; found "
-            "otherwise."
+            help="Position of person and strategy in a recording's path, such as '{subject}/{strategy}*.c3d'; default: "
+            "determined from the paths."
         ),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="STUDY.yaml", help="File to write.")] = Path("study.yaml"),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what was found and write nothing.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what was found, and write nothing.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     keep_names: Annotated[
-        bool, typer.Option("--keep-names", help="Call people what their recordings do, and not s01, s02 …")
+        bool, typer.Option("--keep-names", help="Use the names in the recordings' paths as ids, instead of s01, s02 …")
     ] = False,
 ) -> None:
-    """Write the file of a study from a folder of recordings: C3D files, or TRC files with their MOT.
+    """Write a study file for a folder of recordings.
 
-    People get ids; who is who goes to subjects.csv beside the file, which you keep.
+    The recordings are C3D files, or TRC files with their MOT files. People get ids. Keep subjects.csv, written
+    beside the file: it says who is who.
     """
-    from mocap_id.workflows.study import discovery, drafting  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 
     found = discovery.discover(
-        folder, pattern, keep_names=keep_names, known={} if keep_names else drafting.known_names(out)
+        folder, pattern, keep_names=keep_names, known={} if keep_names else draft.known_names(out)
     )
     typer.echo("\n".join(_lines(found, folder)))
     if dry_run:
         typer.echo("nothing written: --dry-run")
         return
-    written = drafting.write(found, out, keep_names=keep_names, force=force)
+    written = draft.write(found, out, keep_names=keep_names, force=force)
     typer.echo("\n".join(f"wrote {path}" for path in written))
 
 
@@ -57,16 +60,9 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     shown = [trial for trial in found.trials if trial.name.casefold() in trial.markers.stem.casefold()]
     if shown and shown[0].name != shown[0].subject:
         yield (
-            f"note: {shown[0].markers.name} tells what {shown[0].subject} is called, and a trial's report shows "
-            "the name of its file: rename such files before reports are passed on"
+            f"note: {shown[0].markers.name} contains the name of {shown[0].subject}, and a trial's report shows "
+            "the name of its file: rename such files before you pass reports on"
         )
     yield f"{len(found.trials)} trials of {people} people, {strategies} strategies"
     for path, why in found.left_out.items():
         yield f"left out: {path.relative_to(folder).as_posix()}: {why}"
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Rows with their columns below one another."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

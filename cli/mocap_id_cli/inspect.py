@@ -1,8 +1,7 @@
-"""``mocap-id inspect``: what a file holds, for people or as JSON."""
+"""``mocap-id inspect``: the content of a recording, as text or JSON."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,26 +13,32 @@ from rich.table import Table
 from mocap_id import recording
 from mocap_id.recording.c3d_package import package_differences
 from mocap_id.workflows.inspect import describe
+from mocap_id_cli.console import AsJson, print_json
 
 
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="C3D or TRC file.", show_default=False)],
     *,
-    forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground's forces.")] = None,
-    units: Annotated[str | None, typer.Option(help="Length unit, where the file does not declare it.")] = None,
-    vertical: Annotated[str | None, typer.Option(help="Axis that points up, such as Z or -Y; found otherwise.")] = None,
+    forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground forces.")] = None,
+    units: Annotated[str | None, typer.Option(help="Length unit, if the file does not declare it.")] = None,
+    vertical: Annotated[
+        str | None, typer.Option(help="Axis that points up, such as Z or -Y; detected if omitted.")
+    ] = None,
     force_unit: Annotated[str | None, typer.Option(help="Unit of the plates' forces, such as N or lbf.")] = None,
     moment_unit: Annotated[str | None, typer.Option(help="Unit of the plates' moments, such as Nmm.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Print what a recording holds: markers, rates, gaps, force plates, oddities."""
+    """Print what a recording contains.
+
+    This includes markers, rates, gaps, force plates and irregularities.
+    """
     found = describe(
         recording.read(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
     )
     if found["format"].startswith("C3D"):
         found["oddities"] += package_differences(file)
     if as_json:
-        typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(found)
         return
     console = Console(highlight=False, soft_wrap=True)
     console.print(_overview(found))
@@ -61,7 +66,7 @@ def _rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     analog = found["analog_rate_hz"]
     yield "analog", "none" if analog is None else f"{analog:g} Hz"
     mass = found["mass_kg"]
-    yield "mass", "no plate" if mass is None else f"{mass:.1f} kg, mean of what the plates carry"
+    yield "mass", "no plate" if mass is None else f"{mass:.1f} kg, mean load of the plates"
 
 
 def _plates(plates: Sequence[Mapping[str, Any]]) -> Table:

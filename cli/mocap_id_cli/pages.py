@@ -1,6 +1,6 @@
-"""The generated pages: ``python -m mocap_id_cli.pages ROOT`` writes them, a test compares them.
+"""Generated pages, written by ``python -m mocap_id_cli.pages ROOT`` and compared by a test.
 
-They are docs/commands.md, docs/settings.md, the columns in docs/formats.md, and the settings in configs/*.yaml.
+These are docs/commands.md, docs/settings.md, the columns in docs/formats.md, and the settings in configs/*.yaml.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.workflows.batch import BATCH
-from mocap_id.workflows.study.columns import TABLES
+from mocap_id.workflows.study.tables import TABLES
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
 from mocap_id_cli.settings import settings_page, settings_yaml
@@ -24,7 +24,7 @@ COLUMNS_MARK = "## Columns\n"
 
 
 def pages(root: Path) -> dict[Path, str]:
-    """Path → text of every generated page of a source tree; what stands before a mark is kept."""
+    """Return path → text of every generated page of a source tree; text before a mark is kept."""
     formats = root / "docs" / "formats.md"
     made = {
         root / "docs" / "commands.md": commands_page(),
@@ -37,7 +37,7 @@ def pages(root: Path) -> dict[Path, str]:
 
 
 def commands_page() -> str:
-    """The help of every command."""
+    """Return the help of every command as Markdown."""
     parts = ["# Commands\n"]
     for command in _commands():
         title = f"mocap-id {command}".strip()
@@ -46,7 +46,7 @@ def commands_page() -> str:
 
 
 def _commands() -> Iterator[str]:
-    """All of them, what stands in a group after the group."""
+    """Yield the names of all commands; those of a group follow the group."""
     yield ""
     for entry in COMMANDS:
         yield entry.name
@@ -54,7 +54,7 @@ def _commands() -> Iterator[str]:
 
 
 def columns() -> str:
-    """The schemas of all artefacts, of a study's tables and of a batch's."""
+    """Return the schemas of all artefacts and of the tables of studies and batches, as Markdown."""
     artefacts = (line for schema in SCHEMAS.values() for line in _schema(schema, schema.file))
     tables = (line for name, schema in TABLES.items() for line in _schema(schema, name))
     batch = _schema(BATCH, BATCH.file)
@@ -89,7 +89,7 @@ def _before(file: Path, mark: str) -> str:
 
 
 def _help(command: str) -> str:
-    """Help as a user sees it in a terminal of 100 columns."""
+    """Return the help as shown in a terminal of 100 columns."""
     width = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1"}
     result = CliRunner().invoke(build(), [*command.split(), "--help"], prog_name="mocap-id", env=width)
     return "\n".join(line.rstrip() for line in result.stdout.strip().splitlines())

@@ -1,8 +1,7 @@
-"""``mocap-id prescribe``: the springs that give most of a range back."""
+"""``mocap-id prescribe``: springs that restore most of a range of motion."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,37 +13,47 @@ import typer
 from mocap_id.config.prescription import load_prescription
 from mocap_id.errors import Refused
 from mocap_id.workflows import prescribe as workflow
-from mocap_id.workflows.prescribe.performing import Timed
-from mocap_id.workflows.prescribe.searching import SpringMap
-from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
+from mocap_id.workflows.prescribe.result import Timed
+from mocap_id.workflows.prescribe.spring_map import SpringMap
+from mocap_id_cli import progress
+from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
 
 def prescribe(
     config: Annotated[
-        Path, typer.Argument(metavar="CONFIG.yaml", help="What is asked for: docs/prescribe.md.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="CONFIG.yaml", help="The prescription's configuration (docs/prescribe.md).", show_default=False
+        ),
     ],
     *,
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Write JSON, tables and figures; a search resumes there.", show_default=False
+            metavar="FOLDER",
+            help="Write JSON, tables and figures; an interrupted search resumes there.",
+            show_default=False,
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Find the springs that let a weak person hold most of a joint's, or a chain's, range."""
+    """Find springs that let a weak person hold most of a range.
+
+    The range is that of a joint or of a chain.
+    """
     log_to_stderr(quiet, verbose)
 
     def tell(line: str) -> None:
         if not quiet:
             typer.echo(line, err=True)
 
-    found = workflow.prescribe_from(load_prescription(config), out, progress(quiet), tell)
-    files = () if out is None else workflow.write(out, found)
+    found = workflow.prescribe_from(load_prescription(config), out, progress.of_stages(quiet), tell)
+    output = workflow.prescription_output(found)
+    files = () if out is None else output.write(out)
     if as_json:
-        typer.echo(json.dumps(workflow.as_json(found), indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(output.document)
     else:
         typer.echo("\n".join(_lines(found)))
         if files:
@@ -53,14 +62,14 @@ def prescribe(
         raise typer.Exit(Refused.exit_code)
 
 
-def _lines(found: workflow.Prescribed) -> Iterator[str]:
+def _lines(found: workflow.PrescriptionResult) -> Iterator[str]:
     name = found.config.wishes.prescription
     if found.workspace is not None:
         low, high = found.workspace.workspace.interval
         area = found.workspace.workspace.measure
         yield f"{name}: joint limits alone allow {area:.5f} m² (95 % interval {low:.5f} to {high:.5f})"
     if found.refused is not None:
-        yield f"{name}: nothing can be prescribed: {found.refused}. What stands above is the kinematic workspace alone"
+        yield f"{name}: nothing can be prescribed: {found.refused}. Only the kinematic workspace is known"
         return
     if found.one is not None:
         yield from _one(found)
@@ -74,23 +83,23 @@ def _lines(found: workflow.Prescribed) -> Iterator[str]:
         yield from _graph(found)
 
 
-def _one(found: workflow.Prescribed) -> Iterator[str]:
+def _one(found: workflow.PrescriptionResult) -> Iterator[str]:
     one, joint, name = found.one, found.joint, found.config.wishes.prescription
     assert one is not None and joint is not None
     without = "nothing" if one.without is None else _range(one.without)
-    yield f"{name}: without a spring {without} can be held; gravity asks for up to {joint.weight:.3f} N·m"
+    yield f"{name}: without a spring {without} can be held; gravity needs up to {joint.weight:.3f} N·m"
     if not one.helps:
-        yield f"no spring helps: none is {math.degrees(one.gap):.1f}° better or more"
+        yield f"no spring helps: none improves the range by {math.degrees(one.gap):.1f}° or more"
         return
     share = one.stiffness / joint.weight
     yield (
         f"spring: {one.stiffness:.4g} N·m/rad ({share:.4f} of the moment of gravity per radian), rest angle "
         f"{math.degrees(one.rest):.1f}°: {_range(one.range)} can be held"
     )
-    yield f"no other spring's range is wider by more than {math.degrees(one.gap):.2f}°"
+    yield f"no other spring widens the range by more than a further {math.degrees(one.gap):.2f}°"
 
 
-def _several(found: workflow.Prescribed) -> Iterator[str]:
+def _several(found: workflow.PrescriptionResult) -> Iterator[str]:
     springs, name = found.several, found.config.wishes.prescription
     assert springs is not None
     yield (
@@ -103,7 +112,7 @@ def _several(found: workflow.Prescribed) -> Iterator[str]:
         if springs.stiffness[s] > 0:
             across = " and ".join(found.body.joints[joint] for joint in place.joints)
             yield f"spring on {across}: {springs.stiffness[s]:.4g} N·m/rad, rest {math.degrees(springs.rest[s]):.1f}°"
-    yield f"no other springs hold more by over {springs.gap:.4f} m² of these samples ({springs.boxes} boxes looked at)"
+    yield f"no other springs hold over {springs.gap:.4f} m² more of these samples ({springs.boxes} boxes searched)"
 
 
 def _timed(timed: Timed) -> Iterator[str]:
@@ -114,7 +123,7 @@ def _timed(timed: Timed) -> Iterator[str]:
 
 def _searched(springs: SpringMap) -> str:
     if springs.best is None:
-        return "search: with none of these springs does the joint rest within its limits"
+        return "search: the joint does not rest within its limits with any of these springs"
     k, r = springs.best
     return (
         f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
@@ -122,16 +131,16 @@ def _searched(springs: SpringMap) -> str:
     )
 
 
-def _graph(found: workflow.Prescribed) -> Iterator[str]:
+def _graph(found: workflow.PrescriptionResult) -> Iterator[str]:
     graph, postures = found.graph, found.graph_postures
     assert graph is not None and postures is not None
     for node in graph.nodes:
-        told = "no spring was found that will do"
+        text = "no suitable spring was found"
         if node.stiffness is not None and node.rest is not None:
             pairs = zip(node.stiffness, node.rest, strict=True)
             springs = [f"{k:.4g} N·m/rad at {math.degrees(rest):.1f}°" for k, rest in pairs if k > 0]
-            told = ", ".join(springs) or "no spring is needed"
-        yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {told}"
+            text = ", ".join(springs) or "no spring is needed"
+        yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {text}"
     for switch in graph.switches:
         one, other = (graph.nodes[k].name for k in switch.between)
         at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(postures[switch.posture]))

@@ -1,24 +1,29 @@
-"""What moves on the terminal while something is computed: standard error alone, and nothing where it is no terminal."""
+"""Progress display on standard error; the moving display appears only on a terminal."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-_shown: list[Progress] = []
+    from mocap_id import runner
+    from mocap_id.workflows.parallel import TrialRun
+
+_displays: list[Progress] = []
+_OUTCOMES = {0: "", 4: "refused"}
 
 
 def show(what: str, total: int | None = None) -> None:
-    """Show that something is being computed, and for how long; what was shown before goes.
+    """Show that something is running, in place of the previous display.
 
     Parameters
     ----------
     what : str
     total : int, optional
-        Of the parts that :func:`advance` counts.
+        Number of steps that :func:`advance` counts.
     """
     stop()
     if not sys.stderr.isatty():
@@ -28,27 +33,57 @@ def show(what: str, total: int | None = None) -> None:
 
     counted = () if total is None else (BarColumn(), MofNCompleteColumn())
     columns = (SpinnerColumn(), TextColumn("{task.description}"), *counted, TimeElapsedColumn())
-    shown = Progress(*columns, console=Console(stderr=True), transient=True)
-    shown.add_task(what, total=total)
-    shown.start()
-    _shown.append(shown)
+    display = Progress(*columns, console=Console(stderr=True), transient=True)
+    display.add_task(what, total=total)
+    display.start()
+    _displays.append(display)
 
 
 def say(line: str) -> None:
-    """Print a line on standard error, above whatever moves there."""
-    if _shown:
-        _shown[-1].console.print(line, highlight=False, markup=False, soft_wrap=True)
+    """Print a line on standard error, above a moving display."""
+    if _displays:
+        _displays[-1].console.print(line, highlight=False, markup=False, soft_wrap=True)
     else:
         print(line, file=sys.stderr)
 
 
 def advance() -> None:
-    """Count one part more."""
-    for shown in _shown:
-        shown.advance(shown.task_ids[0])
+    """Count one step."""
+    for display in _displays:
+        display.advance(display.task_ids[0])
 
 
 def stop() -> None:
-    """Leave the terminal as it was."""
-    while _shown:
-        _shown.pop().stop()
+    """Remove the display and restore the terminal."""
+    while _displays:
+        _displays.pop().stop()
+
+
+def of_stages(quiet: bool) -> runner.Progress:
+    """Return a callback that reports each stage of a run; it does nothing if ``quiet``."""
+
+    def report(step: runner.Step) -> None:
+        if step.action == "begun":
+            show(step.stage)
+            return
+        stop()
+        outcome = f"{step.seconds:8.2f} s" if step.action == "computed" else f"{step.action:>10}"
+        print(f"{step.stage:<14}{outcome}", file=sys.stderr)
+
+    return (lambda step: None) if quiet else report
+
+
+def trial_count(quiet: bool) -> Callable[[int], None]:
+    """Return a callback that starts a display for a number of trials; it does nothing if ``quiet``."""
+    return (lambda trials: None) if quiet else (lambda trials: show("trials", trials))
+
+
+def of_trials(quiet: bool) -> Callable[[TrialRun], None]:
+    """Return a callback that reports each finished trial; it does nothing if ``quiet``."""
+
+    def report(done: TrialRun) -> None:
+        time = f"{done.seconds:8.2f} s" if done.computed else "reused"
+        say(f"{done.trial:<28}{_OUTCOMES.get(done.exit_code, 'failed') or time:>10}")
+        advance()
+
+    return (lambda done: None) if quiet else report

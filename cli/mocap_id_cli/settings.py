@@ -1,4 +1,4 @@
-"""Every setting of every stage, as commented-out YAML and as a page of the documentation."""
+"""Settings of all stages, as commented-out YAML and as a documentation page."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts
 
 
 def settings_yaml(stages: Sequence[Stage] = STAGES) -> str:
-    """One section a stage with its defaults, all commented out.
+    """Return the settings of each stage with their defaults, all commented out.
 
-    A line that starts with ``#`` and one blank is a remark; taking the ``#`` off every other line makes it valid.
+    A line that starts with ``#`` and a blank is a remark; removing the ``#`` from all other lines gives valid YAML.
     """
     return "\n".join(line for stage in stages if stage.settings.model_fields for line in _section(stage))
 
 
 def settings_page(stages: Sequence[Stage] = STAGES) -> str:
-    """The settings as Markdown."""
+    """Return the settings as Markdown."""
     lines = [
         "# Settings",
         "",
-        "Keys of a trial's YAML file. Paths are relative to the file; what is not given has the default.",
+        "Keys of a trial's YAML file. Paths are relative to the file; omitted keys have their defaults.",
         "",
         *_rows(TrialKeys.model_fields),
         "| `out` | path | `runs/<trial>` | folder of the results |",
@@ -78,7 +78,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _type(annotation: Any) -> str:
-    """A type in a reader's words."""
+    """Return a type in plain words."""
     names = {float: "number", int: "whole number", str: "text", bool: "true or false"}
     if annotation in names:
         return names[annotation]

@@ -1,193 +1,104 @@
-"""``mocap-id simulate``: trials and whole cohorts whose truth is known."""
+"""``mocap-id simulate``: trials, robot studies and cohorts whose truth is known.
+
+The options of the commands, with their defaults and help texts, are the fields of :class:`mocap_id.simulation.Options`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import Annotated, Any, cast, get_args, get_type_hints
 
 import typer
 
 from mocap_id import simulation
-from mocap_id.simulation import Cohort, Kind, Options, RobotSet, Strategy
-from mocap_id.simulation.people import read_people
-from mocap_id.simulation.plate import Sense
-from mocap_id.simulation.ur5 import JointName, Speed
+from mocap_id.simulation import Cohort, Kind, Options, PersonOptions, RobotSet, Strategy
+from mocap_id.simulation.options import read_people
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
-Seed = Annotated[int, typer.Option(help="Of the body, its motion and every error.")]
-Repetitions = Annotated[int, typer.Option(help="Sit-to-stands, or swings of the robot.")]
-Rate = Annotated[float, typer.Option(help="Frames a second, Hz.")]
-AnalogRate = Annotated[float, typer.Option(help="Analog samples a second, Hz.")]
-MarkerNoise = Annotated[float, typer.Option(help="Standard deviation a coordinate, m.")]
-SoftTissue = Annotated[float, typer.Option(help="Multiplies the skin's motion; 0 for none.")]
-Occlusions = Annotated[float, typer.Option(help="Multiplies how often markers vanish.")]
-Jumps = Annotated[int, typer.Option(help="How often a marker is mistaken for something near.")]
-PlateSense = Annotated[Sense, typer.Option(help="Whose force the plate tells.")]
-PlateMoved = Annotated[bool, typer.Option(help="Shift and turn the plate.")]
-PlateOriginFlipped = Annotated[bool, typer.Option(help="Write ORIGIN with the wrong sign.")]
-PlateNoise = Annotated[float, typer.Option(help="Multiplies the usual noise.")]
-PlateBias = Annotated[float, typer.Option(help="Multiplies the usual channel bias.")]
-ClockOffset = Annotated[float, typer.Option(help="Of the plate against the cameras, s.")]
-SeatPlate = Annotated[bool, typer.Option(help="Put the chair on a plate of its own.")]
-ChairMass = Annotated[float, typer.Option(help="Of the chair on its plate, kg.")]
-Attempts = Annotated[int, typer.Option(help="Rises that are broken off before the last ones.")]
-Hold = Annotated[float, typer.Option(help="Stop of the last rise half-way, s.")]
-Rail = Annotated[float, typer.Option(help="Share of the weight on a rail while rising.")]
-
-PeopleText = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME=VALUE,...",
-        show_default=False,
-        help="What sets the person apart from pinned rigid segments: "
-        "hip_gap_mm, lumbar_deg, arm_swing_deg, heel_lift_mm, held_mass_kg.",
-    ),
-]
+_NAMES = ", ".join(each.name for each in fields(PersonOptions))
+_PEOPLE = f"Differences between the person and rigid segments on pins: {_NAMES}."
+_ROBOT_SET = (
+    *("seed", "repetitions", "rate", "analog_rate", "marker_noise", "occlusions", "plate_noise", "plate_bias"),
+    "clock_offset",
+)
+_COHORT = (*_ROBOT_SET, "soft_tissue", "jumps", "seat_plate", "people")
 
 
-def simulating() -> typer.Typer:
-    """The commands of ``mocap-id simulate``."""
+def commands() -> typer.Typer:
+    """Return the commands of ``mocap-id simulate``."""
     app = typer.Typer(
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode=None,
-        help="Make recordings whose exact truth is known.",
+        help="Simulate recordings whose exact truth is known.",
     )
+    every = tuple(each.name for each in fields(Options) if each.name != "subject")
     for kind in get_args(Kind):
-        app.command(kind)(trial_command(kind))
-    app.command("robot-set")(robot_set)
-    app.command("cohort")(cohort)
+        app.command(kind)(_with_options(partial(_trial, kind), _trial.__doc__, Options(), every))
+    app.command("robot-set")(_with_options(_robot_set, _robot_set.__doc__, RobotSet().options, _ROBOT_SET))
+    app.command("cohort")(_with_options(_cohort, _cohort.__doc__, Cohort().options, _COHORT))
     return app
 
 
-def trial_command(kind: Kind) -> Callable[..., None]:
-    """The command of one kind of trial."""
+def _with_options(
+    simulate: Callable[..., Path], doc: str | None, defaults: Options, names: tuple[str, ...]
+) -> Callable[..., None]:
+    """Return a command with the parameters of ``simulate`` and, in place of ``options``, the options named."""
 
-    def command(
-        folder: Folder,
-        *,
-        seed: Seed = Options.seed,
-        repetitions: Repetitions = Options.repetitions,
-        strategy: Annotated[Strategy, typer.Option(help="How the person rises.")] = Options.strategy,
-        rate: Rate = Options.rate,
-        analog_rate: AnalogRate = Options.analog_rate,
-        marker_noise: MarkerNoise = Options.marker_noise,
-        soft_tissue: SoftTissue = Options.soft_tissue,
-        occlusions: Occlusions = Options.occlusions,
-        jumps: Jumps = Options.jumps,
-        plate_sense: PlateSense = Options.plate_sense,
-        plate_moved: PlateMoved = Options.plate_moved,
-        plate_origin_flipped: PlateOriginFlipped = Options.plate_origin_flipped,
-        plate_noise: PlateNoise = Options.plate_noise,
-        plate_bias: PlateBias = Options.plate_bias,
-        clock_offset: ClockOffset = Options.clock_offset,
-        seat_plate: SeatPlate = Options.seat_plate,
-        chair_mass: ChairMass = Options.chair_mass,
-        attempts: Attempts = Options.attempts,
-        hold: Hold = Options.hold,
-        rail: Rail = Options.rail,
-        people: PeopleText = "",
-        joint: Annotated[JointName | None, typer.Option(help="Of the thesis's robot; any robot without.")] = None,
-        speed: Annotated[Speed, typer.Option(help="Of that joint: 0.25 or 0.5 Hz.")] = Options.speed,
-        orientation: Annotated[float, typer.Option(help="Yaw of that robot, degrees.")] = Options.orientation,
-    ) -> None:
-        """Make a recording with exact truth beside it and a trial.yaml that is ready to run."""
-        options = Options(
-            seed=seed,
-            repetitions=repetitions,
-            strategy=strategy,
-            rate=rate,
-            analog_rate=analog_rate,
-            marker_noise=marker_noise,
-            soft_tissue=soft_tissue,
-            occlusions=occlusions,
-            jumps=jumps,
-            plate_sense=plate_sense,
-            plate_moved=plate_moved,
-            plate_origin_flipped=plate_origin_flipped,
-            plate_noise=plate_noise,
-            plate_bias=plate_bias,
-            clock_offset=clock_offset,
-            seat_plate=seat_plate,
-            chair_mass=chair_mass,
-            attempts=attempts,
-            hold=hold,
-            rail=rail,
-            joint=joint,
-            speed=speed,
-            orientation=orientation,
-        )
-        typer.echo(simulation.simulate(kind, folder, replace(options, people=read_people(people))))
+    def command(**values: Any) -> None:
+        chosen = {name: values.pop(name) for name in names}
+        if "people" in chosen:
+            chosen["people"] = read_people(chosen["people"])
+        typer.echo(simulate(options=replace(defaults, **chosen), **values))
 
+    own = [each for each in inspect.signature(simulate, eval_str=True).parameters.values() if each.name != "options"]
+    signature = inspect.Signature([*own, *_parameters(defaults, names)])
+    command.__signature__ = signature  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
+    command.__doc__ = doc
     return command
 
 
-def robot_set(
+def _parameters(defaults: Options, names: tuple[str, ...]) -> Iterator[inspect.Parameter]:
+    types = get_type_hints(Options)
+    for each in fields(Options):
+        if each.name not in names:
+            continue
+        kind, option = types[each.name], typer.Option(getattr(defaults, each.name), help=each.metadata.get("help"))
+        if each.name == "people":
+            kind, option = str, typer.Option("", metavar="NAME=VALUE,...", show_default=False, help=_PEOPLE)
+        yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=kind)
+
+
+def _trial(kind: Kind, folder: Folder, *, options: Options) -> Path:
+    """Simulate a recording with its exact truth and a trial.yaml that is ready to run."""
+    return simulation.simulate(kind, folder, options)
+
+
+def _robot_set(
     folder: Folder,
     *,
     repeats: Annotated[int, typer.Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
-    seed: Annotated[int, typer.Option(help="Of all markers and errors.")] = 1,
-    repetitions: Annotated[int, typer.Option(help="Swings a trial.")] = Options.repetitions,
-    rate: Rate = 480.0,
-    analog_rate: AnalogRate = 2400.0,
-    marker_noise: MarkerNoise = Options.marker_noise,
-    occlusions: Occlusions = Options.occlusions,
-    plate_noise: PlateNoise = Options.plate_noise,
-    plate_bias: PlateBias = Options.plate_bias,
-    clock_offset: ClockOffset = Options.clock_offset,
-) -> None:
-    """Make the thesis's robot study, each joint at two speeds in two orientations, with a robot-study.yaml."""
-    options = Options(
-        seed=seed,
-        repetitions=repetitions,
-        rate=rate,
-        analog_rate=analog_rate,
-        marker_noise=marker_noise,
-        occlusions=occlusions,
-        plate_noise=plate_noise,
-        plate_bias=plate_bias,
-        clock_offset=clock_offset,
-    )
-    typer.echo(simulation.simulate_set(folder, RobotSet(repeats, options=options)))
+    options: Options,
+) -> Path:
+    """Simulate the thesis's robot study, each joint at two speeds in two orientations, with a robot-study.yaml."""
+    return simulation.simulate_robot_set(folder, RobotSet(repeats, options=options))
 
 
-def cohort(
+def _cohort(
     folder: Folder,
     *,
-    subjects: Annotated[int, typer.Option(help="Persons, women and men in turn.")] = Cohort.subjects,
-    strategies: Annotated[str, typer.Option(help="How they rise, with commas.")] = ",".join(Cohort.strategies),
-    trials: Annotated[int, typer.Option(help="Of each person and strategy.")] = Cohort.trials,
-    repetitions: Annotated[int, typer.Option(help="Sit-to-stands a trial.")] = Options.repetitions,
-    seed: Annotated[int, typer.Option(help="Of all bodies, motions and errors.")] = 1,
-    rate: Rate = Options.rate,
-    analog_rate: AnalogRate = Options.analog_rate,
-    marker_noise: MarkerNoise = Options.marker_noise,
-    soft_tissue: SoftTissue = Options.soft_tissue,
-    occlusions: Occlusions = Options.occlusions,
-    jumps: Jumps = Options.jumps,
-    plate_noise: PlateNoise = Options.plate_noise,
-    plate_bias: PlateBias = Options.plate_bias,
-    clock_offset: ClockOffset = Options.clock_offset,
-    seat_plate: SeatPlate = Options.seat_plate,
-    people: PeopleText = "",
-) -> None:
-    """Make the recordings of several persons with their exact truth and a study.yaml that is ready to run."""
-    options = Options(
-        seed=seed,
-        repetitions=repetitions,
-        rate=rate,
-        analog_rate=analog_rate,
-        marker_noise=marker_noise,
-        soft_tissue=soft_tissue,
-        occlusions=occlusions,
-        jumps=jumps,
-        plate_noise=plate_noise,
-        plate_bias=plate_bias,
-        clock_offset=clock_offset,
-        seat_plate=seat_plate,
-        people=read_people(people),
-    )
+    subjects: Annotated[int, typer.Option(help="Number of persons, alternately female and male.")] = Cohort.subjects,
+    strategies: Annotated[str, typer.Option(help="Strategies of rising, separated by commas.")] = ",".join(
+        Cohort.strategies
+    ),
+    trials: Annotated[int, typer.Option(help="Trials of each person and strategy.")] = Cohort.trials,
+    options: Options,
+) -> Path:
+    """Simulate the recordings of several persons with their exact truth and a study.yaml that is ready to run."""
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
-    typer.echo(simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options)))
+    return simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options))

@@ -1,8 +1,7 @@
-"""``mocap-id validate``: the thesis's validation studies, on simulated trials or on a laboratory's own."""
+"""``mocap-id validate``: the thesis's validation studies, on simulated trials or on your own."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,20 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap_id.simulation import RobotSet
-from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, short
-from mocap_id_cli.telling import teller
+from mocap_id_cli import progress
+from mocap_id_cli.console import Quiet, Verbose, log_to_stderr, print_json, short
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.robot_study import Outcome
+    from mocap_id.workflows.robot_study import RobotStudyResult
 
 
-def validating() -> typer.Typer:
-    """The commands of ``mocap-id validate``."""
+def commands() -> typer.Typer:
+    """Return the commands of ``mocap-id validate``."""
     app = typer.Typer(
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode=None,
-        help="Repeat the thesis's validation studies.",
+        help="Repeat the validation studies of the thesis.",
     )
     app.callback()(_studies)
     app.command("robot")(robot)
@@ -32,7 +31,7 @@ def validating() -> typer.Typer:
 
 
 def _studies() -> None:
-    """Repeat the thesis's validation studies."""
+    """Repeat the validation studies of the thesis."""
 
 
 def robot(
@@ -40,25 +39,29 @@ def robot(
         list[Path] | None,
         typer.Argument(
             metavar="[STUDY|TRIAL...]",
-            help="A robot study's file, or trials' files; with none, the set in FOLDER/trials, simulated if need be.",
+            help="A robot study's file, or trial files; default: the set in FOLDER/trials, simulated if missing.",
             show_default=False,
         ),
     ] = None,
     *,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where everything goes.")] = Path("validation-robot"),
-    repeats: Annotated[int, typer.Option(help="Simulated trials of each cell.")] = RobotSet.repeats,
-    seed: Annotated[int, typer.Option(help="Of the simulated trials.")] = 1,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Trials at a time.")] = 1,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Output folder.")] = Path("validation-robot"),
+    repeats: Annotated[
+        int, typer.Option(help="Simulated trials of each joint, speed and orientation.")
+    ] = RobotSet.repeats,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated trials.")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of trials at a time.")] = 1,
     page: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Markdown page whose tables are replaced.", show_default=False)
+        Path | None,
+        typer.Option(metavar="FILE", help="Markdown page in which to replace the tables.", show_default=False),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print validation.json.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Repeat tables 5.1 to 5.6 and figures 5.2 to 5.6 of the thesis, on simulated trials or on one's own.
+    """Repeat tables 5.1 to 5.6 and figures 5.2 to 5.6 of the thesis, on simulated trials or on your own.
 
-    Every trial goes through every method for the joint states. One that fails stops no other; the exit code is then 1.
+    Every method for the joint states is applied to every trial. If a trial fails, the others still run and the exit
+    code is 1.
     """
     from mocap_id.workflows import robot_study as workflow  # noqa: PLC0415  no other command has to wait for it
 
@@ -69,20 +72,20 @@ def robot(
         out,
         generated=RobotSet(repeats, options=options),
         jobs=jobs,
-        tell=teller(quiet),
+        tell=progress.of_trials(quiet),
         page=page,
     )
     if as_json:
-        typer.echo(json.dumps(found.document, indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(found.document)
     else:
         typer.echo("\n".join(_lines(found)))
     if found.failed:
         raise typer.Exit(1)
 
 
-def _lines(found: Outcome) -> Iterator[str]:
+def _lines(found: RobotStudyResult) -> Iterator[str]:
     for done in found.failed:
         yield f"{done.trial}: {done.message}"
-    yield f"{len(found.cases) - len(found.failed)} of {len(found.cases)} trials went through"
+    yield f"{len(found.trials) - len(found.failed)} of {len(found.trials)} trials went through"
     yield f"tables: {short(found.folder)}"
     yield f"page: {short(found.page)}"

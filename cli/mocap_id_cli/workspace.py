@@ -1,8 +1,7 @@
-"""``mocap-id workspace``: what a recovered chain can reach."""
+"""``mocap-id workspace``: the workspace of a recovered chain."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -12,48 +11,53 @@ import typer
 
 from mocap_id.prescription.overlay import Overlay
 from mocap_id.workflows import workspace as workflow
-from mocap_id_cli.run import Quiet, Verbose, log_to_stderr, progress
+from mocap_id_cli import progress
+from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
 
 def workspace(
     trial: Annotated[
         Path,
-        typer.Argument(metavar="TRIAL", help="Trial's YAML or run folder, or a chain's YAML.", show_default=False),
+        typer.Argument(
+            metavar="TRIAL", help="A trial's YAML file or run folder, or a chain's YAML file.", show_default=False
+        ),
     ],
     *,
     compare: Annotated[
-        Path | None, typer.Option(metavar="TRIAL", help="A later session, to lay over the first.", show_default=False)
+        Path | None,
+        typer.Option(metavar="TRIAL", help="A later session to compare with the first.", show_default=False),
     ] = None,
     tip: Annotated[
         str | None,
         typer.Option(
-            metavar="MARKER", help="Marker of the last segment, or x,y in its frame, m.", show_default="the farthest"
+            metavar="MARKER", help="Marker of the last segment, or x,y in its frame, m.", show_default="farthest marker"
         ),
     ] = None,
-    quantile: Annotated[float, typer.Option(help="Share of samples left out at either end of an angle.")] = 0.0,
-    samples: Annotated[int, typer.Option(help="Postures to sample.")] = 10_000,
-    seed: Annotated[int, typer.Option(help="Of the samples.")] = 0,
+    quantile: Annotated[float, typer.Option(help="Share of samples excluded at each end of an angle's range.")] = 0.0,
+    samples: Annotated[int, typer.Option(help="Number of postures to sample.")] = 10_000,
+    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write JSON, CSV and figures there.", show_default=False)
+        Path | None, typer.Option(metavar="FOLDER", help="Write JSON, CSV and figures.", show_default=False)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Measure what the tip of the chain can reach within the joint limits that were seen: area, or volume in space.
+    """Compute what the tip of a chain reaches within its limits.
 
-    Forces are not needed. A trial's YAML file is run as far as the joint states; a run folder is taken as it is.
+    The result is an area (or a volume in space) for the observed joint limits. Forces are not needed. A trial's
+    YAML file is run as far as the joint states; a run folder is read unchanged.
     """
     log_to_stderr(quiet, verbose)
     paths = [trial] if compare is None else [trial, compare]
-    subjects = [workflow.subject(path, tip, quantile, progress(quiet)) for path in paths]
+    subjects = [workflow.read_arm(path, tip, quantile, progress.of_stages(quiet)) for path in paths]
     reaches = [workflow.measure(subject, samples, seed) for subject in subjects]
     change = workflow.compare(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
-    files = () if out is None else workflow.write(out, reaches[0], later, change)
+    result = workflow.workspace_result(reaches[0], later, change)
+    files = () if out is None else result.write(out)
     if as_json:
-        found = workflow.as_json(reaches[0], later, change)
-        typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(result.document)
         return
     for reach in reaches:
         typer.echo("\n".join(_lines(reach)))
@@ -79,5 +83,5 @@ def _change(change: Overlay) -> str:
     unit = "m²" if change.points.shape[1] == 2 else "m³"
     return (
         f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
-        f"{change.kept:.5f}; laid over each other at the first joint"
+        f"{change.kept:.5f}; aligned at the first joint"
     )

@@ -1,4 +1,4 @@
-"""Array types used in signatures, whose shapes stand in the docstrings; and how long arrays are taken apart."""
+"""Array types for signatures, and helpers that split arrays. Docstrings give the shapes."""
 
 from typing import TypeAlias
 
@@ -12,8 +12,35 @@ ComplexArray: TypeAlias = NDArray[np.complex128]
 
 
 def chunks(count: int, size: int = 1024) -> list[slice]:
-    """Stretches of an array's first axis, one after the other, to bound the memory of what is done to each.
+    """Split the first axis of an array into consecutive slices, to limit the memory of each step.
 
-    At least one, so that nothing at all has results of the right shape too.
+    There is always at least one slice, so that results for an empty array also have the right shape.
     """
     return [slice(start, min(start + size, count)) for start in range(0, max(count, 1), size)]
+
+
+def find_runs(flags: BoolArray) -> list[slice]:
+    """Return a slice for every run of consecutive True values in ``flags`` (K,).
+
+    Examples
+    --------
+    >>> find_runs(np.array([True, True, False, True]))
+    [slice(0, 2, None), slice(3, 4, None)]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))).tolist()
+    return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def is_time_axis(time: FloatArray) -> bool:
+    """Return whether ``time`` (K,) contains at least two times, all finite and strictly increasing."""
+    return len(time) > 1 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all())
+
+
+def as_complex(points: FloatArray) -> ComplexArray:
+    """Return x + iy of points (..., 2)."""
+    return np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[..., 0]
+
+
+def as_xy(points: ComplexArray) -> FloatArray:
+    """Return the coordinates (..., 2) of complex points."""
+    return np.stack([points.real, points.imag], axis=-1)

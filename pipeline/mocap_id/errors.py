@@ -1,15 +1,15 @@
-"""Everything that can go wrong, and the exit code that says so.
+"""Exceptions and their exit codes.
 
 ::
 
     MocapIdError
     ├── ConfigError          2   the command line or a configuration is wrong
     ├── RecordingError       3   an input is missing, unreadable or contradicts itself
-    ├── Refused              4   the motion is not what the method can treat (carries the reasons)
-    ├── NumericalError       5   a computation failed that should not have
+    ├── Refused              4   the method cannot treat this motion; the exception holds the reason
+    ├── NumericalError       5   a computation failed on valid input
     └── StoreError           6   an artefact or the output folder is missing, stale, damaged, locked or not writable
 
-Messages name the file or trial, what was found, what was expected, and what to do.
+A message names the file or trial and says what was found, what was expected and what to do.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from typing import ClassVar
 
 
 class MocapIdError(Exception):
-    """Base of every error that mocap-id raises on purpose."""
+    """Base class of all errors that mocap-id raises deliberately."""
 
     exit_code: ClassVar[int] = 1
 
 
 class ConfigError(MocapIdError):
-    """The command line or a configuration file is wrong."""
+    """Error in the command line or in a configuration file."""
 
     exit_code = 2
 
 
 class RecordingError(MocapIdError):
-    """A recording is missing, unreadable or contradicts itself."""
+    """Error for a recording that is missing, unreadable or contradictory."""
 
     exit_code = 3
 
 
 class Refused(MocapIdError):
-    """The method cannot treat this motion: a verdict, not a failure.
+    """Verdict that the method cannot treat this motion; not a failure.
 
     Parameters
     ----------
@@ -51,17 +51,17 @@ class Refused(MocapIdError):
         self.code, self.message, self.value, self.limit = code, message, value, limit
 
     def __reduce__(self) -> tuple[type[Refused], tuple[str, str, float | None, float | None]]:
-        """Pickle with every argument, so that a refusal passes between processes."""
+        """Pickle all arguments, so that a refusal can be sent between processes."""
         return type(self), (self.code, self.message, self.value, self.limit)
 
 
 class NumericalError(MocapIdError):
-    """A computation failed (no convergence, a singular system) on input that passed every check."""
+    """Failure of a computation (no convergence, a singular system) on input that passed all checks."""
 
     exit_code = 5
 
 
 class StoreError(MocapIdError):
-    """An artefact or the output folder is missing, stale, damaged, locked, full or not writable."""
+    """Error for an artefact or output folder that is missing, stale, damaged, locked, full or not writable."""
 
     exit_code = 6

@@ -1,4 +1,4 @@
-"""What a trial's verdict is made of: reasons, each with a code, a sentence and the numbers behind it."""
+"""The reasons of a trial's verdict: each has a code, a message and the measured numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Level = Literal["ok", "caution", "refused"]
 
 @dataclass(frozen=True)
 class Reason:
-    """One thing a reader of the trial must know.
+    """One finding that the reader of a trial must know.
 
     Parameters
     ----------
@@ -20,9 +20,9 @@ class Reason:
     message : str
         What was found, what was expected, what to do.
     value, limit : float, optional
-        The measured number and the limit it was held against.
+        The measured number and its limit.
     level : {"ok", "caution", "refused"}
-        ``ok`` is information: it does not colour the verdict.
+        ``ok`` is information only and does not change the verdict.
     """
 
     code: str
@@ -40,6 +40,6 @@ class Reason:
 
 
 def overall(reasons: Iterable[Reason]) -> Level:
-    """The verdict's level: the gravest of its reasons."""
+    """Return the level of the verdict: the most severe level of its reasons."""
     order: tuple[Level, ...] = ("ok", "caution", "refused")
     return max((reason.level for reason in reasons), key=order.index, default="ok")

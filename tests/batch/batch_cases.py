@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from mocap_id.recording.writing import write_trc
+from mocap_id.recording.writer import write_trc
 from swinging_link import LABELS, RATE, pendulum
 
 

@@ -15,8 +15,8 @@ from batch_cases import Deadly, trials
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.batch import Batch, find, run
-from mocap_id.workflows.performing import NOT_RUN, Dask, Engine, Here, Performed, perform_all
+from mocap_id.workflows.batch import Batch, find_trials, run_batch
+from mocap_id.workflows.parallel import NOT_RUN, Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
 NAMES = ("a", "b", "c")
@@ -35,12 +35,12 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Batch]:
     folder = tmp_path_factory.mktemp("here")
     trials(folder, NAMES)
     (folder / "gone.yaml").write_text("trial: gone\nrecording: nowhere.trc\n")
-    return folder, run([str(folder)], folder / "batch.parquet")
+    return folder, run_batch([str(folder)], folder / "batch.parquet")
 
 
 def contents(folder: Path) -> dict[str, str]:
     """The key of every trial's report: it changes with whatever the trial's results tell."""
-    return {done.trial: str(done.key) for done in perform_all(find([str(folder)])[0], Here())}
+    return {done.trial: str(done.key) for done in run_trials(find_trials([str(folder)])[0], LocalBackend())}
 
 
 def test_one_failure_stops_no_other(here: tuple[Path, Batch]) -> None:
@@ -59,16 +59,16 @@ def test_one_failure_stops_no_other(here: tuple[Path, Batch]) -> None:
 
 def test_again_all_is_reused(here: tuple[Path, Batch]) -> None:
     folder, _ = here
-    again = run([str(folder)], folder / "again.parquet")
+    again = run_batch([str(folder)], folder / "again.parquet")
     assert not any(one["computed"] for one in again.rows)
 
 
 @pytest.mark.parametrize("where", ["processes", "cluster"])
 def test_the_same_wherever_it_is_run(here: tuple[Path, Batch], cluster: Any, tmp_path: Path, where: str) -> None:
     trials(tmp_path, NAMES)
-    engine: Engine = Here(2) if where == "processes" else Dask(cluster.scheduler_address)
-    told: list[Performed] = []
-    done = run([str(tmp_path)], tmp_path / "batch.parquet", engine=engine, tell=told.append)
+    backend: Backend = LocalBackend(2) if where == "processes" else DaskBackend(cluster.scheduler_address)
+    told: list[TrialRun] = []
+    done = run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=backend, tell=told.append)
     assert [one["exit_code"] for one in done.rows] == [0, 0, 0]
     assert sorted(one.trial for one in told) == list(NAMES)
     before = contents(here[0])
@@ -79,13 +79,13 @@ def test_a_worker_killed_in_the_middle(cluster: Any, tmp_path: Path) -> None:
     trials(tmp_path, NAMES)
     killed: list[int] = []
 
-    def kill(done: Performed) -> None:
+    def kill(done: TrialRun) -> None:
         if not killed:
             worker = next(iter(cluster.workers.values()))
             killed.append(worker.pid)
             os.kill(worker.process.pid, signal.SIGKILL)
 
-    done = run([str(tmp_path)], tmp_path / "batch.parquet", engine=Dask(cluster.scheduler_address), tell=kill)
+    done = run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster.scheduler_address), tell=kill)
     assert killed
     assert [one["exit_code"] for one in done.rows] == [0, 0, 0]
 
@@ -93,9 +93,9 @@ def test_a_worker_killed_in_the_middle(cluster: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize("where", ["processes", "cluster"])
 def test_a_trial_that_takes_its_process_along(cluster: Any, tmp_path: Path, where: str) -> None:
     well = [load(file) for file in trials(tmp_path, NAMES[:1])]
-    engine: Engine = Here(2) if where == "processes" else Dask(cluster.scheduler_address)
+    backend: Backend = LocalBackend(2) if where == "processes" else DaskBackend(cluster.scheduler_address)
     asked: Any = [Deadly("deadly"), *well]
-    done = perform_all(asked, engine)
+    done = run_trials(asked, backend)
     assert [(one.trial, one.exit_code) for one in done] == [("deadly", 5), ("a", 0)]
     assert "killed" in (done[0].message or "")
 
@@ -104,7 +104,7 @@ def test_a_trial_that_takes_its_process_along(cluster: Any, tmp_path: Path, wher
 def test_stopping_at_the_first_failure(tmp_path: Path, jobs: int) -> None:
     files = trials(tmp_path, NAMES)
     files[0].write_text(files[0].read_text().replace("link", "nowhere"))
-    done = perform_all([load(file) for file in files], Here(jobs), on_error="stop")
+    done = run_trials([load(file) for file in files], LocalBackend(jobs), on_error="stop")
     codes = [one.exit_code for one in done]
     assert codes[0] == 3
     assert codes[-1] == NOT_RUN
@@ -114,28 +114,28 @@ def test_stopping_at_the_first_failure(tmp_path: Path, jobs: int) -> None:
 def test_an_interrupted_batch_goes_on(tmp_path: Path) -> None:
     trials(tmp_path, NAMES)
 
-    def interrupt(done: Performed) -> None:
+    def interrupt(done: TrialRun) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run([str(tmp_path)], tmp_path / "batch.parquet", tell=interrupt)
+        run_batch([str(tmp_path)], tmp_path / "batch.parquet", tell=interrupt)
     assert not (tmp_path / "batch.parquet").exists()
-    done = run([str(tmp_path)], tmp_path / "batch.parquet")
+    done = run_batch([str(tmp_path)], tmp_path / "batch.parquet")
     assert [one["computed"] for one in done.rows] == [False, True, True]
 
 
 @pytest.mark.parametrize(
-    ("engine", "told"),
+    ("backend", "told"),
     [
-        (Dask(cluster={"kind": "mainframe"}), "expected one of local, ssh, slurm"),
-        (Dask(cluster={"kind": "local", "wrkers": 2}), "wrkers"),
-        (Dask("nonsense"), "no Dask scheduler answers"),
+        (DaskBackend(cluster={"kind": "mainframe"}), "expected one of local, ssh, slurm"),
+        (DaskBackend(cluster={"kind": "local", "wrkers": 2}), "wrkers"),
+        (DaskBackend("nonsense"), "no Dask scheduler answers"),
     ],
 )
-def test_an_engine_that_cannot_be_had(tmp_path: Path, engine: Engine, told: str) -> None:
+def test_an_engine_that_cannot_be_had(tmp_path: Path, backend: Backend, told: str) -> None:
     trials(tmp_path, NAMES[:2])
     with pytest.raises(ConfigError, match=told):
-        run([str(tmp_path)], tmp_path / "batch.parquet", engine=engine)
+        run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=backend)
     assert not (tmp_path / "runs").exists()
 
 

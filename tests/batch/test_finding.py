@@ -8,7 +8,7 @@ import pytest
 from batch_cases import trials
 
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.batch import find
+from mocap_id.workflows.batch import find_trials
 
 STUDY = """\
 study: two
@@ -20,7 +20,7 @@ trials:
 
 
 def names(*named: str | Path) -> list[str]:
-    found, unreadable = find([str(name) for name in named])
+    found, unreadable = find_trials([str(name) for name in named])
     assert unreadable == []
     return [trial.name for trial in found]
 
@@ -44,7 +44,7 @@ def test_a_file_that_is_no_trials_is_kept_apart(tmp_path: Path) -> None:
     (one,) = trials(tmp_path, ["one"])
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("trial: wrong\nrecordng: link.trc\n")
-    found, (unreadable,) = find([str(one), str(wrong)])
+    found, (unreadable,) = find_trials([str(one), str(wrong)])
     assert [trial.name for trial in found] == ["one"]
     assert unreadable.file == wrong
     assert "did you mean `recording`?" in str(unreadable.error)
@@ -54,11 +54,11 @@ def test_a_file_that_is_no_trials_is_kept_apart(tmp_path: Path) -> None:
 def test_a_name_that_fits_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match="expected a trial's or a study's YAML file"):
-        find([named])
+        find_trials([named])
 
 
 def test_two_trials_do_not_share_a_folder(tmp_path: Path) -> None:
     one, two = trials(tmp_path, ["one", "two"])
     two.write_text(two.read_text().replace("trial: two", "trial: one"))
-    with pytest.raises(ConfigError, match="give one another `out:`"):
-        find([str(one), str(two)])
+    with pytest.raises(ConfigError, match="give one of them another `out:`"):
+        find_trials([str(one), str(two)])

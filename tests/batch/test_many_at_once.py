@@ -16,9 +16,9 @@ from batch_cases import trials
 
 from mocap_id.config import Trial
 from mocap_id.config import source as source_module
-from mocap_id.workflows.batch import find, finding
-from mocap_id.workflows.performing import Performed, engine, perform_all
-from mocap_id.workflows.performing.engine import Engine, Workers
+from mocap_id.workflows.batch import find_trials, trial_files
+from mocap_id.workflows.parallel import TrialRun, backends, run_trials
+from mocap_id.workflows.parallel.backends import Backend, Workers
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
 
@@ -80,14 +80,14 @@ class InOrder(Executor):
             future.set_result(call())
 
 
-class Wide(Engine):
+class Wide(Backend):
     """So many trials at a time, none of which takes any."""
 
     def __init__(self, width: int) -> None:
         self.executor = InOrder(width)
 
     @property
-    def side_by_side(self) -> bool:
+    def parallel(self) -> bool:
         return True
 
     @contextmanager
@@ -105,9 +105,9 @@ class Named:
         self.name = f"t{number:05}"
 
 
-def at_once(trial: Trial) -> Performed:
+def at_once(trial: Trial) -> TrialRun:
     """A trial that takes no time."""
-    return Performed(trial.name, 0, None, None, None, computed=True, seconds=0.0)
+    return TrialRun(trial.name, 0, None, None, None, computed=True, seconds=0.0)
 
 
 @pytest.mark.parametrize(("count", "width"), [(300, 2), (3_000, 2), (3_000, 1_000)])
@@ -116,11 +116,11 @@ def test_operations_a_trial_are_the_same_for_any_number_of_trials_and_workers(co
     asked: list[Any] = [Named(k) for k in range(count)]
     told: list[str] = []
 
-    def tell(one: Performed) -> None:
+    def tell(one: TrialRun) -> None:
         told.append(one.trial)
         wide.executor.told.release()
 
-    done = perform_all(asked, wide, tell, how=at_once)
+    done = run_trials(asked, wide, tell, run=at_once)
     assert [one.trial for one in done] == [one.name for one in asked]
     assert sorted(told) == [one.name for one in asked]
     assert wide.executor.most <= width
@@ -129,20 +129,20 @@ def test_operations_a_trial_are_the_same_for_any_number_of_trials_and_workers(co
 
 def test_workers_that_join_later_get_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a cluster's queue gives them: the first trials are asked for when nobody is there yet."""
-    monkeypatch.setattr(engine, "_COUNTED_EVERY", 0.2)
-    monkeypatch.setattr(engine, "_LEAST_WAITING", 1)
+    monkeypatch.setattr(backends, "_COUNTED_EVERY", 0.2)
+    monkeypatch.setattr(backends, "_LEAST_WAITING", 1)
     with distributed.LocalCluster(
         n_workers=0, threads_per_worker=4, processes=False, dashboard_address=":0", silence_logs=50
     ) as cluster:
         asked: list[Any] = [Named(k) for k in range(60)]
-        with engine.Dask(cluster.scheduler_address).workers(len(asked)) as workers:
+        with backends.DaskBackend(cluster.scheduler_address).workers(len(asked)) as workers:
             assert workers.width() == 1
             cluster.scale(1)
             until = time.monotonic() + 30
             while workers.width() == 1 and time.monotonic() < until:
                 time.sleep(0.05)
             assert workers.width() == 8
-        done = perform_all(asked, engine.Dask(cluster.scheduler_address), how=at_once)
+        done = run_trials(asked, backends.DaskBackend(cluster.scheduler_address), run=at_once)
         assert [one.trial for one in done] == [one.name for one in asked]
 
 
@@ -162,12 +162,12 @@ def test_a_worker_that_joins_with_another_version(monkeypatch: pytest.MonkeyPatc
             asked.append(workers)
             return {name: function() if name == "one" else "0.0.1" for name in workers}
 
-    monkeypatch.setattr(engine, "_COUNTED_EVERY", 0.0)
+    monkeypatch.setattr(backends, "_COUNTED_EVERY", 0.0)
     client = Client()
-    joining = engine._Joining(client)
-    assert joining() == engine._LEAST_WAITING
+    joining = backends._WorkerCount(client)
+    assert joining() == backends._LEAST_WAITING
     client.threads = {"one": 1, "two": 100}
-    with pytest.raises(engine.ConfigError, match=r"two has mocap-id 0\.0\.1"):
+    with pytest.raises(backends.ConfigError, match=r"two has mocap-id 0\.0\.1"):
         joining()
     assert asked == [["one"], ["two"]]
 
@@ -181,9 +181,9 @@ def test_each_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         read.append(file)
         return source_module.read(file)
 
-    monkeypatch.setattr(finding, "read", reading)
-    monkeypatch.setattr(finding, "load", None)  # which would read it again
-    found, unreadable = find([str(tmp_path if how == "folder" else tmp_path / "*.yaml")])
+    monkeypatch.setattr(trial_files, "read", reading)
+    monkeypatch.setattr(trial_files, "load", None)  # which would read it again
+    found, unreadable = find_trials([str(tmp_path if how == "folder" else tmp_path / "*.yaml")])
     assert len(found) == 20
     assert unreadable == []
     assert len(read) == len(set(read)) == 20

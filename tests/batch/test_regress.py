@@ -12,10 +12,10 @@ import pytest
 from batch_cases import trials
 
 from mocap_id.errors import RecordingError
-from mocap_id.workflows.performing import Here
+from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, regress, update
 from mocap_id.workflows.regress.quantities import INTERVAL, Quantity, quantities
-from mocap_id.workflows.regress.regress import used
+from mocap_id.workflows.regress.regress import tolerance_used
 
 
 @pytest.fixture(scope="module")
@@ -24,14 +24,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Baseline]:
     folder = tmp_path_factory.mktemp("regress")
     well, broken = trials(folder, ["well", "broken"])
     broken.write_text(broken.read_text().replace("link", "nowhere"))
-    baseline = update([str(well), str(broken)], Baseline(tolerances={"plane.*": 0.1}), Here())
+    baseline = update([str(well), str(broken)], Baseline(tolerances={"plane.*": 0.1}), LocalBackend())
     baseline.write(folder / "baseline.json")
     return folder, baseline
 
 
 def test_nothing_moves_by_itself(made: tuple[Path, Baseline]) -> None:
     folder, _ = made
-    found = regress([str(folder)], Baseline.read(folder / "baseline.json"), Here())
+    found = regress([str(folder)], Baseline.read(folder / "baseline.json"), LocalBackend())
     assert found.passed
     assert found.compared > 15
     assert not (folder / "runs").exists(), "the trials' own folders are not touched"
@@ -43,10 +43,10 @@ def test_a_number_that_moves_is_found(made: tuple[Path, Baseline]) -> None:
     name = next(name for name in before if name.startswith("joints."))
     shifted = replace(before[name], value=before[name].value + 1.5 * before[name].tolerance)
     other = replace(baseline, trials={"well": {**before, name: shifted}})
-    found = regress([str(folder / "well.yaml")], other, Here())
+    found = regress([str(folder / "well.yaml")], other, LocalBackend())
     assert [(one.trial, one.name) for one in found.moved] == [("well", name)]
-    assert used(found.moved[0]) == pytest.approx(1.5, rel=1e-6)
-    assert used(replace(found.moved[0], tolerance=2.0 * found.moved[0].tolerance)) == pytest.approx(0.75, rel=1e-6)
+    assert tolerance_used(found.moved[0]) == pytest.approx(1.5, rel=1e-6)
+    assert tolerance_used(replace(found.moved[0], tolerance=2.0 * found.moved[0].tolerance)) == pytest.approx(0.75, rel=1e-6)
 
 
 def test_the_command(cli: Callable[..., Any], made: tuple[Path, Baseline], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A headless Chromium that looks at files and keeps account of what they ask for."""
+"""Headless Chromium that opens local files and records their requests."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ return [...document.querySelectorAll("main *, header *, footer")]
   .filter((one) => one.getBoundingClientRect().right > wide + 1)
   .map((one) => `${one.tagName} ${one.id} ${one.className}`);
 """
-"""Elements that reach out of the viewport and that nobody can scroll to."""
+"""Script that returns the elements outside the viewport that cannot be scrolled to."""
 
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
-    """A browser with a fresh profile; the test is skipped where there is none."""
+    """Start a browser with a fresh profile, or skip the test if there is none."""
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     driver = shutil.which("chromedriver")
     if browser is None or driver is None:
@@ -50,7 +50,7 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
 
 
 def resize(browser: webdriver.Chrome, size: tuple[int, int], *, media: str = "screen", dark: bool = False) -> None:
-    """Another viewport, in CSS pixels, light or dark; a narrow one is a phone's."""
+    """Set the viewport size in CSS pixels and the light or dark mode; a narrow viewport emulates a phone."""
     metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     wanted = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
@@ -58,12 +58,12 @@ def resize(browser: webdriver.Chrome, size: tuple[int, int], *, media: str = "sc
 
 
 def complaints(browser: webdriver.Chrome) -> list[str]:
-    """What the console says that is no mere information; forgotten once read."""
+    """Return the new warnings and errors of the console."""
     return [entry["message"] for entry in browser.get_log("browser") if entry["level"] not in ("INFO", "DEBUG")]  # type: ignore[no-untyped-call]
 
 
 def requests(browser: webdriver.Chrome) -> list[str]:
-    """Addresses of what was asked for since last time, but for what a page holds in itself."""
+    """Return the addresses requested since the last call, except for embedded data."""
     events: Iterator[dict[str, Any]] = (
         json.loads(entry["message"])["message"]
         for entry in browser.get_log("performance")  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""Reports as a browser shows them: nothing fetched, no complaint, nothing cut off, and a player that plays."""
+"""Reports in a browser load nothing, cause no warnings, cut nothing off, and have a working player."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from mocap_id.config import load
-from mocap_id.recording.writing import write_c3d
-from mocap_id.reporting.embedding import embedded, read
+from mocap_id.recording.writer import write_c3d
+from mocap_id.reporting.embedding import embed, read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
 from mocap_id.reporting.page import environment
 from mocap_id.runner import run
 from mocap_id.simulation import Options, RobotSet, generate
 from mocap_id.workflows.robot_study import validate_robot
-from mocap_id.workflows.sensitivity.asking import Asked
+from mocap_id.workflows.sensitivity.options import SensitivityOptions
 from mocap_id.workflows.sensitivity.study import sensitivity
-from mocap_id.workflows.study import run as run_study
+from mocap_id.workflows.study import run_study
 
 pytestmark = pytest.mark.external
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,13 +54,13 @@ trials:
 
 @dataclass(frozen=True)
 class Pages:
-    """A browser, and the pages to look at by name."""
+    """A browser, and the pages to open by name."""
 
     browser: webdriver.Chrome
     files: dict[str, Path]
 
     def open(self, name: str, size: tuple[int, int] = DESKTOP) -> webdriver.Chrome:
-        """Show a page and wait until its figures, and its player if it has one, are drawn."""
+        """Open a page and wait until its figures and its player, if any, are drawn."""
         resize(self.browser, size)
         complaints(self.browser), requests(self.browser)
         self.browser.get(self.files[name].as_uri())
@@ -77,7 +77,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pages]:
 
 
 def made(folder: Path) -> dict[str, Path]:
-    """Reports of a good, a doubtful, a refused and a robot's trial, and the pages over several."""
+    """Reports of a good, an uncertain, a refused and a robot trial, and pages of several trials."""
     scene = generate("sit-to-stand", SHORT)
     labels = list(scene.scene.markers.labels)
     write_c3d(folder / "normal.c3d", labels, scene.points, SHORT.rate, plates=(scene.signals,))
@@ -90,25 +90,27 @@ def made(folder: Path) -> dict[str, Path]:
     robot = load(folder / "trial.yaml")
     run(robot)
     folders = {name: study.study.out / name for name in TRIALS} | {"robot": robot.out}
-    told = {name: json.loads((where / "summary.json").read_text("utf-8")) for name, where in folders.items()}
-    assert {name: one["verdict"]["level"] for name, one in told.items()} == LEVELS
-    asked = Asked(wishes=tuple(wish for wish in Asked().wishes if wish.kind == "wrench-bias"))
-    tolerates = sensitivity(folder / "trial.yaml", asked, jobs=1, out=folder / "tolerates").folder
-    swings = RobotSet(1, ("elbow",), ("fast",), (45.0,), Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0))
-    validation = validate_robot([], folder / "validation", generated=swings).page
-    over = {"cohort": study.page, "sensitivity": tolerates / "sensitivity.html", "validation": validation}
+    summaries = {name: json.loads((where / "summary.json").read_text("utf-8")) for name, where in folders.items()}
+    assert {name: one["verdict"]["level"] for name, one in summaries.items()} == LEVELS
+    options = SensitivityOptions().only(["wrench-bias"])
+    sensitivity_study = sensitivity(folder / "trial.yaml", options, jobs=1, out=folder / "sensitivity").folder
+    simulated = RobotSet(
+        1, ("elbow",), ("fast",), (45.0,), Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
+    )
+    validation = validate_robot([], folder / "validation", generated=simulated).page
+    over = {"cohort": study.page, "sensitivity": sensitivity_study / "sensitivity.html", "validation": validation}
     return {name: where / "report.html" for name, where in folders.items()} | over
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
 @pytest.mark.parametrize("name", [*TRIALS, *OVER])
-def test_a_page_fetches_nothing_complains_of_nothing_and_fits(pages: Pages, name: str, size: tuple[int, int]) -> None:
+def test_a_page_loads_nothing_has_no_warnings_and_fits(pages: Pages, name: str, size: tuple[int, int]) -> None:
     browser = pages.open(name, size)
     assert requests(browser) == [pages.files[name].as_uri()]
     assert complaints(browser) == []
     assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
     assert browser.execute_script(OVERFLOWING) == []
-    held = read(pages.files[name].read_text("utf-8"))
+    held = read_figures(pages.files[name].read_text("utf-8"))
     charts = browser.find_elements(By.CSS_SELECTOR, ".chart")
     assert {one.get_attribute("data-figure") for one in charts} == {one.name for one in held.all if not one.missing}
     for chart in charts:
@@ -134,11 +136,11 @@ return [...arguments[0].querySelectorAll(".plot")].map((plot) => {
   };
 });
 """
-"""Of each panel of a figure: its size in pixels, how much is drawn, and texts that are cut off."""
+"""Script that returns the size in pixels, the number of marks and the cut-off texts of each panel."""
 
 
 def settled(browser: webdriver.Chrome, name: str) -> str:
-    """What a part of the player draws once it no longer changes."""
+    """Return the drawing of a part of the player once it no longer changes."""
     script = """
       const layers = document.getElementById(arguments[0]).querySelectorAll(".scatterlayer, .shapelayer");
       return [...layers].map((one) => one.outerHTML).join("");
@@ -150,12 +152,12 @@ def settled(browser: webdriver.Chrome, name: str) -> str:
             return now
         before = now
         time.sleep(0.1)
-    raise AssertionError("the player never comes to rest")
+    raise AssertionError("the player does not stop changing")
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
 @pytest.mark.parametrize("name", TRIALS)
-def test_the_player_draws_and_what_it_draws_follows_the_slider(pages: Pages, name: str, size: tuple[int, int]) -> None:
+def test_the_player_follows_the_slider(pages: Pages, name: str, size: tuple[int, int]) -> None:
     browser = pages.open(name, size)
     first = settled(browser, "player-figure")
     still = name == "refused"
@@ -174,7 +176,7 @@ def test_the_player_draws_and_what_it_draws_follows_the_slider(pages: Pages, nam
     assert complaints(browser) == []
 
 
-def test_the_player_plays_pauses_and_is_sought_by_a_click(pages: Pages) -> None:
+def test_the_player_plays_pauses_and_jumps_on_a_click(pages: Pages) -> None:
     browser = pages.open("good")
     slider, button = browser.find_element(By.ID, "player-time"), browser.find_element(By.ID, "player-play")
     button.click()
@@ -192,7 +194,7 @@ def test_the_player_plays_pauses_and_is_sought_by_a_click(pages: Pages) -> None:
     assert complaints(browser) == []
 
 
-def test_everything_is_reached_without_a_mouse_and_the_headings_are_in_order(pages: Pages) -> None:
+def test_everything_works_without_a_mouse_and_headings_are_in_order(pages: Pages) -> None:
     for name in (*TRIALS, *OVER):
         browser = pages.open(name)
         levels = [int(one.tag_name[1]) for one in browser.find_elements(By.CSS_SELECTOR, "h1, h2, h3, h4")]
@@ -204,7 +206,7 @@ def test_everything_is_reached_without_a_mouse_and_the_headings_are_in_order(pag
             assert table.find_elements(By.CSS_SELECTOR, "th[scope]")
 
 
-def test_who_zooms_one_curve_zooms_all_and_sees_values_where_the_mouse_is(pages: Pages) -> None:
+def test_zooming_one_curve_zooms_all_and_hovering_shows_values(pages: Pages) -> None:
     browser = pages.open("good")
     ranges = """
       const plots = [...document.querySelectorAll("[data-figure=wrench] .plot")];
@@ -234,12 +236,12 @@ PAGE = """{% from "parts.html.j2" import chart, scripts %}<!DOCTYPE html><meta c
 {{ chart(drawing) }}{{ scripts(held) }}"""
 
 
-def test_names_that_come_from_files_are_only_text(pages: Pages, tmp_path: Path) -> None:
+def test_names_from_files_are_shown_as_text(pages: Pages, tmp_path: Path) -> None:
     two = np.arange(2.0)
     items = (Line(two, two, "#1b1c1f", HOSTILE), Points(two, two, "#1b1c1f", HOSTILE, names=(HOSTILE, HOSTILE)))
     panels = (Panel((*items, Text(0, 0, HOSTILE)), HOSTILE, HOSTILE, HOSTILE), Panel(items, rows=(HOSTILE, "b")))
     drawing = Drawing("one", HOSTILE, HOSTILE, Figure((panels[:1], panels[1:])))
-    page = environment().from_string(PAGE).render(drawing=drawing, held=embedded(Drawings("of", (drawing,))))
+    page = environment().from_string(PAGE).render(drawing=drawing, held=embed(Drawings("of", (drawing,))))
     (tmp_path / "page.html").write_text(page, "utf-8")
     browser = Pages(pages.browser, {"hostile": tmp_path / "page.html"}).open("hostile")
     ActionChains(browser).move_to_element(browser.find_element(By.CSS_SELECTOR, ".plot")).perform()
@@ -249,7 +251,7 @@ def test_names_that_come_from_files_are_only_text(pages: Pages, tmp_path: Path) 
     assert shown.count("onerror") >= 6
 
 
-def test_a_name_of_the_legend_hides_and_shows_what_goes_by_it(pages: Pages) -> None:
+def test_a_legend_entry_hides_and_shows_its_curves(pages: Pages) -> None:
     browser = pages.open("good")
     count = "return document.querySelectorAll('[data-figure=wrench] .scatterlayer .trace').length"
     before = browser.execute_script(count)
@@ -261,7 +263,7 @@ def test_a_name_of_the_legend_hides_and_shows_what_goes_by_it(pages: Pages) -> N
 
 
 LIGHT, DARK = "rgb(27, 28, 31)", "rgb(232, 232, 234)"
-"""The page's ink where it is light and where it is dark."""
+"""The text colour of the page in light and dark mode."""
 COLOURS = """
 const found = new Set();
 for (const one of document.querySelectorAll(".plot svg *")) {
@@ -274,7 +276,7 @@ return [...found];
 
 
 @pytest.mark.parametrize("name", ["good", "refused", *OVER])
-def test_where_the_page_is_dark_so_is_what_it_draws_even_if_that_changes(pages: Pages, name: str) -> None:
+def test_figures_follow_the_dark_mode_of_the_page(pages: Pages, name: str) -> None:
     browser = pages.open(name)
     for dark in (False, True, False):
         resize(browser, DESKTOP, dark=dark)
@@ -287,13 +289,13 @@ def test_where_the_page_is_dark_so_is_what_it_draws_even_if_that_changes(pages: 
     assert complaints(browser) == []
 
 
-def test_on_paper_there_are_figures_and_no_player(pages: Pages) -> None:
+def test_the_printed_page_has_figures_and_no_player(pages: Pages) -> None:
     browser = pages.open("good")
     resize(browser, DESKTOP, media="print")
     assert not browser.find_element(By.ID, "player").is_displayed()
     plots = browser.find_elements(By.CSS_SELECTOR, ".chart .plot svg.main-svg")
     assert len(plots) > 20 and all(one.is_displayed() for one in plots)
-    width = 7.48 * 96  # of A4 between margins of 1 cm, pixels
+    width = 7.48 * 96  # pixels; A4 with margins of 1 cm
     assert (
         max(browser.execute_script("return arguments[0].map((one) => one.getBoundingClientRect().width)", plots))
         < width
@@ -302,20 +304,20 @@ def test_on_paper_there_are_figures_and_no_player(pages: Pages) -> None:
     assert len(base64.b64decode(printed["data"])) > 50_000
 
 
-def test_without_scripts_the_page_says_so_and_shows_the_rest(pages: Pages) -> None:
+def test_without_scripts_the_page_shows_everything_else(pages: Pages) -> None:
     browser = pages.browser
     resize(browser, DESKTOP)
     browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     try:
         browser.get(pages.files["good"].as_uri())
         laid_out = ""
-        for _ in range(50):  # without scripts nothing says when the page is laid out
+        for _ in range(50):  # without scripts there is no event when the layout is complete
             seen = browser.execute_cdp_cmd("DOMSnapshot.captureSnapshot", {"computedStyles": []})
             laid_out = " ".join(seen["strings"][k] for k in seen["documents"][0]["layout"]["text"] if k >= 0)
             if laid_out:
                 break
             time.sleep(0.1)
-        for words in ("needs a browser that runs JavaScript", "Joint states.", "95 % bands", "mocap-id figures"):
+        for words in ("needs JavaScript", "Joint states.", "95 % confidence bands", "mocap-id figures"):
             assert words in laid_out
         assert "Play" not in laid_out.split()
     finally:

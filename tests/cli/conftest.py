@@ -1,4 +1,4 @@
-"""A small recording to spoil."""
+"""A small recording for tests with bad input."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from mocap_id.recording.plate_types import PlateSignals
-from mocap_id.recording.writing import write_c3d, write_trc
+from mocap_id.recording.writer import write_c3d, write_trc
 from mocap_id.runner import RUN_LOG
 from swinging_link import LABELS, RATE
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial.yaml with its recording in a folder of its own."""
+    """A trial.yaml with its recording in a temporary folder."""
 
     folder: Path
 
@@ -43,12 +43,12 @@ class Trial:
         return self.say("trial.trc")
 
     def inputs(self) -> dict[str, str]:
-        """Content hashes of everything that is the user's."""
+        """Content hashes of the user's files."""
         files = [path for path in self.folder.iterdir() if path.is_file()]
         return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
     def made(self) -> list[str]:
-        """Files of the run folder that are for people; anything half-written would be among them."""
+        """Visible files in the run folder, including any half-written ones."""
         if not self.out.is_dir():
             return []
         files = [path.relative_to(self.out) for path in self.out.rglob("*") if path.is_file() and path.name != RUN_LOG]

@@ -1,4 +1,4 @@
-"""What a lab hands over on a bad day: one message, the right exit code, nothing half-written, inputs untouched."""
+"""Bad input gives one message and the right exit code, leaves no half-written file, and is not modified."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def run(cli, trial, path: Path):
 
 
 def refused(said, trial) -> str:
-    """The code of a refusal that summary and report tell of."""
+    """Return the code of a refusal that the summary and the report describe."""
     assert said.code == 4, said.err
     assert said.out.startswith("verdict: refused\n")
     assert {"summary.json", "report.html"} <= set(trial.made())
@@ -89,7 +89,7 @@ def test_no_markers(cli, trial) -> None:
 
 
 def test_no_plate(cli, trial) -> None:
-    """Kinematics run; the dynamics say why they could not."""
+    """The kinematics run; the dynamics say why they cannot."""
     said = run(cli, trial, trial.c3d(pendulum()))
     assert said.code == 0, said.err
     assert {"states.parquet", "dynamics.parquet", "dynamics.h5"} <= set(trial.made())
@@ -112,7 +112,7 @@ def test_only_the_base(cli, trial) -> None:
 
 
 def test_a_storm_of_gaps(cli, trial) -> None:
-    """Nine samples in ten missing at random: still enough to find a link and its joint, with a caution."""
+    """With nine of ten samples missing, a link and its joint are still found, with a caution."""
     points = pendulum()
     points[np.random.default_rng(5).random(points.shape[:2]) < 0.9] = np.nan
     said = run(cli, trial, trial.trc(points))
@@ -126,7 +126,7 @@ def test_a_storm_of_gaps(cli, trial) -> None:
 def test_nothing_was_ever_seen(cli, trial) -> None:
     said = run(cli, trial, trial.c3d(np.full((600, 8, 3), np.nan)))
     assert said.code == 3, said.err
-    assert "no marker is seen" in said.err
+    assert "no marker is visible" in said.err
     assert not (trial.folder / "runs").exists()
 
 
@@ -151,7 +151,7 @@ def test_all_of_a_segment_vanishes_half_way(cli, trial) -> None:
 
 @pytest.mark.parametrize("units", ["furlong", "", "m"])
 def test_wrong_units(cli, trial, units: str) -> None:
-    """Unknown, undeclared, or metres declared for millimetres: a pendulum of 400 m."""
+    """Units are unknown, undeclared or wrong: metres instead of millimetres give a pendulum of 400 m."""
     path = trial.trc(pendulum())
     file = trial.folder / "trial.trc"
     file.write_text(file.read_text().replace("\tmm\t", f"\t{units}\t"))
@@ -161,7 +161,7 @@ def test_wrong_units(cli, trial, units: str) -> None:
 
 
 def test_uneven_times_are_refused_before_anything_is_written(cli, trial) -> None:
-    """One frame that was taken two fifths of a frame late."""
+    """One frame is two fifths of a frame late."""
     path = trial.trc(pendulum())
     file = trial.folder / "trial.trc"
     text = file.read_text()
@@ -175,12 +175,12 @@ def test_uneven_times_are_refused_before_anything_is_written(cli, trial) -> None
 
 
 def test_a_plate_of_numbers_that_are_none(cli, trial) -> None:
-    """The plate is left out, the kinematics run."""
+    """The plate is omitted, and the kinematics run."""
     plate = plate_under(600)
     plate.channels[:, 2] = np.nan
     said = run(cli, trial, trial.c3d(pendulum(), plates=(plate,)))
     assert said.code == 0, said.err
-    assert "none of the force plates carries the feet" in said.out
+    assert "none of the force plates is under the feet" in said.out
 
 
 def test_a_file_where_the_results_should_go(cli, trial) -> None:
@@ -188,7 +188,7 @@ def test_a_file_where_the_results_should_go(cli, trial) -> None:
     (trial.folder / "runs").write_text("not a folder")
     said = run(cli, trial, path)
     assert said.code == 6
-    assert "a file stands where a folder is needed" in said.err
+    assert "there is a file where a folder is needed" in said.err
 
 
 def test_a_folder_in_use(cli, trial) -> None:
@@ -213,7 +213,7 @@ def test_stages_one_by_one_need_those_before(cli, trial) -> None:
 def test_an_option_before_its_command(cli, trial) -> None:
     said = cli("-q", "run", trial.trc(pendulum()))
     assert said.code == 2
-    assert "A command's options stand after it: mocap-id COMMAND -q" in said.err
+    assert "Give a command's options after its name: mocap-id COMMAND -q" in said.err
 
 
 def test_a_run_that_is_not_there(cli, trial) -> None:

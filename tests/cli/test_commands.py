@@ -21,7 +21,7 @@ HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "h5py", "numba", "matplotlib", "
 
 
 def loading(*arguments: str) -> tuple[str, set[str]]:
-    """What a call prints on standard output, and the libraries that it loads."""
+    """Return the standard output of a call, and the libraries that it loads."""
     asked = f"import sys; from mocap_id_cli.__main__ import main; sys.argv[1:] = {list(arguments)!r}"
     told = "try: main()\nexcept SystemExit: print(*sys.modules)"
     said = subprocess.run([sys.executable, "-c", f"{asked}\n{told}"], capture_output=True, text=True, check=True)
@@ -46,7 +46,7 @@ def test_what_has_nothing_to_do_loads_no_library_of_the_stages(cli, trial) -> No
 
 @pytest.mark.parametrize("sample", ["robot-joint", "sit-to-stand"])
 def test_a_run_loads_no_library_that_it_does_not_need(sample: str, tmp_path: Path) -> None:
-    """Each of them takes a tenth of a second or more of every run."""
+    """Loading each of them takes a tenth of a second or more."""
     shutil.copytree(ROOT / "sample_trials" / sample, tmp_path / sample, ignore=shutil.ignore_patterns("runs"))
     _, modules = loading("run", str(tmp_path / sample / "trial.yaml"), "--json")
     unwanted = {"matplotlib", "pandas", "filterpy", "osqp", "c3d", "ezc3d", "scipy.stats", "scipy.signal"}

@@ -1,4 +1,4 @@
-"""`mocap-id doctor` on this installation, and on broken ones."""
+"""`mocap-id doctor` on this installation and on broken ones."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.doctor import Check, examining, machine
-from mocap_id.workflows.doctor.check import release
+from mocap_id.workflows.doctor import Finding, checks, machine
 from mocap_id.workflows.doctor.dependencies import dependencies, package
+from mocap_id.workflows.doctor.finding import release
 
 
 def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,7 +67,7 @@ def test_versions_are_ordered(newer: str, older: str) -> None:
 
 
 def test_a_failure_is_told_with_exit_code_1(cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examining, "machine", lambda folder: iter([Check("disk", "fail", "full", "make room")]))
+    monkeypatch.setattr(checks, "machine", lambda folder: iter([Finding("disk", "fail", "full", "make room")]))
     said = cli("doctor")
     assert said.code == 1
     assert "does not work: disk" in said.out
@@ -96,27 +96,27 @@ def test_threads_that_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_opensim_that_is_named_but_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("MOCAP_ID_OPENSIM_PYTHON", str(tmp_path / "python"))
-    assert examining.opensim(tmp_path).level == "warn"
+    assert checks.opensim(tmp_path).level == "warn"
     monkeypatch.delenv("MOCAP_ID_OPENSIM_PYTHON")
-    assert examining.opensim(tmp_path).level == "ok"
+    assert checks.opensim(tmp_path).level == "ok"
 
 
 def test_a_small_trial_that_breaks_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> None:
         raise RuntimeError("a library is missing\nand more")
 
-    monkeypatch.setattr(examining, "simulate", broken)
-    found = examining.small_trial()
+    monkeypatch.setattr(checks, "simulate", broken)
+    found = checks.small_trial()
     assert (found.level, found.found) == ("fail", "RuntimeError: a library is missing")
 
 
 def test_a_small_trial_runs() -> None:
-    found = examining.small_trial()
+    found = checks.small_trial()
     assert found.level == "ok", found
 
 
 def test_explain_by_the_command_line(cli) -> None:
-    assert "segments are doubtful" in cli("explain", "segments-unsure").out
+    assert "segments are uncertain" in cli("explain", "segments-unsure").out
     assert json.loads(cli("explain", "4", "--json").out)["code"] == "exit-4"
     assert len(cli("explain").out.splitlines()) == len(json.loads(cli("explain", "--json").out))
     said = cli("explain", "segment-unsure")

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a full disk in the middle of a run: whole files only, and the next run goes on from there."""
+"""Ctrl-C, SIGTERM or a full disk during a run leave only complete files, and the next run continues."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_an_interruption_is_orderly(cli, trial, number: signal.Signals, code: in
     assert steps[1][1] != "reused"
 
 
-# A limit on the size of files stands for a disk that is full: the system refuses in the middle of a file.
+# A file size limit simulates a full disk: the system refuses to write in the middle of a file.
 FULL = """
 import resource, sys
 from mocap_id_cli.__main__ import main

@@ -1,4 +1,4 @@
-"""The robot study from end to end: simulated trials, a lab's own without truth, one that fails; the thesis's rows."""
+"""The robot study end to end: simulated trials, own trials without truth, and a trial that fails."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ import pytest
 
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.errors import ConfigError
-from mocap_id.simulation import Options, RobotSet, simulate_set
-from mocap_id.simulation.robot_set import set_trials
+from mocap_id.simulation import Options, RobotSet, simulate_robot_set
+from mocap_id.simulation.robot_set import robot_set_trials
 from mocap_id.workflows.figures import figures
-from mocap_id.workflows.robot_study import Outcome, validate_robot
-from mocap_id.workflows.robot_study.columns import TABLES
+from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
+from mocap_id.workflows.robot_study.tables import TABLES
 
 OPTIONS = Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Outcome]]:
+def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, RobotStudyResult]]:
     out = tmp_path_factory.mktemp("robot") / "out"
     yield out, validate_robot([], out, generated=TWO)
 
@@ -37,7 +37,7 @@ def row(frame: pd.DataFrame, **cell: object) -> pd.Series:  # type: ignore[type-
     return frame.iloc[0]
 
 
-def test_every_trial_and_method_is_near_the_truth(study: tuple[Path, Outcome]) -> None:
+def test_every_trial_and_method_is_near_the_truth(study: tuple[Path, RobotStudyResult]) -> None:
     frame = study[1].frames["trials"]
     assert not study[1].failed
     for joint, reference, within in (
@@ -60,7 +60,7 @@ def test_every_trial_and_method_is_near_the_truth(study: tuple[Path, Outcome]) -
         assert abs(clock["encoder_offset"] - clock["encoder_offset_truth"]) < 4 * clock["encoder_offset_sd"]
 
 
-def test_the_wrist_is_said_to_be_weak_and_the_elbow_known(study: tuple[Path, Outcome]) -> None:
+def test_the_wrist_is_said_to_be_weak_and_the_elbow_known(study: tuple[Path, RobotStudyResult]) -> None:
     frame = study[1].frames["trials"]
     assert row(frame, joint="wrist", method="cameras")["Izz2_verdict"] in {"weak", "not identifiable"}
     assert "parameters-weak" in row(frame, joint="wrist", method="cameras")["codes"]
@@ -72,8 +72,8 @@ def test_the_wrist_is_said_to_be_weak_and_the_elbow_known(study: tuple[Path, Out
     )
 
 
-def test_the_reference_fits_as_well_as_what_was_found(study: tuple[Path, Outcome]) -> None:
-    """It is the truth here; turned into the plane wrongly it would not."""
+def test_the_reference_fits_as_well_as_what_was_found(study: tuple[Path, RobotStudyResult]) -> None:
+    """The reference is the truth here, so a wrong rotation into the plane would show."""
     frame = study[1].frames["trials"]
     for joint in ("elbow", "wrist"):
         reference, found = (row(frame, joint=joint, method=method) for method in ("reference", "encoder"))
@@ -82,7 +82,7 @@ def test_the_reference_fits_as_well_as_what_was_found(study: tuple[Path, Outcome
             assert abs(reference[f"{name}_bias"]) < 0.2 * found[f"{name}_sd"]
 
 
-def test_tables_have_the_thesiss_rows_below_ours_in_the_same_units(study: tuple[Path, Outcome]) -> None:
+def test_tables_have_the_thesiss_rows_below_ours_in_the_same_units(study: tuple[Path, RobotStudyResult]) -> None:
     frames = study[1].frames
     kinematic = row(frames["table_5_1"], joint="elbow", source="thesis")
     assert (kinematic["base_mean"], kinematic["marker_mean"]) == pytest.approx((0.525, 0.6e-3))
@@ -104,7 +104,7 @@ def test_every_row_of_the_thesis_has_a_number_for_each_of_its_columns() -> None:
         assert {obs for *_, obs in spec.published} <= set(spec.methods.values())
 
 
-def test_files_say_what_they_hold(study: tuple[Path, Outcome]) -> None:
+def test_files_say_what_they_hold(study: tuple[Path, RobotStudyResult]) -> None:
     out = study[0]
     document = json.loads((out / "validation.json").read_text())
     assert [trial["against"] for trial in document["trials"]] == ["truth", "truth"]
@@ -120,15 +120,17 @@ def test_files_say_what_they_hold(study: tuple[Path, Outcome]) -> None:
     assert drawn == {"recovery-1", "wrench", "residuals", "accelerations", "captions"}
 
 
-def test_what_no_method_changes_is_computed_once(study: tuple[Path, Outcome]) -> None:
+def test_what_no_method_changes_is_computed_once(study: tuple[Path, RobotStudyResult]) -> None:
     run = study[0] / "runs" / "elbow-fast-45-1"
     for file in ("planar.parquet", "chain.h5"):
         assert (run / file).samefile(run / "methods" / "spline" / file)
     again = validate_robot([], study[0], generated=TWO)
-    assert all(not one.performed.computed for one in again.cases)
+    assert all(not one.run.computed for one in again.trials)
 
 
-def test_a_labs_own_trials_without_truth_and_one_that_fails(study: tuple[Path, Outcome], tmp_path: Path, cli) -> None:  # type: ignore[no-untyped-def]
+def test_a_labs_own_trials_without_truth_and_one_that_fails(
+    study: tuple[Path, RobotStudyResult], tmp_path: Path, cli
+) -> None:  # type: ignore[no-untyped-def]
     source = study[0] / "trials" / "elbow-fast-45-1"
     for file in ("trial.c3d", "encoder.csv"):
         (tmp_path / file).write_bytes((source / file).read_bytes())
@@ -181,7 +183,7 @@ def test_the_shared_trial_of_the_thesiss_elbow(recordings: Path, tmp_path: Path)
 
 
 def test_more_repeats_leave_the_first_ones_alone() -> None:
-    one, three = (dict(set_trials(replace(TWO, repeats=repeats))) for repeats in (1, 3))
+    one, three = (dict(robot_set_trials(replace(TWO, repeats=repeats))) for repeats in (1, 3))
     assert one.items() <= three.items()
     assert len({options.seed for options in three.values()}) == len(three) == 6
 
@@ -208,10 +210,10 @@ def test_a_wrong_study_file_is_explained(tmp_path: Path, text: str, words: list[
 def test_a_set_is_made_in_an_empty_folder_only(tmp_path: Path) -> None:
     (tmp_path / "something").write_text("")
     with pytest.raises(Exception, match="not empty"):
-        simulate_set(tmp_path, TWO)
+        simulate_robot_set(tmp_path, TWO)
 
 
-def test_another_set_is_not_taken_for_the_one_that_is_asked_for(study: tuple[Path, Outcome]) -> None:
+def test_another_set_is_not_taken_for_the_one_that_is_asked_for(study: tuple[Path, RobotStudyResult]) -> None:
     other = replace(TWO, options=replace(TWO.options, seed=TWO.options.seed + 1))
     with pytest.raises(ConfigError, match="another seed or number of trials"):
         validate_robot([], study[0], generated=other)

@@ -1,4 +1,4 @@
-"""``mocap-id sensitivity`` from end to end: what it writes, what it leaves alone, and what it says of bad input."""
+"""``mocap-id sensitivity`` end to end: its output, unchanged inputs, and messages for bad input."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.figures import figures
-from mocap_id.workflows.sensitivity.columns import TABLES
+from mocap_id.workflows.sensitivity.tables import TABLES
 from swinging_link import pendulum
 
 SETTINGS = """seed: 3
@@ -33,7 +33,7 @@ perturbations:
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A robot's trial that has been computed."""
+    """A computed trial of a robot."""
     folder = tmp_path_factory.mktemp("computed")
     file = simulate("robot", folder, Options(seed=43, repetitions=2, analog_rate=200))
     run_to(load(file), "identify-dim")
@@ -41,7 +41,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Hash of every file but locks and the log, in which the runner notes that it found the trial up to date."""
+    """Hash of every file except locks and the log, to which every run appends."""
     files = [path for path in folder.rglob("*") if path.is_file() and path.name not in ("lock", "run.log")]
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)}
 
@@ -72,7 +72,7 @@ def test_the_same_bytes_however_many_processes_and_wherever_from(
 
 
 def _look_at_the_files(folder: Path, written: dict) -> None:
-    """Tables, figure and page hang together."""
+    """Check that tables, figure and page agree."""
     frames = {name: pd.read_parquet(folder / f"{name}.parquet") for name in TABLES}
     assert len(frames["perturbations"]) == len(written["perturbations"]) == 5
     assert len(frames["responses"]) == 5 * len(written["parameters"])
@@ -90,7 +90,7 @@ def test_without_a_plate_only_what_moves_is_compared(cli: Callable, trial) -> No
     file = trial.trc(pendulum())
     said = cli("sensitivity", file, "--only", "camera-noise", "--only", "wrench-bias", "-j", 1)
     assert said.code == 0
-    assert "note: there is no force plate: lengths and states alone are compared; left out: wrench bias" in said.out
+    assert "note: there is no force plate: only lengths and states are compared; left out: wrench bias" in said.out
     rows = pd.read_parquet(trial.folder / "runs" / "pendulum-sensitivity" / "perturbations.parquet")
     assert set(rows["kind"]) == {"camera-noise"}
     assert rows["theta_rms"].gt(0).all()
@@ -117,5 +117,5 @@ def test_bad_input_is_told_and_nothing_written(cli: Callable, robot: Path, tmp_p
         said = cli("sensitivity", robot, "--quiet", *options)
         assert said.code == 2
         assert words in said.err
-    assert cli("sensitivity", tmp_path).code == 6  # a folder that is no run folder
+    assert cli("sensitivity", tmp_path).code == 6  # not a run folder
     assert not list(tmp_path.iterdir())

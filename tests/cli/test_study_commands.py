@@ -1,4 +1,4 @@
-"""``mocap-id study`` and ``mocap-id init`` at the door: exit codes, what goes where, an orderly end."""
+"""``mocap-id study`` and ``mocap-id init``: exit codes, output and interruption."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.recording.writing import write_trc
+from mocap_id.recording.writer import write_trc
 from mocap_id.store import Folder
 from swinging_link import LABELS, RATE, pendulum
 
@@ -82,7 +82,7 @@ def test_init_shows_before_it_writes(cli, folder: Path, monkeypatch: pytest.Monk
 def test_init_warns_where_file_names_tell_who_it_is(cli, tmp_path: Path) -> None:
     write_trc(tmp_path / "anna_free_1.trc", LABELS, pendulum(), RATE)
     said = cli("init", tmp_path, "--dry-run")
-    assert "note: anna_free_1.trc tells what s01 is called" in said.out
+    assert "note: anna_free_1.trc contains the name of s01" in said.out
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals and groups of POSIX")
@@ -101,7 +101,7 @@ def test_an_interrupted_study_leaves_no_process_behind(
             _until(first.exists, 60)
         else:
             _until((tmp_path / "runs" / "study").exists, 60)
-            time.sleep(0.5)  # the processes are being started, and import
+            time.sleep(0.5)  # while the processes are starting
         if number == signal.SIGINT:
             os.killpg(process.pid, number)  # as a terminal does
         else:

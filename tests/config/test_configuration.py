@@ -1,4 +1,4 @@
-"""What a YAML file may say, and how its mistakes are told."""
+"""YAML files of trials, and messages about their mistakes."""
 
 from __future__ import annotations
 
@@ -123,19 +123,19 @@ def test_a_relative_file_finds_its_recording_from_anywhere(
         ("ukf-smooth: {count: 2.5}\n", 3, ["`ukf-smooth.count` is 2.5", "whole number"]),
         ("ukf-smooth: 3\n", 3, ["`ukf-smooth` is 3", "keys and values"]),
         ("plates: {feet: [0]}\n", 3, ["`plates.feet[0]` is 0", "greater than or equal to 1"]),
-        ("plates: {feet: [1], seat: [1]}\n", 3, ["`plates.seat`", "plate 1 is named under `feet` too"]),
+        ("plates: {feet: [1], seat: [1]}\n", 3, ["`plates.seat`", "plate 1 is also named under `feet`"]),
         ("encoder: a.csv\n", 3, ["`encoder`", "robot-joint"]),
         (SENSOR + "    clock_offset: 1\n", 7, ["`external[0].clock_offset`", "did you mean `clock_offset_s`?"]),
         (SENSOR, 4, ["`external[0].at` is missing", "a marker, or a fixed point"]),
         (SENSOR + "    at: [0, 1]\n", 7, ["`external[0].at` is [0, 1]", "`external[0].at[2]` is missing"]),
         (SENSOR + "    at: RHAND\n    force: body\n", 8, ["`external[0].force` is 'body'", "did you mean `on-body`?"]),
         (SENSOR + "    at: RHAND\n    clock_offset_s: 5 ms\n", 8, ["`external[0].clock_offset_s`", "without a unit"]),
-        (f"{SENSOR}    at: A\n{TWICE}    at: B\n", 3, ["`external`", "`hand` stands twice"]),
-        (SENSOR.replace("hand\n", "seat\n") + "    at: A\n", 3, ["`external`", "the chair's"]),
+        (f"{SENSOR}    at: A\n{TWICE}    at: B\n", 3, ["`external`", "`hand` is used twice"]),
+        (SENSOR.replace("hand\n", "seat\n") + "    at: A\n", 3, ["`external`", "reserved for the chair"]),
         ("out: 7\n", 3, ["`out` is 7", 'in quotes, "7"']),
-        ("protocol: free\nprotocol: free\n", 4, ["`protocol` stands twice", "first on line 3"]),
-        ("subject: {mass: 70, mass: 71}\n", 3, ["`mass` stands twice"]),
-        ("\tprotocol: free\n", 3, ["not valid YAML", "indent with blanks"]),
+        ("protocol: free\nprotocol: free\n", 4, ["`protocol` is given twice", "first on line 3"]),
+        ("subject: {mass: 70, mass: 71}\n", 3, ["`mass` is given twice"]),
+        ("\tprotocol: free\n", 3, ["not valid YAML", "indent with spaces"]),
         ('out: "C:\\data"\n', 3, ["not valid YAML", "path with /"]),
         ("subject: {height: 1,75}\n", 3, ["`subject.75`", "a decimal point, not a comma"]),
         ("protocol: [free\n", 4, ["not valid YAML"]),
@@ -145,7 +145,7 @@ def test_a_relative_file_finds_its_recording_from_anywhere(
         ("? [a, b]\n: c\n", 3, ["key must be a name"]),
     ],
 )
-def test_a_mistake_is_told_with_its_line(write, text: str, line: int, words: list[str]) -> None:
+def test_a_mistake_is_reported_with_its_line(write, text: str, line: int, words: list[str]) -> None:
     path = write(LEAST + text)
     told = complaint(path)
     assert f"{path}, line {line}: " in told
@@ -153,7 +153,7 @@ def test_a_mistake_is_told_with_its_line(write, text: str, line: int, words: lis
         assert word in told, told
 
 
-def test_every_mistake_is_told_at_once(write) -> None:
+def test_all_mistakes_are_reported_at_once(write) -> None:
     told = complaint(write("trial: a/b\nprotocol: fre\nwindow: [2, 1]\n"))
     assert len(told.splitlines()) == 4
     assert "`recording` is missing (C3D file" in told
@@ -175,12 +175,12 @@ def test_a_trial_is_never_a_path(write, name: str) -> None:
         ("trial: café\n".encode("utf-16"), "not a text file in UTF-8"),
         (b"study: a\ntrials: []\n", "is a study, not a trial: `mocap-id study"),
         (b"\x02\x50\x00\xff\xfe" * 100, "not a text file"),
-        (b"a: b\n" * 300_000, "bytes are no configuration"),
+        (b"a: b\n" * 300_000, "larger than"),
         (b"[" * 200, "not valid YAML"),
         (b"a: 1\n---\nb: 2\n", "not valid YAML"),
     ],
 )
-def test_what_is_no_configuration(tmp_path: Path, content: bytes, words: str) -> None:
+def test_files_that_are_not_configurations(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "trial.yaml"
     path.write_bytes(content)
     assert words in complaint(path)

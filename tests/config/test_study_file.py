@@ -1,4 +1,4 @@
-"""study.yaml: strict, every mistake with its line, and each of its trials one like any other."""
+"""YAML files of studies: every mistake with its line, and trials that equal those of separate files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def study(folder: Path, text: str) -> Path:
 
 
 def told(folder: Path, text: str) -> list[str]:
-    """What is said of a wrong file, a line a mistake, without its folder."""
+    """Return the messages about a file with mistakes, without its folder."""
     with pytest.raises(ConfigError) as error:
         load_study(study(folder, text))
     return str(error.value).replace(f"{folder}/", "").splitlines()
@@ -83,8 +83,8 @@ def test_a_trials_own_keys_add_to_the_defaults(tmp_path: Path) -> None:
     ("old", "new", "said"),
     [
         ("study: five times", "studi: five times", "study.yaml, line 1: unknown key `studi`: did you mean `study`?"),
-        ("s01-normal-1", "s02-stable-1", "line 11: the trial `s02-stable-1` stands twice, first on line 10"),
-        ("s01-normal-1", "S02-Stable-1", "line 11: the trial `s02-stable-1` stands twice, first on line 10"),
+        ("s01-normal-1", "s02-stable-1", "line 11: the trial `s02-stable-1` is given twice, first on line 10"),
+        ("s01-normal-1", "S02-Stable-1", "line 11: the trial `s02-stable-1` is given twice, first on line 10"),
         ("subject: s02", "subject: so2", "line 12: there is no subject `so2`: did you mean `s02`?"),
         ("    strategy: stable\n", "", "line 11: `trials[1].strategy` is missing"),
         ("window: [1.0, 9.0]", "window: [9.0, 1.0]", "line 15: `window` is [9.0, 1.0], but the first time must come"),
@@ -98,23 +98,31 @@ def test_a_trials_own_keys_add_to_the_defaults(tmp_path: Path) -> None:
             "shin: 0.41",
             "line 7: unknown key `subjects.s01.landmarks_m.shin`: did you mean",
         ),
-        ("    window: [1.0, 9.0]", "    out: x", "line 15: `out` is the study's: write it at the top"),
-        ("  protocol: sit-to-stand", "  recording: x.c3d", "line 4: `defaults.recording` is every trial's own"),
-        ("  protocol: sit-to-stand", "  out: x", "line 4: `defaults.out` is the study's: write it at the top"),
+        (
+            "    window: [1.0, 9.0]",
+            "    out: x",
+            "line 15: `out` is not allowed in a trial: write it at the top",
+        ),
+        (
+            "  protocol: sit-to-stand",
+            "  recording: x.c3d",
+            "line 4: `defaults.recording` is not allowed",
+        ),
+        ("  protocol: sit-to-stand", "  out: x", "line 4: `defaults.out` is not allowed: write `out` at the top"),
         ("trial: s01-normal-1", "trial: study", "line 10: no trial can be called `study`"),
-        ("  s02:", "  s02:\n  cohort: {}", "line 9: nobody can be called `cohort`"),
+        ("  s02:", "  s02:\n  cohort: {}", "line 9: no subject can be called `cohort`"),
         ("recording: {markers: rec/b.trc, forces: rec/b.mot}", "protocol: free", "line 11: `recording` is missing"),
         ("subject: s02", "subject: 2", 'line 12: `trials[1].subject` is 2, expected text: write it in quotes, "2"'),
         ("subject: s02", "subject: {height: 1.8}", "line 12: `trials[1].subject` is {'height': 1.8}, expected"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert old in GOOD
     lines = told(tmp_path, GOOD.replace(old, new, 1))
     assert any(said in line for line in lines), lines
 
 
-def test_mistakes_of_all_trials_are_told_together_and_once(tmp_path: Path) -> None:
+def test_mistakes_of_all_trials_are_reported_together_and_once(tmp_path: Path) -> None:
     wrong = GOOD.replace("{count: 4}", "{count: four}").replace("window: [1.0, 9.0]", "window: 1")
     lines = told(tmp_path, wrong)
     assert [line.partition(":")[0] for line in lines] == ["study.yaml, line 5", "study.yaml, line 15"]
@@ -133,7 +141,7 @@ def test_the_schema_knows_the_keys_of_study_and_trial() -> None:
     assert references <= set(schema["$defs"])
 
 
-def test_no_trials_are_no_study(tmp_path: Path) -> None:
+def test_a_study_without_trials_is_refused(tmp_path: Path) -> None:
     assert "`trials` is missing" in told(tmp_path, "study: x\nsubjects: {}\n")[0]
     assert "`trials` is []" in told(tmp_path, "study: x\nsubjects: {}\ntrials: []\n")[0]
     assert "expected keys such as `study:`" in told(tmp_path, "- a\n")[0]
@@ -145,7 +153,7 @@ def test_a_trial_is_sent_to_its_own_command(tmp_path: Path) -> None:
 
 
 class _Counted(dict):  # type: ignore[type-arg]
-    """Lines of a file that count how often somebody goes through all of them."""
+    """Lines of a file that count the iterations over all of them."""
 
     walks = 0
 
@@ -155,10 +163,10 @@ class _Counted(dict):  # type: ignore[type-arg]
 
 
 @pytest.mark.parametrize("count", [5, 50])
-def test_all_lines_are_gone_through_once_for_any_number_of_trials(
+def test_all_lines_are_read_once_for_any_number_of_trials(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
-    """With thousands of trials once for each would take minutes."""
+    """Reading all lines for each of thousands of trials would take minutes."""
     entry = GOOD.splitlines()[9]
     text = GOOD + "".join(f"{entry.replace('normal-1', f'normal-{k + 2}')}\n" for k in range(count))
 

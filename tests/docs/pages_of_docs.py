@@ -1,4 +1,4 @@
-"""The documentation as its readers find it: pages, their headings, links, and blocks of code."""
+"""Pages of the documentation: their headings, links and code blocks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NOTE = re.compile(r"<!-- ((?:(?!-->).)*) -->\n\Z", re.DOTALL)
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its kind, its text, its line, and the remark that stands right before it."""
+    """A fenced code block: language, text, line, and the comment before it."""
 
     page: Path
     kind: str
@@ -41,7 +41,7 @@ def blocks(page: Path) -> Iterator[Block]:
 
 
 def prose(page: Path) -> str:
-    """What is no block of code."""
+    """Return the text outside code blocks."""
     return _FENCE.sub("", page.read_text("utf-8"))
 
 
@@ -50,7 +50,7 @@ def inline_code(page: Path) -> list[str]:
 
 
 def anchors(page: Path) -> set[str]:
-    """Those that GitHub gives the headings of a page."""
+    """Return GitHub's anchors for the headings of a page."""
     found: list[str] = []
     for heading in re.findall(r"^#+ (.*)$", prose(page), flags=re.MULTILINE):
         plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()

@@ -1,4 +1,4 @@
-"""docs/adding-a-stage.md, followed to the letter in a copy of the source tree."""
+"""The steps of docs/adding-a-stage.md, executed in a copy of the source tree."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAGE = DOCS / "adding-a-stage.md"
 
 
 def edit(root: Path, note: str, text: str) -> None:
-    """What the remark before a block says: a new file, or where in a file it goes."""
+    """Apply a code block as its preceding comment says: as a new file, or at a place in a file."""
     if note.startswith("file: "):
         target = root / note.removeprefix("file: ")
         assert not target.exists()
@@ -35,7 +35,7 @@ def edit(root: Path, note: str, text: str) -> None:
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the source tree with the page's edits made."""
+    """A copy of the source tree with the page's edits."""
     root = tmp_path_factory.mktemp("tree")
     for part in ("pipeline", "cli", "configs", "docs", "tests/house", "sample_trials/robot-joint"):
         shutil.copytree(ROOT / part, root / part, ignore=shutil.ignore_patterns("runs"))

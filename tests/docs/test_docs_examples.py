@@ -1,4 +1,4 @@
-"""Every configuration, setting and command that the documentation shows is one that the program takes."""
+"""Every configuration, setting and command in the documentation is valid."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from mocap_id.config.chain import load_chain
 from mocap_id.config.prescription import load_prescription
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.config.study import load_study
-from mocap_id.stages import LINEUP
-from mocap_id.workflows.performing import engine
-from mocap_id.workflows.sensitivity.asking import read_asked
+from mocap_id.stages import STAGE_HELP
+from mocap_id.workflows.parallel import backends
+from mocap_id.workflows.sensitivity.options import read_options
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
 
@@ -34,7 +34,7 @@ by_name = pytest.mark.parametrize("page", PAGES, ids=name)
 
 
 def alternatives(text: str) -> list[str]:
-    """A block that shows several ways of writing something has a line ``# or`` between them."""
+    """Split a block at lines ``# or``, which separate alternatives."""
     return re.split(r"^# or\n", text, flags=re.MULTILINE)
 
 
@@ -49,7 +49,7 @@ def check_trial(shown: dict[str, Any], folder: Path) -> None:
 
 
 def check_study(shown: dict[str, Any], folder: Path) -> None:
-    """What is not shown is filled in: a study, its people, a trial."""
+    """Check a study's file, with missing parts filled in."""
     trials = shown.get("trials", [{"trial": "x", "subject": "s01", "strategy": "normal", "recording": "x.c3d"}])
     people: dict[str, Any] = {str(trial["subject"]): {} for trial in trials}
     whole = {"study": "shown", "trials": trials} | dict(shown)
@@ -72,17 +72,17 @@ def check_chain(shown: dict[str, Any], folder: Path) -> None:
 
 
 def check_cluster(shown: dict[str, Any], folder: Path) -> None:
-    """A cluster's file: its own keys; the others are Dask's."""
-    assert shown["kind"] in engine._KINDS
+    """Check the keys of a cluster's file; other keys are Dask's."""
+    assert shown["kind"] in backends._KINDS
     assert isinstance(shown["workers"], int)
 
 
 def check_perturbations(shown: dict[str, Any], folder: Path) -> None:
-    read_asked(written(shown, folder / "perturbations.yaml"))
+    read_options(written(shown, folder / "perturbations.yaml"))
 
 
 def check_robot_study(shown: dict[str, Any], folder: Path) -> None:
-    """Of a robot study, whose trials are files of their own."""
+    """Check a robot study's file; its trials are separate files."""
     for number, one in enumerate(shown["trials"]):
         file = folder / one["file"]
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ def check_robot_study(shown: dict[str, Any], folder: Path) -> None:
 
 
 def checker(shown: dict[str, Any]) -> Callable[[dict[str, Any], Path], None]:
-    """By the keys at the top, which may be some of those of a file."""
+    """Return the check for a block by its top-level keys."""
     keys = set(shown)
     for key, check in OTHER_FILES.items():
         if key in keys:
@@ -129,7 +129,7 @@ def test_configurations_are_valid(page: Path, tmp_path: Path) -> None:
 
 
 def settings_in_text(page: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Inline code such as ``segment: {count: 4}``; ``…`` and a lone key stand for any value."""
+    """Yield settings in inline code such as ``segment: {count: 4}``; ``…`` or a key alone means any value."""
     for code in inline_code(page):
         if not re.match(rf"({'|'.join(sorted(KEYS, key=len, reverse=True))}): ?\S", code) or code in FORMS:
             continue
@@ -142,16 +142,16 @@ def settings_in_text(page: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def without_gaps(shown: dict[str, Any]) -> dict[str, Any]:
-    """A stage's section without the keys whose value is left to the reader."""
+    """Return a stage's section without the keys that have no value in the text."""
     section = {key: value for key, value in shown.items() if value not in (None, "…")}
     return {key: without_gaps(value) if isinstance(value, dict) else value for key, value in section.items()}
 
 
 def named(shown: dict[str, Any]) -> set[tuple[str, str]]:
-    """Every (stage, setting) that is named, with a value or without."""
+    """Yield every (stage, setting) named, with or without a value."""
     pairs = set()
     for stage, section in shown.items():
-        if stage in LINEUP:
+        if stage in STAGE_HELP:
             pairs |= {(stage, key) for key in ([section] if isinstance(section, str) else section)}
     return pairs
 
@@ -172,7 +172,7 @@ def test_settings_in_the_text_exist(page: Path, tmp_path: Path) -> None:
 
 
 def commands(page: Path) -> Iterator[tuple[str, str, bool]]:
-    """(where, command line, whether it can be typed so) of every call: on a prompt, in a script, in the text."""
+    """Yield (place, command line, whether it is complete) of every call in the documentation."""
     for block in blocks(page):
         if not block.note.startswith("run by tests/"):
             yield from ((block.where, line, True) for line in _typed(block))
@@ -191,7 +191,7 @@ def _typed(block: Block) -> Iterator[str]:
 
 
 def check_command(line: str, *, whole: bool = True) -> None:
-    """Its commands and options exist, with what they need if it is ``whole``; nothing is run, no path is looked up."""
+    """Check that commands and options exist, and if ``whole`` that none is missing; nothing is run."""
     words = [word for word in shlex.split(line, comments=True)[1:] if word not in ("…", "...")]
     command: Any = get_command(build())
     while words and hasattr(command, "commands") and not words[0].startswith("-"):
@@ -232,7 +232,7 @@ def test_the_checks_can_fail(tmp_path: Path) -> None:
 
 
 def test_types_of_settings_are_words() -> None:
-    """The generated page shows no Python."""
+    """The generated page shows no Python type."""
     (page,) = (page for page in PAGES if page.name == "settings.md")
     types = re.findall(r"^\| `[^|]*` \| ([^|]*) \|", page.read_text("utf-8"), flags=re.MULTILINE)
     assert len(types) > 40

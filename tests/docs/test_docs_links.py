@@ -1,4 +1,4 @@
-"""Every page is reached, and every link leads somewhere: on GitHub here, on the site where it is built."""
+"""Every page can be reached, and every link has a target, on GitHub and on the site."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_links_lead_to_a_file_and_a_heading(page: Path) -> None:
 
 @by_name
 def test_nothing_on_a_page_is_fetched_from_elsewhere(page: Path) -> None:
-    """Links may lead outside, pictures and the like may not."""
+    """Links may be external; images and other embedded files must not."""
     shown = re.findall(
         r"!\[[^\]]*\]\(([^)\s]+)|<(?:img|script|link|iframe)\b[^>]*(?:src|href)=[\"']?([^\"'>\s]+)", prose(page)
     )
@@ -39,7 +39,7 @@ def test_nothing_on_a_page_is_fetched_from_elsewhere(page: Path) -> None:
 
 @by_name
 def test_lists_and_tables_are_told_from_the_paragraph_before(page: Path) -> None:
-    """GitHub needs no blank line there, the site does."""
+    """The site needs a blank line there, although GitHub does not."""
     before, fenced = "", False
     for number, line in enumerate(page.read_text("utf-8").splitlines(), 1):
         fenced ^= line.startswith("```")
@@ -51,7 +51,7 @@ def test_lists_and_tables_are_told_from_the_paragraph_before(page: Path) -> None
 
 
 def stations(part: object) -> Iterator[str]:
-    """Pages of a navigation, in order."""
+    """Return the pages of a navigation, in order."""
     if isinstance(part, str):
         yield part
     else:
@@ -70,7 +70,7 @@ def test_the_navigation_has_every_page_once() -> None:
 
 
 def test_the_readme_or_the_home_page_leads_to_every_page() -> None:
-    """Whoever reads on GitHub has no navigation."""
+    """Readers on GitHub have no navigation."""
     reached, waiting = set(), [ROOT / "README.md"]
     while waiting:
         page = waiting.pop()

@@ -1,4 +1,4 @@
-"""Every block of Python in the documentation runs, a page's blocks in order, where a finished trial lies."""
+"""Every Python block in the documentation runs beside a finished trial, in the order of its page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WITH_PYTHON = [page for page in PAGES if scripts(page) and name(page) not in ELS
 
 @pytest.fixture
 def finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder with runs of the trials that the pages speak of, as far as they read them."""
+    """A folder with the runs that the pages read."""
     columns = {f"{column.name.format(k=k)}": np.zeros(5) for k in (1, 2, 3) for column in STATES.repeated}
     columns |= {key: np.ones(5, dtype=bool) for key in columns if key.startswith("observed")}
     states = Table(STATES, {"time": np.arange(5) / 100} | columns)

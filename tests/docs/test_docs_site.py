@@ -1,4 +1,4 @@
-"""The site as it is built: without a warning, without the network, every link and equation in order."""
+"""The site is built without warnings and network access, with working links and equations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytest.importorskip("mkdocs", reason="the site needs `pip install mocap-id[docs]
 
 
 class Links(HTMLParser):
-    """What a page fetches, what it links to, and which anchors it has."""
+    """Embedded files, links and anchors of a page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Messages that docs/troubleshooting.md quotes are in the program, and codes of verdicts that pages name exist."""
+"""Messages quoted in docs/troubleshooting.md exist in the program, as do the verdict codes on all pages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUOTED = re.findall(r"`([^`]+)`", "\n".join(re.findall(r"^\| (`.*?`) \|", PAGE.r
 
 @cache
 def messages() -> str:
-    """All text of the program, one piece a line, with a gap where a value is filled in."""
+    """Return all texts of the program, one on each line, with a gap for each value."""
     found = []
     for path in sorted([*(ROOT / "pipeline").rglob("*.py"), *(ROOT / "cli").rglob("*.py")]):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
@@ -41,7 +41,7 @@ def test_messages_are_quoted() -> None:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "concepts" in page.parts or page == PAGE], ids=name)
 def test_codes_exist(page: object) -> None:
-    """A word with a hyphen in a link to the page of verdicts, or beside «caution» words, is a code."""
+    """A hyphenated word in a link to the verdict page, or beside a level, is a code."""
     text = page.read_text("utf-8")  # type: ignore[attr-defined]
     assert set(re.findall(r"\[`([a-z-]+)`\]\(\.?\.?/?verdict\.md", text)) <= set(EXPLANATIONS)
     hyphenated = {code for code in inline_code(page) if re.fullmatch(r"[a-z]+(-[a-z]+)+", code)}  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 
 CENTRES = np.array([[-0.02, 0.08], [0.0, 0.43], [0.0, 0.41]])
@@ -38,17 +38,17 @@ def waves(time: np.ndarray, joints: int, seed: int = 0) -> tuple[np.ndarray, np.
     return q, dq, ddq
 
 
-def independent(recorded: Recorded) -> np.ndarray:
+def independent(recorded: TrialData) -> np.ndarray:
     """Acceleration errors that know nothing of each other, (T, n, n)."""
     return np.broadcast_to(np.eye(recorded.q.shape[1]), (*recorded.q.shape, recorded.q.shape[1]))
 
 
 def moving_body(
     seconds: float = 12.0, rate: float = 100.0, seed: int = 0, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> Recorded:
+) -> TrialData:
     """A body whose joints all move, on a plate with white noise (sd of Fx, Fy, tauz)."""
     time = np.arange(0, seconds, 1 / rate)
     q, dq, ddq = waves(time, len(CENTRES), seed)
     wrench = planar_regressor(CENTRES, q, dq, ddq) @ BODY.ravel()
     wrench = wrench + np.random.default_rng(seed + 1).normal(size=wrench.shape) * noise
-    return Recorded(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)
+    return TrialData(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from dynamics_cases import BODY, CENTRES, waves
 
-from mocap_id.dynamics.excitation import Excitation, advise, excitation
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import Identification, identify
+from mocap_id.dynamics.excitation import Excitation, excitation
+from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
 
 SEGMENT = np.repeat([0, 1, 2, 3], 3)
@@ -31,7 +29,7 @@ NOISE = (1.0, 1.0, 0.3)
 
 def recorded(
     size: np.ndarray, speed: np.ndarray | float = 1.0, seed: int = 0, noise: tuple[float, ...] = NOISE
-) -> Recorded:
+) -> TrialData:
     """A body whose joints move as widely as ``size`` says, (n,), at these speeds, (n,)."""
     time, speed = np.arange(0, 40, 0.01), np.broadcast_to(speed, 3)
     clock = np.multiply.outer(time, speed)
@@ -41,11 +39,11 @@ def recorded(
     q, dq, ddq = size * q, size * speed * sign * dq, size * speed**2 * ddq
     wrench = planar_regressor(CENTRES, q, dq, ddq) @ BODY.ravel()
     wrench = wrench + np.random.default_rng(seed + 1).normal(size=wrench.shape) * noise
-    return Recorded(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)
+    return TrialData(time, q, dq, ddq, np.zeros_like(q), np.ones(len(time), dtype=bool), wrench, CENTRES)
 
 
-def identified(made: Recorded, error: KinematicError = EXACT) -> tuple[Prepared, Identification, Excitation]:
+def identified(made: TrialData, error: KinematicError = EXACT) -> tuple[PreparedTrial, Identification, Excitation]:
     prepared = prepare(made, FitSettings(cutoff=8.0))
     grid = segment_grid(CENTRES, SEGMENT, LOCAL, (5, 9))
     found = identify(prepared, np.ones(len(made.time), bool), grid, np.full(16, np.nan), error)
-    return prepared, found, replace(excitation(prepared, found), advice=advise(prepared, found))
+    return prepared, found, excitation(prepared, found)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from dynamics_cases import BODY, CENTRES
 
-from mocap_id.dynamics.base import structural_base
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.solve import Compressed
+from mocap_id.dynamics.base_parameters import structural_base
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.point_grid import segment_grid
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.array(
@@ -25,7 +25,7 @@ B = M @ GRID.moments()
 NO_REFERENCE = np.full(16, np.nan)
 
 
-def problem(seed: int, noise: float, base: np.ndarray | None = None, nuisance: int = 0) -> Compressed:
+def problem(seed: int, noise: float, base: np.ndarray | None = None, nuisance: int = 0) -> CompressedProblem:
     """A well-posed least-squares problem around some base parameters; nuisance parameters are 3."""
     rng = np.random.default_rng(seed)
     truth = M @ BODY.ravel() if base is None else base
@@ -34,7 +34,7 @@ def problem(seed: int, noise: float, base: np.ndarray | None = None, nuisance: i
         * np.r_[10 ** rng.uniform(-0.5, 0.5, len(truth)), np.ones(nuisance)]
     )
     target = rows @ np.r_[truth, np.full(nuisance, 3.0)] + noise * rng.normal(size=600)
-    return Compressed.of(rows, target)
+    return CompressedProblem.of(rows, target)
 
 
 def impossible(seed: int) -> np.ndarray:

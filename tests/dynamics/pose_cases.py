@@ -8,8 +8,8 @@ import numpy as np
 from dynamics_cases import BODY, CENTRES, waves
 
 from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import Motion, chain_motion
-from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.motion import PlanarMotion, chain_motion
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.geometry import planar
 
@@ -37,7 +37,7 @@ def hip_gap(time: np.ndarray, size: float = 0.012) -> tuple[np.ndarray, np.ndarr
     return gap, -(rates**2) * gap
 
 
-def moving(time: np.ndarray, *, size: float = 0.012, swing: float = 1.0, seed: int = 0) -> Motion:
+def moving(time: np.ndarray, *, size: float = 0.012, swing: float = 1.0, seed: int = 0) -> PlanarMotion:
     """Exact motion of the five bodies; the arm turns about the shoulder."""
     states = slow(time, seed=seed)
     for values in states:
@@ -52,7 +52,7 @@ def moving(time: np.ndarray, *, size: float = 0.012, swing: float = 1.0, seed: i
     return replace(whole, origin=origin, acceleration=rise, joint=joint, beyond=whole.beyond[:3])
 
 
-def poses_of(time: np.ndarray, motion: Motion, noise: float = 0.0, seed: int = 0) -> BodyPoses:
+def poses_of(time: np.ndarray, motion: PlanarMotion, noise: float = 0.0, seed: int = 0) -> BodyPoses:
     """What clusters with these centroids would show of it, with noise of each by its information."""
     rng = np.random.default_rng(seed)
     position = motion.origin + planar.rotate(motion.angle, CENTROID)
@@ -69,16 +69,16 @@ def poses_of(time: np.ndarray, motion: Motion, noise: float = 0.0, seed: int = 0
 
 def recorded_of(
     time: np.ndarray,
-    motion: Motion,
+    motion: PlanarMotion,
     *,
     noise: tuple[float, float, float] = (0.0, 0.0, 0.0),
     bodies: np.ndarray = BODIES,
     seed: int = 0,
-) -> Recorded:
+) -> TrialData:
     """The chain's states, the wrench that these bodies need, and their motion as the measured one."""
     angles = slow(time, seed=seed)
     q, dq, ddq = (values[:, :3] for values in angles)
     wrench = wrench_regressor(motion) @ bodies.ravel()
     wrench = wrench + np.random.default_rng(seed + 1).normal(size=wrench.shape) * noise
     seen = np.ones(len(time), dtype=bool)
-    return Recorded(time, q, dq, ddq, np.full_like(q, 0.05), seen, wrench, CENTRES, measured=motion)
+    return TrialData(time, q, dq, ddq, np.full_like(q, 0.05), seen, wrench, CENTRES, measured=motion)

@@ -9,8 +9,8 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body, waves
 
 from mocap_id.dynamics.fit import fit
-from mocap_id.dynamics.lowpass import LowPass, restored
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
+from mocap_id.dynamics.lowpass import LowPass, undo_averaging
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
 
 RATE = 100.0
@@ -25,19 +25,19 @@ def test_a_mean_is_undone(width: float, frequency: float) -> None:
     wave, lowpass = np.sin(2 * np.pi * frequency * TIME)[:, None], LowPass(10.0, RATE)
     lost = 1.0 - np.sinc(frequency * width / RATE)
     exact = lowpass(wave)[INNER]
-    left = restored(lowpass((1.0 - lost) * wave), width)[INNER] - exact
+    left = undo_averaging(lowpass((1.0 - lost) * wave), width)[INNER] - exact
     assert np.abs(left).max() < 0.05 * lost * np.abs(exact).max()
 
 
 def test_without_averaging_nothing_changes() -> None:
     signal = np.random.default_rng(0).normal(size=(100, 3))
-    np.testing.assert_array_equal(restored(signal, 0.0), signal)
+    np.testing.assert_array_equal(undo_averaging(signal, 0.0), signal)
 
 
 def test_gaps_stay_as_large_as_they_are() -> None:
     signal = np.random.default_rng(0).normal(size=(100, 2))
     signal[40:50] = np.nan
-    found = restored(signal, 1.0)
+    found = undo_averaging(signal, 1.0)
     np.testing.assert_array_equal(np.isnan(found), np.isnan(signal))
     for end in (0, 39, 50, 99):
         np.testing.assert_array_equal(found[end], signal[end])
@@ -46,7 +46,7 @@ def test_gaps_stay_as_large_as_they_are() -> None:
 @pytest.mark.parametrize("cutoff", [3.0, 10.0])
 def test_noise_hardly_grows(cutoff: float) -> None:
     noise = LowPass(cutoff, RATE)(np.random.default_rng(1).normal(size=(50_000, 1)))
-    assert 1.0 < restored(noise, 1.0).std() / noise.std() < 1.006
+    assert 1.0 < undo_averaging(noise, 1.0).std() / noise.std() < 1.006
 
 
 def test_the_parameters_lose_their_bias() -> None:
@@ -60,7 +60,7 @@ def test_the_parameters_lose_their_bias() -> None:
     ]
     averaged = replace(recorded, wrench=np.array(means))
 
-    def worst(case: Recorded) -> float:
+    def worst(case: TrialData) -> float:
         prepared = prepare(case, FitSettings())
         solution = fit(prepared, np.ones(len(case.time), dtype=bool)).problem.free_solution()
         true = prepared.base.regrouping @ BODY.ravel()

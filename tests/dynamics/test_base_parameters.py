@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, random_chain, waves
 
-from mocap_id.dynamics.base import (
+from mocap_id.dynamics.base_parameters import (
     BaseSet,
     base_names,
     base_set,
     base_units,
+    determines_rows,
     full_names,
-    spanned,
     structural_base,
 )
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
@@ -103,7 +103,7 @@ def test_a_thousand_rows_tell_what_all_of_a_long_trial_do(components: tuple[int,
     for each in np.moveaxis(rows, 1, 0):
         off = outside(each, base)
         assert off < 1e-10 or off > 1e-2
-        assert spanned(each, base) == (off < 1e-10)
+        assert determines_rows(each, base) == (off < 1e-10)
 
 
 def test_structure_is_that_of_a_moving_trial() -> None:

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, moving_body, waves
 
-from mocap_id.dynamics.clock import SampledWrench, profile_offset
+from mocap_id.dynamics.clock_offset import SampledWrench, profile_offset
 from mocap_id.dynamics.fit import fit
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
 
 
-def late_plate(offset: float, **noise: tuple[float, float, float]) -> Recorded:
+def late_plate(offset: float, **noise: tuple[float, float, float]) -> TrialData:
     """A plate whose sample stamped t was taken at t + offset."""
     recorded = moving_body(seconds=15.0, **noise)
     taken = recorded.time + offset
     wrench = planar_regressor(CENTRES, *waves(taken, 3)) @ BODY.ravel()
     noise_only = recorded.wrench - moving_body(seconds=15.0).wrench
-    return Recorded(**{**recorded.__dict__, "wrench": wrench + noise_only})
+    return TrialData(**{**recorded.__dict__, "wrench": wrench + noise_only})
 
 
 @pytest.mark.parametrize("offset", [-0.0873, -0.0101, 0.0, 0.0034, 0.007, 0.1])

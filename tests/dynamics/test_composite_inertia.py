@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, random_chain
 
-from mocap_id.dynamics.base import base_set
-from mocap_id.dynamics.composite import composite
+from mocap_id.dynamics.base_parameters import base_set
+from mocap_id.dynamics.composite_inertia import composite_inertia
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.geometry import planar
 
@@ -34,7 +34,7 @@ def test_what_the_regressor_says_of_unit_accelerations(joints: int) -> None:
     rng = np.random.default_rng(joints)
     q, centres = rng.normal(size=(40, joints)), random_chain(rng, joints)
     parameters = rng.normal(size=(joints + 1, 4))
-    found, (wrench, torque) = composite(q, centres, *columns(parameters)), by_regressor(q, centres, parameters)
+    found, (wrench, torque) = composite_inertia(q, centres, *columns(parameters)), by_regressor(q, centres, parameters)
     np.testing.assert_allclose(found.wrench, wrench, atol=1e-10)
     np.testing.assert_allclose(found.torque, torque, atol=1e-10)
 
@@ -46,7 +46,9 @@ def test_base_parameters_stand_for_a_body() -> None:
     regrouped = np.zeros(BODY.size)
     regrouped[base.kept] = base.regrouping @ BODY.ravel()
     assert np.count_nonzero(regrouped) < BODY.size
-    body, stand_in = (composite(states[0], CENTRES, *columns(each)) for each in (BODY, regrouped.reshape(-1, 4)))
+    body, stand_in = (
+        composite_inertia(states[0], CENTRES, *columns(each)) for each in (BODY, regrouped.reshape(-1, 4))
+    )
     np.testing.assert_allclose(stand_in.wrench, body.wrench, atol=1e-10)
     np.testing.assert_allclose(stand_in.torque, body.torque, atol=1e-10)
 
@@ -61,23 +63,23 @@ def test_markers_of_unit_mass_give_the_information_on_the_angles(joints: int) ->
     count = np.bincount(segment).astype(float)
     first = np.array([local[segment == s].sum(axis=0) for s in range(joints + 1)])
     second = np.array([np.sum(local[segment == s] ** 2) for s in range(joints + 1)])
-    found = composite(q, centres, count, first, second).torque
+    found = composite_inertia(q, centres, count, first, second).torque
     np.testing.assert_allclose(found, np.swapaxes(jacobian, 1, 2) @ jacobian, atol=1e-10)
 
 
 def test_the_mass_matrix_is_one() -> None:
     """Symmetric, positive for a body that can exist, and the same whichever way the whole chain is turned."""
     q = np.random.default_rng(3).normal(size=(30, 3))
-    found = composite(q, CENTRES, *columns(BODY)).torque
+    found = composite_inertia(q, CENTRES, *columns(BODY)).torque
     np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
     assert np.linalg.eigvalsh(found).min() > 0.0
-    turned = composite(q + np.array([0.7, 0.0, 0.0]), CENTRES, *columns(BODY)).torque
+    turned = composite_inertia(q + np.array([0.7, 0.0, 0.0]), CENTRES, *columns(BODY)).torque
     np.testing.assert_allclose(turned, found, atol=1e-10)
 
 
 def test_unknown_postures_have_no_inertia() -> None:
     q = np.array([[0.1, 0.2, np.nan], [0.1, 0.2, 0.3]])
-    found = composite(q, CENTRES, *columns(BODY))
+    found = composite_inertia(q, CENTRES, *columns(BODY))
     assert np.isnan(found.torque[0]).any()
     assert np.isnan(found.wrench[0]).any()
     assert np.isfinite(found.torque[1]).all()

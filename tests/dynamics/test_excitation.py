@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
-from mocap_id.dynamics.excitation import FACTOR, LOST, WEAK, Advice, advise
+from mocap_id.design.recommendation import FACTOR, Recommendation, recommend_changes
+from mocap_id.dynamics.excitation import LOST, WEAK
 from mocap_id.dynamics.kinematic_error import KinematicError
 
 SMALL = np.array([1.0, 0.4, 0.05])
@@ -59,10 +60,10 @@ def test_without_excitation_a_parameter_is_not_identifiable() -> None:
 def test_the_recommended_movement_keeps_its_promise(error: KinematicError, seed: int) -> None:
     """Record it: every standard deviation falls, and about as far as was promised."""
     noise = (5.0, 5.0, 2.0)
-    _, before, told = identified(recorded(SMALL, seed=seed, noise=noise), error)
+    prepared, before, _ = identified(recorded(SMALL, seed=seed, noise=noise), error)
     after: dict[tuple[str, int | None], np.ndarray] = {}
     checked = []
-    for i, advice in enumerate(told.advice):
+    for i, advice in enumerate(recommend_changes(prepared, before)):
         if advice is None or advice.change == "alone":
             continue
         more = np.where(np.arange(3) == advice.joint if advice.joint is not None else np.ones(3, bool), FACTOR, 1.0)
@@ -80,8 +81,8 @@ def test_the_recommended_movement_keeps_its_promise(error: KinematicError, seed:
 
 
 def test_the_joint_that_hardly_moves_is_the_one_to_move() -> None:
-    _, _, told = identified(recorded(SMALL))
-    advice = told.advice[told.names.index("I4")]
+    prepared, found, told = identified(recorded(SMALL))
+    advice = recommend_changes(prepared, found)[told.names.index("I4")]
     assert advice is not None
     assert advice.joint in (None, 2)
 
@@ -89,12 +90,15 @@ def test_the_joint_that_hardly_moves_is_the_one_to_move() -> None:
 def test_where_no_movement_helps_none_is_recommended() -> None:
     """The zero of the plate is no business of the movement's."""
     prepared, found, _ = identified(recorded(np.ones(3), noise=(1e-3, 1e-3, 1e-3)))
-    assert advise(prepared, replace(found, covariance=found.covariance + np.eye(11))) == (None,) * 11
+    assert recommend_changes(prepared, replace(found, covariance=found.covariance + np.eye(11))) == (None,) * 11
 
 
 def test_in_words() -> None:
     joints = ("ankle", "knee", "hip")
-    assert Advice("faster", None, 0.5).said(joints) == "the whole movement 1.5 times faster"
-    assert Advice("larger", 2, 0.5).said(joints) == "the hip's movement 1.5 times larger"
-    assert Advice("faster", 2, 0.5).said(joints) == "the hip's movement 1.5 times faster, out of step with the others,"
-    assert Advice("alone", 0, 0.5).said(joints).startswith("the ankle's movement by itself")
+    assert Recommendation("faster", None, 0.5).describe(joints) == "the whole movement 1.5 times faster"
+    assert Recommendation("larger", 2, 0.5).describe(joints) == "the hip's movement 1.5 times larger"
+    assert (
+        Recommendation("faster", 2, 0.5).describe(joints)
+        == "the hip's movement 1.5 times faster, out of step with the others,"
+    )
+    assert Recommendation("alone", 0, 0.5).describe(joints).startswith("the ankle's movement by itself")

@@ -8,30 +8,30 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 
-from mocap_id.dynamics.external import SEAT, External
+from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.fit import fit
-from mocap_id.dynamics.gains import gains
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import Identification, identify
+from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.predict import chain_noise, predict
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.wrench_gains import estimate_gains
 from mocap_id.geometry import planar
 
 MASS = float(BODY[:, 0].sum())
 
 
-def push(time: np.ndarray, segment: int, name: str, *, by_plates: bool, late: float = 0.0) -> External:
+def push(time: np.ndarray, segment: int, name: str, *, by_plates: bool, late: float = 0.0) -> ExternalWrench:
     """A force of some 250 N that comes and goes at a place that moves, stamped ``late`` s too early."""
     t = time + late + segment  # each in its own time
     force = np.stack([40 * np.sin(1.1 * t), 250 + 150 * np.sin(0.7 * t + 1)], axis=1)
     x, y = 0.4 + 0.1 * np.cos(0.5 * t), 0.5 + 0.05 * np.sin(0.9 * t)
     wrench = np.column_stack([force, x * force[:, 1] - y * force[:, 0]])
-    return External(name, segment, wrench, by_plates)
+    return ExternalWrench(name, segment, wrench, by_plates)
 
 
-def supported(*pushes: tuple[int, str, bool], late: float = 0.0, seconds: float = 14.0) -> Recorded:
+def supported(*pushes: tuple[int, str, bool], late: float = 0.0, seconds: float = 14.0) -> TrialData:
     """A moving body that the ground carries less, by what external wrenches do; the plates stamp ``late`` s early."""
     recorded = moving_body(seconds=seconds, noise=(0.5, 0.5, 0.15))
     time = recorded.time
@@ -42,7 +42,7 @@ def supported(*pushes: tuple[int, str, bool], late: float = 0.0, seconds: float 
     return replace(recorded, wrench=then + noise - taken, external=external)
 
 
-def identified(recorded: Recorded) -> tuple[Prepared, Identification]:
+def identified(recorded: TrialData) -> tuple[PreparedTrial, Identification]:
     prepared = prepare(recorded, FitSettings())
     grid = segment_grid(CENTRES, np.repeat([0, 1, 2, 3], 2), np.tile([[-0.3, -0.2], [0.3, 1.0]], (4, 1)), (5, 9))
     error = KinematicError.none(3)
@@ -104,7 +104,7 @@ def test_a_sample_whose_external_wrench_is_unknown_is_not_fitted_and_has_no_grou
     np.testing.assert_allclose(found.base[0], MASS, rtol=5e-4)
 
 
-def wrong(recorded: Recorded, factors: tuple[float, float, float]) -> Recorded:
+def wrong(recorded: TrialData, factors: tuple[float, float, float]) -> TrialData:
     return replace(recorded, external=tuple(replace(each, wrench=each.wrench * factors) for each in recorded.external))
 
 
@@ -115,7 +115,7 @@ def test_factors_tell_a_right_wrench_from_a_wrong_one(
 ) -> None:
     recorded = wrong(supported(*pushes), factors)
     prepared = prepare(recorded, FitSettings())
-    found = gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool)))
+    found = estimate_gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool)))
     assert {gain.component for gain in found} == {"Fx", "Fy", "tauz"}
     for gain in found:
         factor = factors[("Fx", "Fy", "tauz").index(gain.component)]
@@ -126,15 +126,15 @@ def test_factors_tell_a_right_wrench_from_a_wrong_one(
 def test_a_constant_wrench_cannot_be_told_from_the_body_and_is_not_judged() -> None:
     recorded = supported(CHAIR)
     still = np.tile([0.0, 200.0, 90.0], (len(recorded.time), 1))
-    prepared = prepare(replace(recorded, external=(External(SEAT, 2, still, True),)), FitSettings())
-    assert gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool))) == ()
+    prepared = prepare(replace(recorded, external=(ExternalWrench(SEAT, 2, still, True),)), FitSettings())
+    assert estimate_gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool))) == ()
 
 
 def test_a_wrench_in_step_with_the_body_is_not_judged() -> None:
     """Three quarters of all that the body needs, and noise: any factor of it fits as well."""
     recorded = moving_body(seconds=14.0)
     noise = np.random.default_rng(0).normal(size=(2, *recorded.wrench.shape)) * [0.5, 0.5, 0.15]
-    chair = External(SEAT, 2, 0.75 * recorded.wrench + noise[0], True)
+    chair = ExternalWrench(SEAT, 2, 0.75 * recorded.wrench + noise[0], True)
     shared = replace(recorded, wrench=0.25 * recorded.wrench + noise[1], external=(chair,))
     prepared = prepare(shared, FitSettings())
-    assert gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool))) == ()
+    assert estimate_gains(prepared, fit(prepared, np.ones(len(recorded.time), dtype=bool))) == ()

@@ -10,19 +10,19 @@ from dynamics_cases import BODY, CENTRES
 from pose_cases import BODIES, CENTROID, INFORMATION, moving, poses_of, recorded_of, slow
 from scipy.linalg import block_diag
 
-from mocap_id.dynamics.base import structural_base
-from mocap_id.dynamics.clock import profile_offset
+from mocap_id.dynamics.base_parameters import structural_base
+from mocap_id.dynamics.body_prior import BodyPrior, table_prior
+from mocap_id.dynamics.chain_parameters import map_to_chain
+from mocap_id.dynamics.clock_offset import profile_offset
+from mocap_id.dynamics.cross_validation import predict_left_out
 from mocap_id.dynamics.fit import Fit, determined, fit
-from mocap_id.dynamics.fold import fold
-from mocap_id.dynamics.folds import parts
-from mocap_id.dynamics.held_out import hold_out
-from mocap_id.dynamics.loose_prior import BodyPrior, table_prior
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.left_out_samples import number_parts
 from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.dynamics.motion import chain_motion
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.prior_weight import REFERENCE
 from mocap_id.dynamics.regressor import wrench_regressor
-from mocap_id.dynamics.solve import Compressed
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 from mocap_id.geometry import planar
 
@@ -36,7 +36,7 @@ SPANS = np.array([[0.5, 9.0], [11.0, 19.0], [21.0, 29.5]])
 
 def trial(
     noise: tuple[float, float, float] = NOISE, prior: BodyPrior = PRIOR, **settings: object
-) -> tuple[Recorded, Prepared]:
+) -> tuple[TrialData, PreparedTrial]:
     recorded = recorded_of(TIME, moving(TIME), noise=noise)
     return recorded, prepare(recorded, FitSettings(**settings), prior)  # type: ignore[arg-type]
 
@@ -109,12 +109,12 @@ def test_a_wide_prior_leaves_the_data_alone_and_a_tight_one_is_the_answer() -> N
     np.testing.assert_allclose(wrench[100:-100], recorded.wrench[100:-100], atol=0.05)
 
 
-def on_chain() -> tuple[Recorded, BodyPoses, np.ndarray]:
+def on_chain() -> tuple[TrialData, BodyPoses, np.ndarray]:
     """A pinned chain whose four bodies count by their own motion, its poses and angles."""
     states = tuple(values[:, :3] for values in slow(TIME))
     motion = chain_motion(CENTRES, *states)
     wrench = wrench_regressor(motion) @ BODY.ravel()
-    recorded = Recorded(TIME, *states, np.zeros_like(states[0]), EVERYTHING, wrench, CENTRES, measured=motion)
+    recorded = TrialData(TIME, *states, np.zeros_like(states[0]), EVERYTHING, wrench, CENTRES, measured=motion)
     place = motion.origin + planar.rotate(motion.angle, CENTROID[:4])
     poses = BodyPoses(TIME, place, motion.angle, CENTROID[:4], INFORMATION[:4], np.arange(4), CENTRES)
     return recorded, poses, states[0]
@@ -130,7 +130,7 @@ def test_on_an_exact_chain_it_says_what_the_chain_s_fit_says(wide: bool) -> None
     prepared = prepare(recorded, FitSettings(cutoff=5.0), prior)
     found = fit(prepared, EVERYTHING)
     base = structural_base(CENTRES)
-    folded = fold(poses, q, found.in_fit, np.full(16, np.nan), np.full(16, np.nan))
+    folded = map_to_chain(poses, q, found.in_fit, np.full(16, np.nan), np.full(16, np.nan))
     value = base.regrouping @ folded.chain(found.problem.free_solution()[:16])
     chain = fit(prepare(replace(recorded, measured=None), FitSettings(cutoff=5.0)), EVERYTHING)
     own = chain.problem.free_solution()[:11]
@@ -223,8 +223,8 @@ def reweighed(found: Fit, weights: np.ndarray) -> np.ndarray:
 def test_a_fold_is_a_fit_to_the_rest_with_the_whole_prior() -> None:
     _, prepared = trial(cutoff=10.0)
     assert prepared.step == 1  # so that both fit the same samples
-    part, whole = parts(TIME, SPANS), fit(prepared, EVERYTHING)
-    held = hold_out(prepared, EVERYTHING, whole, part, Compressed.free_solution)
+    part, whole = number_parts(TIME, SPANS), fit(prepared, EVERYTHING)
+    held = predict_left_out(prepared, EVERYTHING, whole, part, CompressedProblem.free_solution)
     assert held is not None
     sd = np.sqrt(np.diag(whole.covariance))[:20]
     for k in range(3):
@@ -257,12 +257,12 @@ def test_the_answer_is_what_a_fit_to_the_changed_wrench_says(column: int) -> Non
     error = size * prepared.rows[..., column]
     changed = fit(prepare(replace(recorded, wrench=recorded.wrench + error), FitSettings(), PRIOR), EVERYTHING)
     filtered = prepared.lowpass(error)[found.samples] * found.weights
-    said = found.answer(filtered[..., None])[:, 0]
+    said = found.response(filtered[..., None])[:, 0]
     moved = np.append(changed.problem.free_solution() - found.problem.free_solution(), changed.offset - found.offset)
     scale = np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(moved / scale, said / scale, atol=0.05 * np.abs(said / scale).max())
     rate = found.design[..., -1:]
-    np.testing.assert_allclose(found.answer(rate)[:, 0], np.eye(22)[21], atol=1e-6)
+    np.testing.assert_allclose(found.response(rate)[:, 0], np.eye(22)[21], atol=1e-6)
 
 
 def test_an_unmoved_body_keeps_its_prior() -> None:

@@ -10,17 +10,19 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body
 
-from mocap_id.dynamics.base import base_names
+from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
+from mocap_id.dynamics.base_parameters import base_names
+from mocap_id.dynamics.cautions import find_cautions
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import agreement
 from mocap_id.dynamics.excitation import excitation
 from mocap_id.dynamics.fit import determined, fit, select
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import Identification, identify
-from mocap_id.dynamics.judge import judge
+from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.optimality import Optimality
-from mocap_id.dynamics.predict import agreement, chain_noise, predict
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, arcs, prepare
-from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, arcs, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.verdict import Reason
 
@@ -32,12 +34,15 @@ NO_ERROR = KinematicError.none(3)
 NOISE = (0.5, 0.5, 0.15)
 
 
-def with_(recorded: Recorded, **changes: np.ndarray) -> Recorded:
-    return Recorded(**{**recorded.__dict__, **changes})
+def with_(recorded: TrialData, **changes: np.ndarray) -> TrialData:
+    return TrialData(**{**recorded.__dict__, **changes})
 
 
-def judged(prepared: Prepared, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
-    return judge(prepared, found, excitation(prepared, found), **masses)
+def judged(prepared: PreparedTrial, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
+    excited = excitation(prepared, found)
+    recommendations = recommend_where_needed(prepared, found, excited)
+    text = recommendation_text(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
+    return find_cautions(prepared, found, excited, text, **masses)
 
 
 def truth() -> np.ndarray:
@@ -45,7 +50,7 @@ def truth() -> np.ndarray:
     return prepared.base.regrouping @ BODY.ravel()
 
 
-def identified(recorded: Recorded, settings: FitSettings | None = None, gate: np.ndarray | None = None):
+def identified(recorded: TrialData, settings: FitSettings | None = None, gate: np.ndarray | None = None):
     prepared = prepare(recorded, settings or FitSettings())
     free = np.ones(len(recorded.time), dtype=bool) if gate is None else gate
     return prepared, identify(prepared, free, GRID, NO_REFERENCE, NO_ERROR)
@@ -107,7 +112,7 @@ def test_gaps_in_states_and_wrench_stay_out_of_the_fit() -> None:
     assert np.isnan(model.wrench[320]).all()
     assert np.isfinite(model.wrench[905]).all()
     assert np.isfinite(model.wrench_sd[905]).all()
-    assert model.untold == ()
+    assert model.undetermined == ()
 
 
 def test_garbage_outside_the_gate_does_not_leak_in() -> None:
@@ -193,12 +198,12 @@ def test_whose_answer_it_is_and_which_check_failed_is_said() -> None:
     assert codes() == {}
     assert codes(answer=replace(fine, solver="osqp")) == {"solver-fallback": "ok"}
     assert codes(answer=replace(fine, optimality=off)) == {"solver-unproven": "caution"}
-    assert codes(asked="cone") == {"cone-unproven": "caution"}
-    assert codes(asked="cone", answer=replace(fine, optimality=off)) == {
+    assert codes(requested="cone") == {"cone-unproven": "caution"}
+    assert codes(requested="cone", answer=replace(fine, optimality=off)) == {
         "cone-unproven": "caution",
         "solver-unproven": "caution",
     }
-    assert codes(asked="cone", consistency="cone") == {}
+    assert codes(requested="cone", consistency="cone") == {}
 
 
 def test_without_Fy_no_mass_is_judged() -> None:
@@ -229,7 +234,7 @@ def test_what_the_components_do_not_tell_is_not_given(components: tuple[int, ...
     recorded = moving_body(noise=NOISE)
     prepared, found = identified(recorded, FitSettings(components=components))
     model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
-    assert model.untold == untold
+    assert model.undetermined == untold
     torque = planar_torque_regressor(CENTRES, recorded.q, prepared.regressor) @ BODY.ravel()
     wrench = prepared.regressor @ BODY.ravel()
     got = {
@@ -258,12 +263,12 @@ def test_weak_excitation_is_said() -> None:
     told = excitation(prepared, found)
     assert "I4" in [told.names[i] for i in told.doubtful]
     (reason,) = [reason for reason in judged(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"]
-    best = told.advice[told.names.index("I4")]
+    best = recommend_where_needed(prepared, found, told)[told.names.index("I4")]
     assert best is not None
-    assert f"{best.said(('joint 1', 'joint 2', 'joint 3'))[1:]} would take" in reason.message
+    assert f"{best.describe(('joint 1', 'joint 2', 'joint 3'))[1:]} would take" in reason.message
 
 
-def simulated(folder: Path, noise: float) -> tuple[Recorded, dict, dict]:
+def simulated(folder: Path, noise: float) -> tuple[TrialData, dict, dict]:
     """A simulated recording's own states and wrench, with some noise on accelerations and plate."""
     told = json.loads((folder / "truth.json").read_text())
     arrays = dict(np.load(folder / "truth.npz"))
@@ -272,7 +277,7 @@ def simulated(folder: Path, noise: float) -> tuple[Recorded, dict, dict]:
     wrench = arrays["wrench"] + noise * rng.normal(size=arrays["wrench"].shape) * [0.45, 0.45, 0.13]
     time, centres = arrays["t"], np.array([s["p_in_parent_m"] for s in told["segments"][1:]])
     observed = np.ones(len(time), dtype=bool)
-    return Recorded(time, arrays["q"], arrays["qd"], ddq, 0 * ddq, observed, wrench, centres), told, arrays
+    return TrialData(time, arrays["q"], arrays["qd"], ddq, 0 * ddq, observed, wrench, centres), told, arrays
 
 
 @pytest.mark.recordings

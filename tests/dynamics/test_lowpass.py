@@ -7,7 +7,8 @@ import pytest
 from dynamics_cases import moving_body
 from scipy.signal import butter, sosfiltfilt
 
-from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, runs
+from mocap_id.arrays import find_runs
+from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode
 from mocap_id.dynamics.regressor import planar_regressor
 
 RATE = 100.0
@@ -79,7 +80,7 @@ def test_cutoff_of_nothing_is_the_lowest() -> None:
 
 def test_runs_and_erosion() -> None:
     mask = np.array([1, 1, 1, 0, 0, 1, 1, 1, 1, 1, 0, 1], dtype=bool)
-    assert runs(mask) == [slice(0, 3), slice(5, 10), slice(11, 12)]
+    assert find_runs(mask) == [slice(0, 3), slice(5, 10), slice(11, 12)]
     np.testing.assert_array_equal(np.flatnonzero(erode(mask, 1)), [1, 6, 7, 8])
     np.testing.assert_array_equal(erode(mask, 0), mask)
     assert not erode(mask, 3).any()

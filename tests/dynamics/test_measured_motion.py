@@ -14,12 +14,12 @@ from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import (
     GIVES_WAY,
     BodyPoses,
-    Gap,
+    JointGap,
     PoseFilter,
-    bridged,
-    gaps,
+    close_gaps,
+    fill_gaps,
+    measure_gaps,
     measured_motion,
-    pinned,
 )
 from mocap_id.geometry import planar
 
@@ -139,7 +139,7 @@ def test_a_joint_between_segments_of_one_body_has_no_centre() -> None:
 
 
 def test_gaps_of_joints_that_hold_are_nothing() -> None:
-    found = gaps(poses_of(TIME, moving(TIME, size=0.0)), EVERYTHING)
+    found = measure_gaps(poses_of(TIME, moving(TIME, size=0.0)), EVERYTHING)
     assert sorted(found) == [0, 1, 2]
     for gap in found.values():
         assert gap.pinned
@@ -152,7 +152,7 @@ def test_a_gap_has_the_size_and_acceleration_of_its_sine(size: float, holds: boo
     frequency, direction = 0.5, np.array([0.6, 0.8])
     poses = poses_of(TIME, moving(TIME, size=0.0))
     poses.position[:, HIP + 1 :] += (size * np.sin(2 * np.pi * frequency * TIME))[:, None, None] * direction
-    gap = gaps(poses, np.abs(TIME - 6.0) <= 4.0)[HIP]
+    gap = measure_gaps(poses, np.abs(TIME - 6.0) <= 4.0)[HIP]
     assert gap.size == pytest.approx(size / np.sqrt(2), rel=5e-3)
     expected = size * (2 * np.pi * frequency) ** 2 / np.sqrt(2) * passed(frequency, 3.0)
     assert gap.acceleration == pytest.approx(expected, rel=5e-3)
@@ -161,21 +161,21 @@ def test_a_gap_has_the_size_and_acceleration_of_its_sine(size: float, holds: boo
 
 def test_fast_noise_is_no_gap_and_what_is_never_known_is_pinned() -> None:
     poses = poses_of(TIME, moving(TIME, size=0.0), noise=0.4)  # some 0.2 mm and 0.5 mrad
-    assert all(gap.pinned for gap in gaps(poses, EVERYTHING).values())
-    assert np.isnan(gaps(poses, ~EVERYTHING)[HIP].acceleration)
-    assert Gap(np.nan, np.nan, 0.0).pinned
+    assert all(gap.pinned for gap in measure_gaps(poses, EVERYTHING).values())
+    assert np.isnan(measure_gaps(poses, ~EVERYTHING)[HIP].acceleration)
+    assert JointGap(np.nan, np.nan, 0.0).pinned
 
 
 @pytest.mark.parametrize("joints", [[0], [HIP], [0, 1, HIP]])
 def test_pins_close_the_gaps(joints: list[int]) -> None:
     poses = poses_of(TIME, moving(TIME, size=0.002), noise=0.5)
-    closed = pinned(poses, joints)
+    closed = close_gaps(poses, joints)
     for joint in joints:
         assert np.abs(closed.gap(joint)).max() < 1e-9
     for joint in set(range(3)) - set(joints):
         assert np.abs(closed.gap(joint)).max() > 1e-4
     np.testing.assert_array_equal(closed.position[:, 4], poses.position[:, 4])
-    assert pinned(poses, []) is poses
+    assert close_gaps(poses, []) is poses
 
 
 def test_pins_move_the_poses_as_little_as_they_can() -> None:
@@ -199,7 +199,7 @@ def test_pins_move_the_poses_as_little_as_they_can() -> None:
         options={"ftol": 1e-9},
     )
     assert best.success
-    closed = pinned(one, [0, 1, 2])
+    closed = close_gaps(one, [0, 1, 2])
     found = np.concatenate([closed.position - one.position, (closed.angle - one.angle)[..., None]], axis=-1)
     cost = float(weight @ found.ravel() ** 2)
     assert cost > 1.0
@@ -210,7 +210,7 @@ def test_pins_move_the_poses_as_little_as_they_can() -> None:
 def test_pins_leave_what_is_unknown_alone() -> None:
     poses = poses_of(TIME, moving(TIME, size=0.002))
     poses.angle[300:310, 1] = np.nan
-    closed = pinned(poses, [1, HIP])
+    closed = close_gaps(poses, [1, HIP])
     assert np.abs(closed.gap(HIP)[:300]).max() < 1e-9
     assert np.isnan(closed.angle[300:310, 1]).all()
     np.testing.assert_array_equal(closed.angle[300:310, 3], poses.angle[300:310, 3])
@@ -224,7 +224,7 @@ def test_short_inner_gaps_are_bridged_and_no_others() -> None:
     for hole in holes.values():
         straight.position[hole] = np.nan
     straight.angle[700, 0] = np.nan
-    filled, observed = bridged(straight)
+    filled, observed = fill_gaps(straight)
     for name, hole in holes.items():
         assert not observed[hole].any()
         assert np.isnan(filled.position[hole]).all() == (name != "short")
@@ -240,7 +240,7 @@ def test_each_body_is_bridged_by_itself() -> None:
     poses = poses_of(TIME, exact)
     for body in range(5):
         poses.position[100 * body + 100 : 100 * body + 105, body] = np.nan
-    filled, observed = bridged(poses)
+    filled, observed = fill_gaps(poses)
     assert (~observed).sum() == 25
     assert np.isfinite(filled.position).all()
     assert np.abs(filled.position - poses_of(TIME, exact).position).max() < 2e-3

@@ -11,20 +11,20 @@ from dynamics_cases import CENTRES, independent, moving_body, random_chain
 from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import identify
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.model_error import model_error
-from mocap_id.dynamics.predict import Prediction, chain_noise, predict
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
-from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.model_error import estimate_model_error
+from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.prediction import Prediction, chain_noise, predict
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
 from mocap_id.geometry import planar
-from mocap_id.kinematics import State, skin_without_fit
-from mocap_id.simulation.forces import Exact
-from mocap_id.simulation.generate import Simulated, generate
+from mocap_id.kinematics import ChainState, skin_from_residuals
+from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.options import Options
+from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.random.default_rng(0).uniform([-0.1, 0.0], [0.1, 0.45], size=(16, 2))
@@ -90,7 +90,7 @@ def test_the_model_s_error_is_told_from_the_plate_s_noise(plate: float) -> None:
     said = (2 + np.sin(np.linspace(0, 30, 20_000))) ** 2
     error = 0.8 * coloured(rng, 20_000) + 0.5 * np.sqrt(said) * coloured(rng, 20_000)
     residual = 3.0 + error + plate * rng.normal(size=20_000)  # the plate's zero is no error of the model
-    found = model_error(residual, said, np.ones(20_000, dtype=bool), 100.0)
+    found = estimate_model_error(residual, said, np.ones(20_000, dtype=bool), 100.0)
     assert found.overall * said.mean() == pytest.approx(error.var(), rel=0.1)
     assert found.steady + found.scale * said.mean() == pytest.approx(error.var(), rel=0.1)
     assert found.scale == pytest.approx(0.25, rel=0.3)
@@ -98,12 +98,12 @@ def test_the_model_s_error_is_told_from_the_plate_s_noise(plate: float) -> None:
 
 def test_where_the_plate_shows_nothing_there_is_no_size() -> None:
     residual, said = np.random.default_rng(0).normal(size=500), np.ones(500)
-    assert model_error(residual, said, np.zeros(500, dtype=bool), 100.0) is None
-    assert model_error(np.full(500, np.nan), said, np.ones(500, dtype=bool), 100.0) is None
+    assert estimate_model_error(residual, said, np.zeros(500, dtype=bool), 100.0) is None
+    assert estimate_model_error(np.full(500, np.nan), said, np.ones(500, dtype=bool), 100.0) is None
 
 
 @cache
-def trial(seed: int, strategy: str, tissue: float) -> tuple[Simulated, Exact, Prediction, np.ndarray]:
+def trial(seed: int, strategy: str, tissue: float) -> tuple[SimulatedTrial, TrueState, Prediction, np.ndarray]:
     """A simulated sit-to-stand, smoothed and identified on its true geometry; its truth and its free samples."""
     options = Options(seed=seed, strategy=strategy, repetitions=3, soft_tissue=tissue, rate=100.0)
     made = generate("sit-to-stand", options)
@@ -115,12 +115,12 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[Simulated, Exact, Pr
     known = states.observed.all(axis=1)
     noise = np.random.default_rng(seed).normal(size=state.wrench.shape) * [1.0, 1.0, 0.3]
     angles = (states.mean[..., k] for k in range(3))
-    recorded = Recorded(state.time, *angles, states.sd[..., 2], known, state.wrench + noise, centres)
+    recorded = TrialData(state.time, *angles, states.sd[..., 2], known, state.wrench + noise, centres)
     residual = np.sqrt(np.nanmean(np.sum((observed - states.predicted) ** 2, axis=2), axis=0))
     moves = segment > 0
-    placed = State(centres @ [1, 1j], local[moves] @ [1, 1j], np.cumsum(recorded.q, axis=1))
+    placed = ChainState(centres @ [1, 1j], local[moves] @ [1, 1j], np.cumsum(recorded.q, axis=1))
     true = np.zeros((len(centres), 2, 2))
-    skin = skin_without_fit(placed, segment[moves], residual[moves], true)
+    skin = skin_from_residuals(placed, segment[moves], residual[moves], true)
     error = KinematicError(lambda q: skin.errors(q)[0], skin.frames_turned()[0])
     prepared = prepare(recorded, FitSettings())
     free = np.hypot(*state.chair_force.T) == 0.0
@@ -187,7 +187,7 @@ def test_a_noisy_plate_hides_the_models_error_but_leaves_it_a_size() -> None:
     rate, noise = 100.0, np.full(1000, 1e-3)
     jagged = 50.0 * rng.standard_normal(1000)
     high = jagged - sosfiltfilt(butter(4, 20.0, fs=rate, output="sos"), jagged)
-    found = model_error(high, noise, np.ones(1000, dtype=bool), rate)
+    found = estimate_model_error(high, noise, np.ones(1000, dtype=bool), rate)
     assert found is not None
     assert all(np.isfinite([found.steady, found.scale, found.overall]))
     assert found.steady + found.scale * noise[0] == pytest.approx(found.overall * noise[0])

@@ -8,7 +8,7 @@ import pytest
 from dynamics_cases import CENTRES, random_chain, waves
 from pose_cases import SHOULDER, moving
 
-from mocap_id.dynamics.motion import Motion, chain_motion
+from mocap_id.dynamics.motion import PlanarMotion, chain_motion
 from mocap_id.dynamics.regressor import planar_torque_regressor, torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 
@@ -16,14 +16,14 @@ TIME = np.arange(40) / 20
 seeds = pytest.mark.parametrize("seed", range(3))
 
 
-def free_bodies(time: np.ndarray, seed: int, count: int = 3) -> Motion:
+def free_bodies(time: np.ndarray, seed: int, count: int = 3) -> PlanarMotion:
     """Bodies whose x, y and angle are sums of sines, each by itself."""
     value, _, rise = waves(time, 3 * count, seed)
     _, speed, _ = waves(time, 3 * count, seed)
     pose, rate, bend = (each.reshape(len(time), count, 3) for each in (value, speed, rise))
     nowhere = np.full((len(time), 1, 2), np.nan)
     beyond = np.ones((1, count), dtype=bool)
-    return Motion(pose[..., 2], rate[..., 2], bend[..., 2], pose[..., :2], bend[..., :2], nowhere, beyond)
+    return PlanarMotion(pose[..., 2], rate[..., 2], bend[..., 2], pose[..., :2], bend[..., :2], nowhere, beyond)
 
 
 def clouds(seed: int, count: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -135,7 +135,7 @@ def test_a_joint_without_a_centre_has_no_torque_and_spoils_no_other() -> None:
     joint = motion.joint.copy()
     joint[:, 1] = np.nan
     whole = torque_regressor(motion, wrench_regressor(motion))
-    lost = Motion(**{**motion.__dict__, "joint": joint})
+    lost = PlanarMotion(**{**motion.__dict__, "joint": joint})
     torque = torque_regressor(lost, wrench_regressor(lost))
     assert np.isnan(torque[:, 1]).all()
     np.testing.assert_array_equal(torque[:, [0, 2]], whole[:, [0, 2]])

@@ -7,15 +7,15 @@ import pytest
 from dynamics_cases import BODY
 from grid_cases import GRID, B, M, impossible, problem
 
-from mocap_id.dynamics.cone import ConeBodies
-from mocap_id.dynamics.conic import solve_links
-from mocap_id.dynamics.optimality import Bodies, check
+from mocap_id.dynamics.cone_solver import solve_links
+from mocap_id.dynamics.consistency_cone import ConeBodies
+from mocap_id.dynamics.optimality import BodyCone, check_optimality
 from mocap_id.dynamics.point_masses import GridBodies, solve_nnls
 
 CONE, BOUNDED = ConeBodies(M), ConeBodies(M, GRID.boxes())
 
 
-def solved(bodies: Bodies, seed: int = 5):
+def solved(bodies: BodyCone, seed: int = 5):
     """A problem that its constraint holds back, and its solution."""
     small = problem(seed, 1.0, impossible(seed))
     answer = solve_nnls(small, B) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
@@ -26,9 +26,9 @@ every = pytest.mark.parametrize("bodies", [GridBodies(B), CONE, BOUNDED], ids=["
 
 
 @every
-def test_a_solution_passes(bodies: Bodies) -> None:
+def test_a_solution_passes(bodies: BodyCone) -> None:
     small, body = solved(bodies)
-    found = check(small, bodies, body)
+    found = check_optimality(small, bodies, body)
     assert found.proven
     assert found.primal <= 1e-12
     assert found.stationarity == 0.0
@@ -36,7 +36,7 @@ def test_a_solution_passes(bodies: Bodies) -> None:
 
 @every
 @pytest.mark.parametrize("size", [1e-3, 1e-2, 0.1])
-def test_a_perturbed_solution_does_not(bodies: Bodies, size: float) -> None:
+def test_a_perturbed_solution_does_not(bodies: BodyCone, size: float) -> None:
     """Whichever way it is moved within the cone; and the bound covers what was lost."""
     small, body = solved(bodies)
     least = small.cost(bodies.mapping @ body)
@@ -51,7 +51,7 @@ def test_a_perturbed_solution_does_not(bodies: Bodies, size: float) -> None:
     if isinstance(bodies, GridBodies):
         others.append(body + size * rng.exponential(0.1, len(body)))
     for moved in others:
-        found = check(small, bodies, moved)
+        found = check_optimality(small, bodies, moved)
         lost = small.cost(bodies.mapping @ moved) / least - 1
         assert lost > 0
         assert not found.proven
@@ -64,10 +64,10 @@ def test_a_negative_mass_does_not_pass() -> None:
     _, body = solved(bodies)
     body = body.copy()
     body[np.argmin(body)] = -1e-6
-    assert check(small, bodies, body).primal > 0
-    assert not check(small, bodies, body).proven
+    assert check_optimality(small, bodies, body).primal > 0
+    assert not check_optimality(small, bodies, body).proven
     free = np.linalg.lstsq(B, small.free_solution(), rcond=None)[0]
-    found = check(small, bodies, free)  # the least cost of all, by masses of either sign
+    found = check_optimality(small, bodies, free)  # the least cost of all, by masses of either sign
     assert found.excess < 1e-12
     assert not found.proven
 
@@ -79,7 +79,7 @@ def test_links_that_cannot_exist_do_not_pass(bodies: ConeBodies) -> None:
         moved = body.copy()
         moved[parameter] = value
         assert bodies.outside(moved) > 1e-6
-        assert not check(small, bodies, moved).proven
+        assert not check_optimality(small, bodies, moved).proven
 
 
 def test_a_mass_outside_the_box_is_outside_the_bounded_cone_alone() -> None:
@@ -95,7 +95,7 @@ def test_nothing_is_no_solution_where_mass_would_help() -> None:
     """With no mass to compare with the bound says nothing: the best single mass does."""
     small = problem(5, 1.0)
     for bodies in (GridBodies(B), CONE, BOUNDED):
-        found = check(small, bodies, np.zeros(bodies.mapping.shape[1]))
+        found = check_optimality(small, bodies, np.zeros(bodies.mapping.shape[1]))
         assert found.dual > 1e-2
         assert found.complementarity == 0.0
 
@@ -104,8 +104,8 @@ def test_free_parameters_have_to_be_stationary() -> None:
     small = problem(5, 1.0, nuisance=1)
     masses = solve_nnls(small.over(11), B).body
     best = small.completed(B @ masses)
-    assert check(small, GridBodies(B), masses, best[11:]).proven
-    found = check(small, GridBodies(B), masses, best[11:] + 0.1)
+    assert check_optimality(small, GridBodies(B), masses, best[11:]).proven
+    found = check_optimality(small, GridBodies(B), masses, best[11:] + 0.1)
     assert found.stationarity > 1e-4
     assert not found.proven
 
@@ -113,7 +113,7 @@ def test_free_parameters_have_to_be_stationary() -> None:
 def test_not_a_number_is_no_solution() -> None:
     small = problem(5, 1.0)
     body = np.full(B.shape[1], np.nan)
-    found = check(small, GridBodies(B), body)
+    found = check_optimality(small, GridBodies(B), body)
     assert np.isinf(found.excess)
     assert not found.proven
 

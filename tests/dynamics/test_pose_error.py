@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from pose_cases import BODIES, moving, poses_of, recorded_of
 
+from mocap_id.dynamics.body_prior import table_prior
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.loose_prior import table_prior
 from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
 from mocap_id.dynamics.pose_error import PoseErrors, SlidingBody, pose_effect, sliding_body
-from mocap_id.dynamics.prepare import FitSettings, Prepared, prepare
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
-from mocap_id.kinematics.rigid import rigid_poses
+from mocap_id.kinematics.rigid_body import rigid_poses
 
 TIME = np.arange(2000) / 100
 INNER = slice(300, -300)
@@ -26,7 +26,7 @@ STILL = SlidingBody(np.zeros((3, 3)), ())
 LOCAL = np.array([[0.05, 0.02], [0.31, -0.04], [0.12, 0.2], [-0.04, 0.11]])
 
 
-def made(poses: BodyPoses) -> Prepared:
+def made(poses: BodyPoses) -> PreparedTrial:
     recorded = recorded_of(TIME, moving(TIME), noise=(1.0, 1.0, 0.3))
     return prepare(replace(recorded, measured=measured_motion(poses, BANDS)), FitSettings(), PRIOR)
 
@@ -39,7 +39,7 @@ def off(poses: BodyPoses, body: int, shape: np.ndarray, error: np.ndarray) -> Bo
     return replace(poses, position=position, angle=angle)
 
 
-def refitted(prepared: Prepared, found: Fit) -> np.ndarray:
+def refitted(prepared: PreparedTrial, found: Fit) -> np.ndarray:
     """Parameters, bias and clock with another regressor, of a wrench and a prior that the true bodies fit exactly."""
     truth = np.append(BODIES.ravel(), [0.0, 0.0])
     rows = prepared.filtered[found.samples] * found.weights[:, None]
@@ -51,7 +51,7 @@ def refitted(prepared: Prepared, found: Fit) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(*both, rcond=None)[0])
 
 
-def torques(prepared: Prepared, full: np.ndarray) -> np.ndarray:
+def torques(prepared: PreparedTrial, full: np.ndarray) -> np.ndarray:
     return np.asarray(torque_regressor(prepared.motion, wrench_regressor(prepared.motion)) @ full)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from pose_cases import BODIES, moving, recorded_of
 
+from mocap_id.dynamics.body_prior import BodyPrior, table_prior
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.folds import parts, without
-from mocap_id.dynamics.loose_prior import BodyPrior, table_prior
-from mocap_id.dynamics.prepare import FitSettings, Prepared, prepare
+from mocap_id.dynamics.left_out_samples import number_parts, samples_without_part
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.prior_weight import MEMORIES, REFERENCE, choose_memory, left_out_error, left_out_memory
 
 TIME = np.arange(3000) / 100
@@ -20,12 +20,12 @@ SPANS = np.array([[0.5, 6.0], [6.5, 12.0], [12.5, 18.0], [18.5, 24.0], [24.5, 29
 PRIOR = table_prior((BODIES * [1.2, 0.9, 1.1, 1.3]).ravel(), "a table", others=True)
 
 
-def made(prior: BodyPrior, spans: np.ndarray = SPANS) -> Prepared:
+def made(prior: BodyPrior, spans: np.ndarray = SPANS) -> PreparedTrial:
     recorded = recorded_of(TIME, moving(TIME), noise=(2.0, 2.0, 0.6))
     return prepare(recorded, FitSettings(), replace(prior, spans=spans))
 
 
-def counted(found: Fit, prepared: Prepared) -> np.ndarray:
+def counted(found: Fit, prepared: PreparedTrial) -> np.ndarray:
     """Seconds that one independent sample of each component stands for, from the weighted residuals."""
     rows = found.design[..., :-1].reshape(found.target.size, -1)
     residual = found.target - (rows @ found.problem.free_solution()).reshape(found.target.shape)
@@ -56,9 +56,9 @@ def test_the_error_is_that_of_fits_from_scratch_to_the_rest() -> None:
 
 def test_a_part_that_is_left_out_is_not_seen_through_the_filter() -> None:
     prepared = made(PRIOR)
-    part = parts(TIME, SPANS)
+    part = number_parts(TIME, SPANS)
     for k in range(5):
-        seen = without(prepared, EVERYTHING, part, k)
+        seen = samples_without_part(prepared, EVERYTHING, part, k)
         away = np.abs(np.flatnonzero(seen)[:, None] - np.flatnonzero(part == k)).min()
         assert away > prepared.lowpass.reach_samples
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+import importlib
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,28 +10,26 @@ import numpy as np
 import pytest
 from grid_cases import GRID, NO_REFERENCE, B, M, impossible, problem
 
-from mocap_id.dynamics import consistent
-from mocap_id.dynamics.cone import ConeBodies
-from mocap_id.dynamics.conic import solve_links
-from mocap_id.dynamics.consistent import fit_consistent
-from mocap_id.dynamics.grid import PointGrid, segment_grid
-from mocap_id.dynamics.optimality import Answer, Optimality
+from mocap_id.dynamics import consistency as consistency_module
+from mocap_id.dynamics.cone_solver import solve_links
+from mocap_id.dynamics.consistency import fit_consistent
+from mocap_id.dynamics.consistency_cone import ConeBodies
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.optimality import Optimality, SolverAnswer
+from mocap_id.dynamics.point_grid import PointGrid, segment_grid
 from mocap_id.dynamics.point_masses import solve_nnls, solve_osqp
-from mocap_id.dynamics.solve import Compressed
 from mocap_id.errors import NumericalError
 
-SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "solvers.py"
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 ALIKE = 1e-6
 
 
 @pytest.fixture(scope="module")
 def benchmark():
     """The benchmark as a module: its random problems, and Clarabel on a grid."""
-    spec = importlib.util.spec_from_file_location("solvers_benchmark", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["solvers_benchmark"] = module
-    spec.loader.exec_module(module)
-    return module
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(BENCHMARKS)
+        yield importlib.import_module("solvers")
 
 
 @pytest.mark.parametrize("first", range(0, 100, 10))
@@ -82,7 +79,7 @@ def test_ever_finer_grids_tend_to_the_bounded_cone(seed: int) -> None:
 def test_the_answer_and_its_record(consistency: str, seed: int) -> None:
     small = problem(seed, 2.0, impossible(seed) if seed else None, nuisance=1)
     found = fit_consistent(small, M, GRID, NO_REFERENCE, consistency=consistency)
-    assert found.asked == found.consistency == consistency
+    assert found.requested == found.consistency == consistency
     assert found.answer.solver == ("nnls" if consistency == "grid" else "clarabel")
     assert found.answer.optimality.proven
     if not seed:
@@ -105,7 +102,7 @@ def test_the_answer_and_its_record(consistency: str, seed: int) -> None:
 
 def test_a_nuisance_parameter_has_no_sign() -> None:
     small = problem(3, 0.1, nuisance=1)
-    flipped = Compressed(small.factor * np.r_[np.ones(11), -1.0], small.target, small.rest)
+    flipped = CompressedProblem(small.factor * np.r_[np.ones(11), -1.0], small.target, small.rest)
     for one, expected in ((small, 3.0), (flipped, -3.0)):
         found = fit_consistent(one, M, GRID, NO_REFERENCE)
         assert found.parameters[-1] == pytest.approx(expected, abs=0.03)
@@ -137,7 +134,7 @@ def test_degenerate_problems_have_a_proven_answer(kind: str, consistency: str, p
     rows = DEGENERATE[kind](rng.normal(size=(200, 11)))
     truth = B @ rng.exponential(0.3, B.shape[1]) if possible else impossible(2)
     target = rows @ truth + 0.5 * rng.normal(size=len(rows))
-    small = Compressed.of(rows, target)
+    small = CompressedProblem.of(rows, target)
     found = fit_consistent(small, M, GRID, NO_REFERENCE, consistency=consistency)
     assert found.answer.optimality.proven
     assert found.consistency == consistency
@@ -148,12 +145,12 @@ def test_degenerate_problems_have_a_proven_answer(kind: str, consistency: str, p
 @pytest.mark.parametrize("consistency", ["grid", "cone", "bounded-cone"])
 def test_a_wrench_of_nothing_is_a_body_of_nothing(consistency: str) -> None:
     rows = np.random.default_rng(1).normal(size=(100, 11))
-    found = fit_consistent(Compressed.of(rows, np.zeros(100)), M, GRID, NO_REFERENCE, consistency=consistency)
+    found = fit_consistent(CompressedProblem.of(rows, np.zeros(100)), M, GRID, NO_REFERENCE, consistency=consistency)
     np.testing.assert_allclose(found.parameters, 0.0, atol=1e-12)
 
 
-def off(answer: Answer, optimality: Optimality) -> Answer:
-    return Answer(answer.solver, answer.body, answer.cost, optimality, answer.status, answer.iterations)
+def off(answer: SolverAnswer, optimality: Optimality) -> SolverAnswer:
+    return SolverAnswer(answer.solver, answer.body, answer.cost, optimality, answer.status, answer.iterations)
 
 
 def test_osqp_that_says_solved_and_is_not_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,7 +165,7 @@ def test_an_unproven_answer_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None
     small = problem(6, 1.0, impossible(6))
     good = fit_consistent(small, M, GRID, NO_REFERENCE)
     bad = Optimality(0.0, 0.0, 0.1, 0.0)
-    monkeypatch.setattr(consistent, "solve_nnls", lambda *a: off(solve_nnls(*a), bad))
+    monkeypatch.setattr(consistency_module, "solve_nnls", lambda *a: off(solve_nnls(*a), bad))
     replaced = fit_consistent(small, M, GRID, NO_REFERENCE)
     assert (good.answer.solver, replaced.answer.solver) == ("nnls", "osqp")
     assert small.cost(replaced.parameters) == pytest.approx(small.cost(good.parameters), rel=1e-6)
@@ -189,16 +186,16 @@ def test_an_active_set_that_does_not_settle_is_said(monkeypatch: pytest.MonkeyPa
 def test_an_unproven_cone_falls_back_to_the_grid(monkeypatch: pytest.MonkeyPatch) -> None:
     small = problem(6, 1.0, impossible(6))
     bad = Optimality(0.0, 0.0, 0.1, 0.0)
-    monkeypatch.setattr(consistent, "solve_links", lambda *a: off(solve_links(*a), bad))
+    monkeypatch.setattr(consistency_module, "solve_links", lambda *a: off(solve_links(*a), bad))
     found = fit_consistent(small, M, GRID, NO_REFERENCE, consistency="cone")
-    assert (found.asked, found.consistency, found.answer.solver) == ("cone", "grid", "nnls")
+    assert (found.requested, found.consistency, found.answer.solver) == ("cone", "grid", "nnls")
     assert np.isfinite(found.masses).all()
 
 
 def test_two_bad_answers_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     bad = Optimality(0.0, 0.0, 0.1, 0.0)
-    monkeypatch.setattr(consistent, "solve_osqp", lambda *a: off(solve_osqp(*a), bad))
-    monkeypatch.setattr(consistent, "solve_nnls", lambda *a: off(solve_nnls(*a), bad))
+    monkeypatch.setattr(consistency_module, "solve_osqp", lambda *a: off(solve_osqp(*a), bad))
+    monkeypatch.setattr(consistency_module, "solve_nnls", lambda *a: off(solve_nnls(*a), bad))
     with pytest.raises(NumericalError, match="did not converge"):
         fit_consistent(problem(6, 1.0), M, GRID, NO_REFERENCE)
 
@@ -207,5 +204,5 @@ def test_a_grid_of_one_point_a_segment() -> None:
     point = segment_grid(np.array([[0.0, 0.4]]), np.array([1]), np.array([[0.0, 0.3]]), (1, 1))
     regrouping = np.eye(8)[[0, 1, 4, 5, 6, 7]]
     rows = np.random.default_rng(0).normal(size=(50, 6))
-    found = fit_consistent(Compressed.of(rows, rows @ np.ones(6)), regrouping, point, np.full(8, np.nan))
+    found = fit_consistent(CompressedProblem.of(rows, rows @ np.ones(6)), regrouping, point, np.full(8, np.nan))
     assert found.answer.optimality.proven

@@ -12,8 +12,8 @@ from dynamics_cases import BODY, CENTRES
 from test_external_fit import CHAIR, HAND, supported
 from test_stage_identify_dim import MASS, codes, context
 
-from mocap_id.dynamics.external import SEAT
-from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.external_wrenches import SEAT
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Context
@@ -24,7 +24,7 @@ NAMES = ["foot", "shank", "thigh", "torso"]
 
 
 def with_external(
-    recorded: Recorded, factor: float = 1.0, segments: dict[str, str | int] | None = None, **settings: Any
+    recorded: TrialData, factor: float = 1.0, segments: dict[str, str | int] | None = None, **settings: Any
 ) -> Context:
     """The stage's context with the recording's external wrenches among the columns."""
     made = context(recorded, **settings)
@@ -126,7 +126,7 @@ def test_a_sensor_with_the_wrong_sign_is_said() -> None:
     assert "on-sensor" in message
 
 
-def seated() -> Recorded:
+def seated() -> TrialData:
     """Trunk and legs move a little, a chair on its own plate carries three quarters of the weight, nobody rises."""
     recorded = supported(CHAIR)
     still = {name: 0.15 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
@@ -140,7 +140,7 @@ def test_somebody_who_stays_seated_is_identified_where_the_chair_is_measured() -
     _, tree = run(with_external(seated(), protocol="sit-to-stand", standing=None))
     assert mass(tree) == pytest.approx(MASS, rel=2e-3)
     assert {"seat-measured", "no-repetitions"} <= set(codes(tree))
-    assert "what the chair carries is measured" in next(
+    assert "the force of the chair is measured" in next(
         reason.message for reason in tree.reasons if reason.code == "no-repetitions"
     )
     _, blind = run(with_external(seated(), protocol="sit-to-stand", standing=None, seat_plate=False))

@@ -11,10 +11,10 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
 from scipy.interpolate import CubicSpline
 
-from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import StoreError
-from mocap_id.kinematics import State, skin_without_fit
+from mocap_id.kinematics import ChainState, skin_from_residuals
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Files, Subject, TrialKeys
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
@@ -27,7 +27,7 @@ LOCAL = np.array([[-0.25, 0.02], [0.06, 0.1], [-0.1, 0.05], *3 * [[-0.1, 0.1], [
 
 
 def context(
-    recorded: Recorded,
+    recorded: TrialData,
     *,
     protocol: Any = "free",
     subject: Subject | None = None,
@@ -51,8 +51,8 @@ def context(
         "markers": {"segment": SEGMENT, "local": LOCAL},
     }
     moves = SEGMENT > 0
-    placed = State(CENTRES @ [1, 1j], LOCAL[moves] @ [1, 1j], np.cumsum(np.nan_to_num(recorded.q), axis=1))
-    skin = skin_without_fit(
+    placed = ChainState(CENTRES @ [1, 1j], LOCAL[moves] @ [1, 1j], np.cumsum(np.nan_to_num(recorded.q), axis=1))
+    skin = skin_from_residuals(
         placed, SEGMENT[moves], np.full(moves.sum(), 0.001), np.tile(1e-6 * np.eye(2), (joints, 1, 1))
     )
     told = {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold, "analog_rate_hz": analog_rate}
@@ -67,7 +67,7 @@ def context(
     return Context(keys, IdentifyDimSettings(**settings), inputs)
 
 
-def run(recorded: Recorded, **changes: Any) -> tuple[Table, Table, Tree]:
+def run(recorded: TrialData, **changes: Any) -> tuple[Table, Table, Tree]:
     events, table, tree, averages = STAGE.function(context(recorded, **changes))
     parquet.conform(events), parquet.conform(table), hdf5.conform(tree), parquet.conform(averages)
     assert tuple(each.schema.file for each in (events, table, tree, averages)) == STAGE.outputs
@@ -75,8 +75,8 @@ def run(recorded: Recorded, **changes: Any) -> tuple[Table, Table, Tree]:
     return events, table, tree
 
 
-def with_(recorded: Recorded, **changes: np.ndarray) -> Recorded:
-    return Recorded(**{**recorded.__dict__, **changes})
+def with_(recorded: TrialData, **changes: np.ndarray) -> TrialData:
+    return TrialData(**{**recorded.__dict__, **changes})
 
 
 def codes(tree: Tree) -> list[str]:
@@ -140,7 +140,7 @@ def test_a_joint_that_hardly_moves_is_told_with_what_to_do() -> None:
             expected = 100 * advice["sd_ratio"] * base["relative_sd"][i]
             assert f"{base['name'][i]} to {expected:.0f} %" in reason.message
         else:
-            assert "No other movement of these joints would tell more of" in reason.message
+            assert "No other movement of these joints would determine" in reason.message
 
 
 def test_what_was_not_fitted_is_not_identifiable_but_the_mass() -> None:
@@ -172,7 +172,7 @@ def test_what_averaging_takes_off_the_wrench_is_put_back() -> None:
     bend = CubicSpline(recorded.time, recorded.wrench)(recorded.time, 2)
     flattened = with_(recorded, wrench=recorded.wrench + (0.01**2 + 2 * 0.001**2) / 24 * bend)
 
-    def base(wrench: Recorded, analog_rate: float) -> np.ndarray:
+    def base(wrench: TrialData, analog_rate: float) -> np.ndarray:
         found: Any = run(wrench, analog_rate=analog_rate)[2].data["base"]
         return np.asarray(found["value"])
 
@@ -286,7 +286,7 @@ def test_no_plate() -> None:
     assert "no force plate" in tree.facts["why"]
 
 
-def resting() -> Recorded:
+def resting() -> TrialData:
     recorded = moving_body()
     states = {name: 1e-3 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
     return with_(recorded, **states, wrench=np.tile([0.0, 9.81 * MASS, -12.0], (len(recorded.time), 1)))
@@ -304,7 +304,7 @@ def test_a_resting_load_that_nothing_shows_to_be_the_whole_weight_is_no_mass() -
     assert_nothing_known(table, tree, "standing-still")
 
 
-def seated() -> Recorded:
+def seated() -> TrialData:
     """Trunk and legs move a little on a chair that carries three quarters of the weight: nobody rises."""
     recorded = moving_body(noise=(0.5, 0.5, 0.15))
     states = {name: 0.15 * getattr(recorded, name) for name in ("q", "dq", "ddq")}

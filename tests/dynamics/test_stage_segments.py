@@ -13,16 +13,16 @@ from dynamics_cases import CENTRES
 from pose_cases import BODIES, hip_gap, moving, recorded_of
 from test_stage_identify_dim import LOCAL, SEGMENT, codes, context
 
-from mocap_id.dynamics.base import structural_base
-from mocap_id.dynamics.loose_prior import mean_move
+from mocap_id.dynamics.base_parameters import structural_base
+from mocap_id.dynamics.body_prior import mean_transform
 from mocap_id.dynamics.measured_motion import USUAL
-from mocap_id.dynamics.motion import Motion
-from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.motion import PlanarMotion
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context, Subject
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.motion_reasons import motion_reasons
+from mocap_id.stages.identify_dim.motion_comparison import motion_reasons
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES
 
@@ -38,7 +38,7 @@ SQUATS: dict[str, Any] = {"protocol": "sit-to-stand", "subject": PERSON}
 CAMERA = 2.5e-4
 
 
-def poses_table(motion: Motion, *, time: np.ndarray = TIME, bodies: int = 5, camera: float = CAMERA) -> Table:
+def poses_table(motion: PlanarMotion, *, time: np.ndarray = TIME, bodies: int = 5, camera: float = CAMERA) -> Table:
     """As ukf-smooth writes it, three markers a body."""
     rng, facts = np.random.default_rng(7), []
     columns: dict[str, Any] = {"time": time}
@@ -59,8 +59,8 @@ def poses_table(motion: Motion, *, time: np.ndarray = TIME, bodies: int = 5, cam
 
 @dataclass(frozen=True)
 class Ran:
-    motion: Motion
-    recorded: Recorded
+    motion: PlanarMotion
+    recorded: TrialData
     table: Table
     tree: Tree
 
@@ -77,11 +77,11 @@ class Ran:
         used, motion = self.table["in_fit"], self.motion
         turn = motion.angle[used, 4] - motion.angle[used, 3]
         shift = planar.rotate(-motion.angle[used, 3], motion.origin[used, 4] - motion.origin[used, 3])
-        torso = BODIES[3] + mean_move(turn, shift) @ BODIES[4]
+        torso = BODIES[3] + mean_transform(turn, shift) @ BODIES[4]
         return structural_base(CENTRES).regrouping @ np.concatenate([BODIES[:3].ravel(), torso])
 
 
-def made(recorded: Recorded, poses: Table, **changes: Any) -> Context:
+def made(recorded: TrialData, poses: Table, **changes: Any) -> Context:
     plain = context(recorded, **({"standing": MASS} | changes))
     chain = {
         "joints": {
@@ -285,7 +285,7 @@ def test_with_one_repetition_the_cut_offs_are_the_usual_ones() -> None:
     motion, cut = moving(TIME, size=0.03), TIME < 5.0
     whole, poses = recorded_of(TIME, motion, noise=NOISE), poses_table(motion)
     names = ("time", "q", "dq", "ddq", "ddq_sd", "observed", "wrench")
-    recorded = Recorded(**{name: getattr(whole, name)[cut] for name in names}, centres=CENTRES)
+    recorded = TrialData(**{name: getattr(whole, name)[cut] for name in names}, centres=CENTRES)
     few = Table(POSES, {name: column[cut] for name, column in poses.columns.items()}, poses.facts)
     *_, tree, _ = STAGE.function(made(recorded, few, **SQUATS))
     assert tree.facts["motion"]["source"] == "segments"

@@ -9,14 +9,14 @@ import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from mocap_id.dynamics.base import structural_base
+from mocap_id.dynamics.base_parameters import structural_base
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.fit import fit
-from mocap_id.dynamics.grid import segment_grid
-from mocap_id.dynamics.identify import identify
+from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
-from mocap_id.dynamics.predict import chain_noise, predict
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
-from mocap_id.dynamics.pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks, variance
 
@@ -89,7 +89,7 @@ def test_skin_that_slides_is_covered() -> None:
     for seed in range(30):
         recorded = moving_body(seed=seed, noise=(0.5, 0.5, 0.15))
         slope = rng.normal(size=(3, 3)) * size / np.sqrt(3) / recorded.q.std(axis=0)
-        shifted = Recorded(
+        shifted = TrialData(
             **{
                 **recorded.__dict__,
                 "q": recorded.q + (recorded.q - recorded.q.mean(axis=0)) @ slope.T,
@@ -116,7 +116,7 @@ def test_misplaced_joints_are_covered() -> None:
     inside = []
     for seed in range(40):
         recorded = moving_body(seed=seed, noise=(0.5, 0.5, 0.15))
-        moved = Recorded(**{**recorded.__dict__, "centres": CENTRES + 0.003 * rng.normal(size=CENTRES.shape)})
+        moved = TrialData(**{**recorded.__dict__, "centres": CENTRES + 0.003 * rng.normal(size=CENTRES.shape)})
         prepared = prepare(moved, FitSettings())
         found = fit(prepared, EVERYTHING)
         base = found.problem.free_solution()[:11]
@@ -180,7 +180,7 @@ def test_predictions_are_as_far_off_as_they_say(told: float) -> None:
     smooth = sosfiltfilt(sections, np.random.default_rng(0).normal(size=recorded.ddq.shape), axis=0)
     noisy = recorded.ddq + noise * smooth / smooth.std()
     states = {"ddq": noisy, "ddq_sd": np.full_like(noisy, told * noise)}
-    prepared = prepare(Recorded(**{**recorded.__dict__, **states}), FitSettings(cutoff=3.0))
+    prepared = prepare(TrialData(**{**recorded.__dict__, **states}), FitSettings(cutoff=3.0))
     grid = segment_grid(CENTRES, np.repeat([1, 2, 3], 2), np.tile([[-0.1, 0.0], [0.1, 0.8]], (3, 1)))
     found = identify(prepared, np.ones(len(noisy), dtype=bool), grid, np.full(16, np.nan), NO_ERROR)
     model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)

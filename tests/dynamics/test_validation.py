@@ -10,7 +10,7 @@ from dynamics_cases import moving_body
 from test_stage_identify_dim import codes, run, with_
 
 from mocap_id.protocols.posture import posture
-from mocap_id.protocols.rising import sit_to_stand_repetitions
+from mocap_id.protocols.sit_to_stand import sit_to_stand_repetitions
 from mocap_id.stages.identify_dim.validation import SERIES, reasons
 
 NOISE = (0.5, 0.5, 0.15)

@@ -1,4 +1,4 @@
-"""Planar chains whose motion is known: the material of the tests of the filter."""
+"""Simulated planar chains with known motion, for the tests of the filter."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import FilterSettings, States, smooth
-from mocap_id.estimation.inverse import Chain, frame_angles
-from mocap_id.estimation.problem import Problem
+from mocap_id.estimation.filter_problem import FilterProblem
+from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.store import LongTable
@@ -18,7 +18,7 @@ from mocap_id.store.schemas import PLANAR
 
 @dataclass(frozen=True)
 class Moving:
-    """A chain in motion: truth (F, n, 4) of angle, velocity, acceleration, jerk; markers (F, M, 2) as measured."""
+    """A moving chain: true angle, velocity, acceleration, jerk (F, n, 4), and measured markers (F, M, 2)."""
 
     truth: FloatArray
     markers: FloatArray
@@ -34,12 +34,12 @@ class Moving:
         given = FilterSettings(**settings)  # type: ignore[arg-type]
         return smooth(markers, self.rate, self.centres, self.segment, self.local, settings=given)
 
-    def problem(self, *, marker_sd: float, sigma_v: float, gate: float = 5.0, **points: float) -> Problem:
-        """What :func:`smooth` hands to an engine."""
-        chain = Chain(self.centres, self.segment, self.local)
+    def problem(self, *, marker_sd: float, sigma_v: float, gate: float = 5.0, **points: float) -> FilterProblem:
+        """Return the engine's input as built by :func:`smooth`."""
+        chain = MarkerChain(self.centres, self.segment, self.local)
         frames = frame_angles(self.markers, chain, gate, 5e-5)
         variance = np.full(len(self.segment), marker_sd**2)
-        return Problem(
+        return FilterProblem(
             observed=self.markers,
             dt=1.0 / self.rate,
             centres=self.centres,
@@ -63,7 +63,7 @@ def swinging(
     noise: float = 5e-4,
     seed: int = 0,
 ) -> Moving:
-    """A chain whose joints swing by up to a radian at 0.4 to 0.9 Hz."""
+    """Return a chain with joints that swing by up to a radian at 0.4 to 0.9 Hz."""
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * rate))[:, None] / rate
     w = 2 * np.pi * rng.uniform(0.4, 0.9, joints)
@@ -75,7 +75,7 @@ def swinging(
 
 
 def measured(truth: FloatArray, rate: float, noise: float, rng: np.random.Generator, per_segment: int = 4) -> Moving:
-    """Markers on a random chain that moves as given, with white noise of the given size, m."""
+    """Return markers on a random chain with the given motion and white noise (m)."""
     joints = truth.shape[1]
     centres = rng.uniform([-0.05, 0.3], [0.05, 0.5], (joints, 2))
     segment = np.repeat(np.arange(1, joints + 1), per_segment)
@@ -85,12 +85,12 @@ def measured(truth: FloatArray, rate: float, noise: float, rng: np.random.Genera
 
 
 def planar_table(frames: IntArray, time: FloatArray, labels: list[str], points: FloatArray, rate: float) -> LongTable:
-    """As planarise writes the markers (F, M, 2), m."""
+    """Return the markers (F, M, 2), m, as a table of planarise."""
     values = {"x": points[..., 0], "y": points[..., 1], "z": np.zeros(points.shape[:2])}
     seen = np.isfinite(points[..., 0])
     return LongTable(PLANAR, frames, time, tuple(labels), {**values, "visible": seen}, {"rate_hz": rate})
 
 
 def rms(error: FloatArray) -> FloatArray:
-    """Root mean square over the samples that are given, (n, 4) from (F, n, 4)."""
+    """Return the rms over finite samples, (n, 4) from (F, n, 4)."""
     return np.asarray(np.sqrt(np.nanmean(error**2, axis=0)))

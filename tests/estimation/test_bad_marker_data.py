@@ -1,4 +1,4 @@
-"""What nobody would record on purpose: nothing that moves, few and many frames a second, markers that come late."""
+"""Unusual recordings: no movement, low and high frame rates, markers that appear late."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulated_chains import Moving, measured, rms, swinging
 from test_ukf_smooth_stage import STAGE, Context, Files, Path, TrialKeys, chain, planar
 
 from mocap_id.estimation import States
-from mocap_id.estimation.skin import camera_sd, with_lasting_errors
+from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
 from mocap_id.stages.ukf_smooth.state_errors import known_skin, lasting_errors
 from mocap_id.store.parquet import conform
 
@@ -19,12 +19,12 @@ FLOOR = 5e-5
 
 
 def deviations(states: States, moving: Moving) -> np.ndarray:
-    """(F, n, 4) that hold what the markers tell."""
+    """Return the standard deviations (F, n, 4) with lasting errors."""
     rested = np.where(states.used[..., None], moving.markers, np.nan)
-    camera = camera_sd(rested, states, FLOOR)
+    camera = estimate_camera_sd(rested, states, FLOOR)
     skin = known_skin(states, rested, camera)
     assert skin is not None
-    return with_lasting_errors(states, moving.rate, lasting_errors(states, rested, skin, camera, moving.rate))
+    return add_lasting_errors(states, moving.rate, lasting_errors(states, rested, skin, camera, moving.rate))
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
@@ -68,7 +68,7 @@ def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
 
 
 def memory(moving: Moving, frames: int) -> int:
-    """Bytes above the input, at most, that the stage takes for the first frames."""
+    """Return the peak memory of the stage above the input for the first frames, bytes."""
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     fitted = replace(chain(moving), facts={"estimator": "bundle"})
     inputs = {"planar.parquet": planar(moving, moving.markers[:frames]), "chain.h5": fitted}

@@ -1,4 +1,4 @@
-"""An encoder's states are least squares; its clock, sense and zero come from the movement that the cameras saw too."""
+"""Encoder states as least squares, and clock, sign and zero from the common movement with the cameras."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.encoder import START_SD, EncoderNoise, Fused, estimate_noise, fuse
-from mocap_id.estimation.encoder_clock import match
+from mocap_id.estimation.encoder_clock import match_encoder
+from mocap_id.estimation.encoder_smoothing import START_SD, EncoderNoise, EncoderStates, estimate_noise, smooth_encoder
 
 RATE, OFFSET = 125.0, 0.0137
 NOISE = EncoderNoise(1e-4, 1e-3, 20.0)
 
 
 def swing(time: FloatArray, order: int = 0) -> FloatArray:
-    """Two swings between rests, by derivative; rad."""
+    """Return two swings between rests and their derivatives, rad."""
     step = 1e-4
     if order:
         return (swing(time + step, order - 1) - swing(time - step, order - 1)) / (2 * step)
@@ -31,7 +31,7 @@ def record(seed: int, duration: float = 8.0, noise: EncoderNoise = NOISE) -> tup
 def dense(
     times: FloatArray, rows: FloatArray, values: FloatArray, noise: EncoderNoise
 ) -> tuple[FloatArray, FloatArray]:
-    """Means and standard deviations (N, 3) by one least squares over all states: prior, steps and measurements."""
+    """Return means and standard deviations (N, 3) by dense least squares: prior, steps and measurements."""
     size, equations, targets = 3 * len(times), [], []
 
     def add(at: int, whitened: FloatArray, target: FloatArray) -> None:
@@ -65,31 +65,31 @@ def test_the_smoother_is_least_squares_over_all_samples_at_uneven_times() -> Non
     for at, times in ((None, samples), (wanted, wanted)):
         every = samples if at is None else np.sort(np.r_[samples, wanted])
         mean, sd = dense(every, np.searchsorted(every, samples), values, noise)
-        found = fuse(samples, values[:, 0], values[:, 1], noise, at=at)
+        found = smooth_encoder(samples, values[:, 0], values[:, 1], noise, at=at)
         rows = np.searchsorted(every, times)
         np.testing.assert_allclose(found.time, times)
         np.testing.assert_allclose(found.mean, mean[rows], rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(found.sd, sd[rows], rtol=1e-5)
 
 
-def test_asking_at_other_times_changes_nothing_at_the_samples() -> None:
+def test_additional_times_change_nothing_at_the_samples() -> None:
     time, position, velocity = record(1, 3.0)
-    own = fuse(time, position, velocity, NOISE)
-    both = fuse(time, position, velocity, NOISE, at=np.linspace(0.1, 2.8, 800))
-    again = fuse(time, position, velocity, NOISE, at=time)
+    own = smooth_encoder(time, position, velocity, NOISE)
+    both = smooth_encoder(time, position, velocity, NOISE, at=np.linspace(0.1, 2.8, 800))
+    again = smooth_encoder(time, position, velocity, NOISE, at=time)
     np.testing.assert_allclose(again.mean, own.mean, atol=1e-9)
     assert both.log_likelihood == pytest.approx(own.log_likelihood)
 
 
-def test_a_parabola_without_noise_is_met_with_its_derivatives() -> None:
+def test_a_parabola_without_noise_is_recovered_with_its_derivatives() -> None:
     time = np.arange(0.0, 2.0, 1 / RATE)
     angle, velocity = 0.3 - 0.4 * time + 0.9 * time**2, -0.4 + 1.8 * time
-    found = fuse(time, angle, velocity, EncoderNoise(1e-4, 1e-3, 1.0), at=np.array([0.0305, 1.111, 1.97]))
+    found = smooth_encoder(time, angle, velocity, EncoderNoise(1e-4, 1e-3, 1.0), at=np.array([0.0305, 1.111, 1.97]))
     expected = [[0.3 - 0.4 * t + 0.9 * t**2, -0.4 + 1.8 * t, 1.8] for t in (0.0305, 1.111, 1.97)]
     np.testing.assert_allclose(found.mean, expected, atol=2e-5)
 
 
-def test_noise_is_found_on_a_record_that_the_process_itself_drew() -> None:
+def test_noise_is_recovered_from_a_record_drawn_from_the_process() -> None:
     rng = np.random.default_rng(8)
     step, true = 1 / RATE, EncoderNoise(2e-4, 2e-3, 40.0)
     i, j = np.indices((3, 3))
@@ -106,16 +106,16 @@ def test_noise_is_found_on_a_record_that_the_process_itself_drew() -> None:
     assert found.position_sd == pytest.approx(true.position_sd, rel=0.1)
     assert found.velocity_sd == pytest.approx(true.velocity_sd, rel=0.1)
     assert found.density == pytest.approx(true.density, rel=0.2)
-    at_truth = fuse(time, position, velocity, true).log_likelihood
-    assert fuse(time, position, velocity, found).log_likelihood >= at_truth - 0.05
+    at_truth = smooth_encoder(time, position, velocity, true).log_likelihood
+    assert smooth_encoder(time, position, velocity, found).log_likelihood >= at_truth - 0.05
     given = estimate_noise(time, position, velocity, position_sd=1e-3)
     assert given.position_sd == 1e-3
 
 
-def test_states_of_a_swing_are_right_and_as_certain_as_they_say() -> None:
+def test_states_of_a_swing_are_right_within_their_standard_deviations() -> None:
     time, position, velocity = record(2)
     at = np.arange(0.5, 7.5, 1 / 480.0)
-    found = fuse(time, position, velocity, estimate_noise(time, position, velocity), at=at)
+    found = smooth_encoder(time, position, velocity, estimate_noise(time, position, velocity), at=at)
     truth = np.column_stack([swing(at, order) for order in range(3)])
     share = np.mean(np.abs(found.mean - truth) < 1.96 * found.sd, axis=0)
     assert (share > 0.85).all()
@@ -123,13 +123,13 @@ def test_states_of_a_swing_are_right_and_as_certain_as_they_say() -> None:
     assert (r2 > (0.9999999, 0.999999, 0.998)).all()
 
 
-def fused(seed: int) -> Fused:
+def fused(seed: int) -> EncoderStates:
     time, position, velocity = record(seed)
-    return fuse(time, position, velocity, NOISE)
+    return smooth_encoder(time, position, velocity, NOISE)
 
 
 def cameras(seed: int, sign: int, zero: float = 0.2, noise: float = 3e-4) -> tuple[FloatArray, FloatArray]:
-    """The joint's angle by cameras of 200 Hz whose noise lasts a few frames; frames go missing."""
+    """Return the joint angle by cameras at 200 Hz, with correlated noise and missing frames."""
     rng = np.random.default_rng(100 + seed)
     time = np.arange(0.2, 7.8, 1 / 200.0)
     rough = np.convolve(rng.normal(0, noise, len(time) + 9), np.full(10, 10**-0.5), "valid")
@@ -139,9 +139,9 @@ def cameras(seed: int, sign: int, zero: float = 0.2, noise: float = 3e-4) -> tup
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_clock_sense_and_zero_are_found(sign: int) -> None:
+def test_clock_sign_and_zero_are_found(sign: int) -> None:
     time, angle = cameras(0, sign)
-    found = match(time, angle, fused(0), 0.5)
+    found = match_encoder(time, angle, fused(0), 0.5)
     assert found is not None
     assert found.sign == sign
     assert found.offset == pytest.approx(OFFSET, abs=4 * found.offset_sd)
@@ -155,28 +155,28 @@ def test_clock_sense_and_zero_are_found(sign: int) -> None:
     np.testing.assert_allclose(states, [[0.1, 2.0, -3.0]])
 
 
-def test_stated_deviations_of_the_clock_are_honest() -> None:
-    """Differences that last several frames: white ones would give deviations three times too small."""
+def test_the_standard_deviation_of_the_clock_covers_the_error() -> None:
+    """Differences are correlated over frames; the white-noise formula would be three times too small."""
     encoder, off = fused(0), []
     for seed in range(60):
-        found = match(*cameras(seed, 1), encoder, 0.1)
+        found = match_encoder(*cameras(seed, 1), encoder, 0.1)
         assert found is not None
         off.append([(found.offset - OFFSET) / found.offset_sd, (found.zero - 0.2) / found.zero_sd])
     assert 0.7 < np.sqrt(np.mean(np.square(off), axis=0))[0] < 1.4
     assert 0.7 < np.sqrt(np.mean(np.square(off), axis=0))[1] < 1.4
 
 
-def test_a_clock_beyond_the_search_and_a_record_of_another_time_are_told() -> None:
+def test_a_clock_beyond_the_search_and_another_record_are_detected() -> None:
     time, angle = cameras(0, 1)
-    beyond = match(time, angle, fused(0), 0.01)
+    beyond = match_encoder(time, angle, fused(0), 0.01)
     assert beyond is not None and beyond.at_edge
-    assert match(time + 60.0, angle, fused(0), 0.5) is None
+    assert match_encoder(time + 60.0, angle, fused(0), 0.5) is None
 
 
 def test_degrees_show_as_a_gain() -> None:
     time, angle = cameras(0, 1)
     _, position, velocity = record(0)
-    turned = fuse(record(0)[0], np.degrees(position), np.degrees(velocity), EncoderNoise(6e-3, 6e-2, 6e4))
-    found = match(time, angle, turned, 0.1)
+    turned = smooth_encoder(record(0)[0], np.degrees(position), np.degrees(velocity), EncoderNoise(6e-3, 6e-2, 6e4))
+    found = match_encoder(time, angle, turned, 0.1)
     assert found is not None
     assert found.gain * 180 / np.pi == pytest.approx(1.0, rel=0.02)

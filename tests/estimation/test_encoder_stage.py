@@ -1,4 +1,4 @@
-"""An encoder in ukf-smooth: beside the cameras by default, in their place where asked for, and what can be wrong."""
+"""An encoder in ukf-smooth: beside the cameras or instead of them, and its possible errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RATE, SECONDS, OFFSET, ZERO = 100.0, 8.0, 0.0123, 0.2
 
 
 def swing(time: FloatArray, order: int = 0) -> FloatArray:
-    """Four swings between rests, by derivative; rad."""
+    """Return four swings between rests and their derivatives, rad."""
     step = 1e-4
     if order:
         return (swing(time + step, order - 1) - swing(time - step, order - 1)) / (2 * step)
@@ -31,7 +31,7 @@ def swing(time: FloatArray, order: int = 0) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def moving() -> Moving:
-    """The joint turned round and by a constant, as a plane's sense and a segment's frame may be."""
+    """Return the joint angle with opposite sign and another zero."""
     time = np.arange(int(SECONDS * RATE)) / RATE
     derivatives = [-swing(time, order) for order in range(3)]
     truth = np.stack([*derivatives, np.gradient(derivatives[2], 1 / RATE)], axis=-1)[:, None]
@@ -40,7 +40,7 @@ def moving() -> Moving:
 
 
 def record(folder: Path, *, late: float = 0.0, factor: float = 1.0, noise: float = 1.0, own: Any = swing) -> Path:
-    """What the encoder logged: 125 Hz, its clock ``OFFSET`` behind, by another ``late``."""
+    """Return the encoder's record: 125 Hz, its clock ``OFFSET`` and a further ``late`` behind."""
     rng = np.random.default_rng(9)
     time = np.arange(0.0, SECONDS - 0.02, 1 / 125.0)
     position, velocity = (own(time + OFFSET) if k == 0 else own(time + OFFSET, 1) for k in range(2))
@@ -55,7 +55,7 @@ def record(folder: Path, *, late: float = 0.0, factor: float = 1.0, noise: float
 
 
 def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, Table]:
-    """states.parquet and encoder.parquet."""
+    """Return states.parquet and encoder.parquet."""
     labels, frames = [f"M{i}" for i in range(len(moving.segment))], len(moving.markers)
     count = np.arange(frames)
     joints = {
@@ -82,7 +82,7 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
     return states, beside
 
 
-def test_encoder_stands_beside_the_cameras_in_the_planes_sense(moving: Moving, tmp_path: Path) -> None:
+def test_the_encoder_table_has_the_sign_of_the_plane(moving: Moving, tmp_path: Path) -> None:
     states, beside = run(moving, record(tmp_path))
     facts = beside.facts
     assert facts["sign"] == -1
@@ -97,13 +97,13 @@ def test_encoder_stands_beside_the_cameras_in_the_planes_sense(moving: Moving, t
         off = beside.frame.loc[inside, name].to_numpy() - truth[:, d]
         assert np.abs(off).max() < 6 * size
         pulls = (off - off.mean()) / beside.frame.loc[inside, f"sd_{name}"].to_numpy()
-        assert 0.3 < np.sqrt(np.mean(pulls**2)) < 2  # white jerk is not quite what a swing is
+        assert 0.3 < np.sqrt(np.mean(pulls**2)) < 2  # the jerk of a swing is not quite white
     assert facts["camera"]["theta"]["r2"] > 0.9999
     assert states.facts["method"] == "rts"
     assert not states.reasons and not beside.reasons
 
 
-def test_states_can_be_the_encoders(moving: Moving, tmp_path: Path) -> None:
+def test_states_can_come_from_the_encoder(moving: Moving, tmp_path: Path) -> None:
     states, beside = run(moving, record(tmp_path), method="encoder")
     inside = np.isfinite(beside.frame["theta"])
     for name in ("theta", "dtheta", "ddtheta", "sd_theta", "sd_ddtheta"):
@@ -111,11 +111,11 @@ def test_states_can_be_the_encoders(moving: Moving, tmp_path: Path) -> None:
     assert states.frame["dddtheta_1"].isna().all()
     np.testing.assert_array_equal(states.frame["observed_1"], inside)
     assert {reason.code for reason in states.reasons} == {"states-method", "gap"}
-    assert "record does not reach" in " ".join(reason.message for reason in states.reasons)
+    assert "record does not cover" in " ".join(reason.message for reason in states.reasons)
     assert states.facts["sd_holds"] == "encoder noise"
 
 
-def test_no_encoder_is_no_rows_and_a_reason(moving: Moving) -> None:
+def test_without_an_encoder_there_are_no_rows_and_a_reason(moving: Moving) -> None:
     _, beside = run(moving, None)
     assert len(beside.frame) == 0
     assert "names no encoder" in beside.facts["why"]
@@ -128,7 +128,7 @@ def test_a_record_of_another_time_contradicts_the_recording(moving: Moving, tmp_
         run(moving, record(tmp_path, late=30.0))
 
 
-def test_degrees_under_the_name_of_radians_are_told(moving: Moving, tmp_path: Path) -> None:
+def test_degrees_in_a_column_of_radians_are_detected(moving: Moving, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"57\.\d times those of the cameras.*degrees"):
         run(moving, record(tmp_path, factor=180 / np.pi))
 
@@ -146,8 +146,8 @@ def test_a_clock_beyond_the_search_is_doubtful(moving: Moving, tmp_path: Path) -
     assert reason.code in {"encoder-weak", "encoder-disagrees"}
 
 
-def test_a_swing_without_rest_does_not_tell_the_sense(moving: Moving, tmp_path: Path) -> None:
-    """A sine is its own negative half a period later."""
+def test_a_swing_without_rest_does_not_determine_the_sign(moving: Moving, tmp_path: Path) -> None:
+    """A sine shifted by half a period changes its sign."""
     time = np.arange(int(SECONDS * RATE)) / RATE
     waves = [0.5 * (2 * np.pi) ** d * np.sin(2 * np.pi * time + d * np.pi / 2) for d in range(4)]
     endless = measured(np.stack(waves, axis=-1)[:, None], RATE, 5e-4, np.random.default_rng(4), per_segment=6)
@@ -157,4 +157,4 @@ def test_a_swing_without_rest_does_not_tell_the_sense(moving: Moving, tmp_path: 
 
     (reason,) = run(endless, record(tmp_path, own=sine), encoder_offset_limit_s=0.6)[1].reasons
     assert reason.code == "encoder-weak"
-    assert "which way round" in reason.message
+    assert "does not show the sense" in reason.message

@@ -1,4 +1,4 @@
-"""The compiled engine gives what filterpy gives, on random chains, masks, outliers and starts."""
+"""The compiled engine equals filterpy, for random chains, masks, outliers and starts."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.estimation import compiled, reference
-from mocap_id.estimation.problem import START_SD, Problem, Track
+from mocap_id.estimation import compiled_filter, reference
+from mocap_id.estimation.filter_problem import START_SD, FilterProblem, Track
 
 EQUAL = 1e-9
 
 
 def damaged(moving: Moving, seed: int) -> Moving:
-    """With markers missing at random, over stretches and at the start, and with outliers."""
+    """Return markers with random gaps, long gaps, a late start, and outliers."""
     rng = np.random.default_rng(seed)
     markers = moving.markers.copy()
     markers[rng.random(markers.shape[:2]) < 0.15] = np.nan
@@ -30,7 +30,7 @@ def damaged(moving: Moving, seed: int) -> Moving:
 
 
 def assert_same(one: Track, other: Track, *, deviation: float = EQUAL) -> None:
-    """Equal to 1e-9 of each state's size, taken over the trial or from what is known at the start."""
+    """Check equality to 1e-9 of each state's size in the trial or of its initial standard deviation."""
     n = one.restarted.shape[1]
     scale = np.maximum(np.abs(other.mean).max(axis=0), np.repeat(START_SD, n))
     np.testing.assert_array_equal(one.used, other.used)
@@ -57,39 +57,39 @@ def test_filter_and_smoother_equal_filterpy(
 ) -> None:
     moving = swinging(joints=joints, per_segment=per_segment, seconds=100 / rate, rate=rate, seed=seed)
     problem = damaged(moving, seed).problem(marker_sd=1e-3, sigma_v=3e5 / rate, kappa=kappa)
-    ours, theirs = compiled.filter_forwards(problem), reference.filter_forwards(problem)
+    ours, theirs = compiled_filter.filter_forwards(problem), reference.filter_forwards(problem)
     assert_same(ours, theirs)
-    ours, theirs = compiled.smooth_backwards(problem, ours), reference.smooth_backwards(problem, theirs)
+    ours, theirs = compiled_filter.smooth_backwards(problem, ours), reference.smooth_backwards(problem, theirs)
     assert_same(ours, theirs)
 
 
-def tracked() -> tuple[Problem, Track]:
+def tracked() -> tuple[FilterProblem, Track]:
     problem = swinging(joints=2, seconds=1.0).problem(marker_sd=1e-3, sigma_v=3e3)
-    return problem, compiled.filter_forwards(problem)
+    return problem, compiled_filter.filter_forwards(problem)
 
 
-def test_smoother_equals_filterpys_own_where_no_joint_starts_over() -> None:
+def test_the_smoother_equals_filterpys_without_restarts() -> None:
     problem, track = tracked()
     mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance)
     theirs = replace(track, mean=mean, covariance=covariance)
-    # theirs subtracts covariances, which at the first frames cancels the prior's far larger ones
-    assert_same(compiled.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
+    # filterpy subtracts covariances, with cancellation at the first frames
+    assert_same(compiled_filter.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
 
 
 def test_a_marker_without_weight_changes_nothing() -> None:
-    """Leaving rows out is the same as giving them a noise without bound."""
+    """Leaving out rows is equivalent to infinite noise."""
     moving = swinging(joints=2, seconds=1.0)
     problem = moving.problem(marker_sd=1e-3, sigma_v=3e3)
     markers, variance = moving.markers.copy(), problem.variance.copy()
     markers[:, 3] = np.nan
     variance[3] = 1e12
-    without = compiled.filter_forwards(replace(problem, observed=markers))
-    inflated = compiled.filter_forwards(replace(problem, variance=variance))
+    without = compiled_filter.filter_forwards(replace(problem, observed=markers))
+    inflated = compiled_filter.filter_forwards(replace(problem, variance=variance))
     np.testing.assert_allclose(inflated.mean, without.mean, rtol=0, atol=1e-8)
     np.testing.assert_allclose(inflated.sd, without.sd, rtol=1e-8)
 
 
-def test_both_engines_are_selectable_and_smooth_alike() -> None:
+def test_both_engines_can_be_selected_and_agree() -> None:
     moving = swinging(joints=2, seconds=0.8)
     ours, theirs = moving.smoothed(engine="compiled"), moving.smoothed(engine="filterpy")
     scale = np.maximum(rms(ours.mean), START_SD)

@@ -1,4 +1,4 @@
-"""Where markers are missing, states are bridged within their stated uncertainty, or not given; never silently wrong."""
+"""In gaps, states are bridged within their standard deviations or are NaN; never silently wrong."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def without(moving: Moving, start: int, stop: int, gone: BoolArray) -> FloatArra
 
 
 def assert_honest(moving: Moving, states: States, within: float = 6.0) -> None:
-    """Every angle given is within so many stated standard deviations; none is infinite or off by a turn."""
+    """Check that every finite angle is within this many standard deviations, and not off by a turn."""
     error = np.abs(states.mean - moving.truth)
     given = np.isfinite(error)
     assert np.all(error[given] <= within * states.sd[given] + 1e-9)
@@ -63,7 +63,7 @@ def test_uncertainty_grows_towards_the_middle_of_a_gap(moving: Moving) -> None:
     assert np.isfinite(states.mean[300:340]).all()
 
 
-def test_a_long_gap_breaks_the_joint_alone(moving: Moving) -> None:
+def test_a_long_gap_affects_its_own_joint_only(moving: Moving) -> None:
     states = moving.smoothed_from(without(moving, 200, 500, moving.segment == 3))
     assert np.isnan(states.mean[300:400, 2]).all()
     assert np.isfinite(states.mean[:, :2]).all()
@@ -72,7 +72,7 @@ def test_a_long_gap_breaks_the_joint_alone(moving: Moving) -> None:
 
 
 def test_markers_farther_out_observe_the_joints_before_them(moving: Moving) -> None:
-    """The pose of segment 3 fixes where its joint is, which leaves two angles for two coordinates."""
+    """The pose of segment 3 determines its joint, so two coordinates determine two angles."""
     states = moving.smoothed_from(without(moving, 0, FRAMES, moving.segment == 2))
     assert states.observed.mean() > 0.9
     assert_honest(moving, states)
@@ -85,7 +85,7 @@ def test_a_marker_on_the_segment_alone_observes_its_angle_and_none_beyond(moving
     assert not states.observed[100:130, 2].any()
 
 
-def test_the_first_frames_may_hold_no_marker(moving: Moving) -> None:
+def test_the_first_frames_may_have_no_marker(moving: Moving) -> None:
     states = moving.smoothed_from(without(moving, 0, 150, moving.segment > 0))
     assert np.isnan(states.mean[:50]).all()
     assert not states.observed[:150].any()
@@ -106,7 +106,7 @@ def test_no_marker_at_all_gives_no_angle(moving: Moving) -> None:
 
 
 def test_a_joint_that_turned_during_a_gap_is_found_in_its_own_turn() -> None:
-    """Two full turns in the trial; half a turn of them unseen."""
+    """Two full turns in the trial, half a turn of them unseen."""
     moving = swinging(joints=1, seconds=4.0, noise=5e-4)
     time = np.arange(len(moving.truth)) / moving.rate
     truth = np.zeros_like(moving.truth)

@@ -1,4 +1,4 @@
-"""Where everything is linear, filter and smoother are least squares."""
+"""For a linear problem, filter and smoother equal least squares."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from scipy.linalg import solve_triangular
 from simulated_chains import Moving, swinging
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation import compiled, reference
-from mocap_id.estimation.inverse import Chain, frame_angles
+from mocap_id.estimation import compiled_filter, reference
+from mocap_id.estimation.filter_problem import START_SD, Track
+from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
 from mocap_id.estimation.noise import log_likelihood
-from mocap_id.estimation.problem import START_SD, Track
-from mocap_id.estimation.process import joint_noise, joint_transition, noise_shape, transition
+from mocap_id.estimation.process_model import joint_noise, joint_transition, noise_shape, transition
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
 
 DT, NOISE = 0.04, 1e-2
 
 
 def measured_angles(frames: int = 60) -> FloatArray:
-    """Angles (F, 2) with noise; some of them missing."""
+    """Return noisy angles (F, 2) with gaps."""
     rng = np.random.default_rng(3)
     time = DT * np.arange(frames)[:, None]
     angles = np.sin(2.0 * time + [0.0, 1.0]) + NOISE * rng.standard_normal((frames, 2))
@@ -30,7 +30,7 @@ def measured_angles(frames: int = 60) -> FloatArray:
 
 
 def kalman(angles: FloatArray) -> tuple[Track, float]:
-    """The textbook's Kalman filter, angle by angle, and its log-likelihood."""
+    """Run a textbook Kalman filter, angle by angle; return the track and its log-likelihood."""
     frames, n = angles.shape
     f, q = joint_transition(DT, n), joint_noise(DT, problem_density(n))
     x, p, total = np.zeros(4 * n), np.diag(np.repeat(START_SD, n) ** 2), 0.0
@@ -53,7 +53,7 @@ def problem_density(n: int) -> FloatArray:
 
 
 def batch(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """All states of all frames at once: whitened rows of prior, process and measurements, solved by QR."""
+    """Solve for all states of all frames: whitened rows of prior, process and measurements, by QR."""
     frames, n = angles.shape
     size = 4 * n
     f, q = joint_transition(DT, n), joint_noise(DT, problem_density(n))
@@ -80,7 +80,7 @@ def batch(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean.reshape(frames, size), sd.reshape(frames, size)
 
 
-@pytest.mark.parametrize("engine", [compiled, reference], ids=["compiled", "filterpy"])
+@pytest.mark.parametrize("engine", [compiled_filter, reference], ids=["compiled", "filterpy"])
 def test_smoother_is_batch_least_squares(engine: object) -> None:
     angles = measured_angles()
     problem = replace(
@@ -94,8 +94,8 @@ def test_smoother_is_batch_least_squares(engine: object) -> None:
     np.testing.assert_allclose(smoothed.sd, sd, rtol=1e-6)
 
 
-def test_likelihood_of_the_noise_search_is_the_textbooks() -> None:
-    """Apart from the first innovations, which only tell the unknown start: compare differences over trial values."""
+def test_the_likelihood_of_the_noise_search_equals_the_textbook() -> None:
+    """Except for the first innovations, which determine the start; compares differences between trial values."""
     angles = measured_angles()[:, :1]
     angles[0] = 0.0
 
@@ -110,7 +110,7 @@ def test_likelihood_of_the_noise_search_is_the_textbooks() -> None:
 
 
 def textbook(angles: FloatArray, density: float) -> float:
-    """Log-density of the innovations after the tenth, from a dense Kalman filter."""
+    """Return the log-density of the innovations after the tenth, from a dense Kalman filter."""
     f, q = transition(DT), density * noise_shape(DT)
     x, p, total, seen = np.zeros(4), np.diag(np.array(START_SD) ** 2), 0.0, 0
     for z in angles:
@@ -126,7 +126,7 @@ def textbook(angles: FloatArray, density: float) -> float:
 
 
 def one_update(moving: Moving, sd: float) -> tuple[FloatArray, FloatArray]:
-    """State after one frame's unscented update of a prior of this spread, and after the linearised one."""
+    """Return the states after one unscented and one linearised update of a prior of this spread."""
     n = len(moving.centres)
     problem = moving.problem(marker_sd=0.1 * sd, sigma_v=1.0, gate=1e9)
     prior = moving.truth[0].T.ravel() + sd * np.random.default_rng(1).standard_normal(4 * n)
@@ -142,21 +142,21 @@ def one_update(moving: Moving, sd: float) -> tuple[FloatArray, FloatArray]:
     return ukf.x, prior + gain @ (moving.markers[0] - expected).ravel()
 
 
-def test_unscented_update_tends_to_kalmans_as_the_map_becomes_linear() -> None:
-    """What curvature adds is of second order in the spread of the prior."""
+def test_the_unscented_update_tends_to_kalmans_as_the_map_becomes_linear() -> None:
+    """The effect of curvature is of second order in the spread of the prior."""
     moving = swinging(joints=2, seconds=0.1, noise=0.0)
     differences = [np.abs(np.subtract(*one_update(moving, sd))).max() for sd in (1e-2, 1e-3)]
     assert differences[1] < 1.5e-2 * differences[0]
     assert differences[1] < 1e-2 * 1e-3
 
 
-def test_angles_of_a_frame_have_the_covariance_that_is_stated() -> None:
+def test_angles_of_a_frame_have_the_stated_covariance() -> None:
     moving, noise = swinging(joints=3, seconds=0.02, noise=0.0), 2e-3
     rng = np.random.default_rng(0)
     still = np.repeat(moving.markers[:1], 4000, axis=0)
     frames = frame_angles(
         still + noise * rng.standard_normal(still.shape),
-        Chain(moving.centres, moving.segment, moving.local),
+        MarkerChain(moving.centres, moving.segment, moving.local),
         50.0,
         1e-4,
     )

@@ -1,4 +1,4 @@
-"""poses.parquet of the stage: every body's own pose in its segment's frame, beside the chain's states."""
+"""poses.parquet of the stage: the pose of every body in its segment's frame."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def moving() -> Moving:
 
 
 def arm_pose() -> tuple[FloatArray, FloatArray]:
-    """Place (F, 2) and angle (F,) of what carries the markers of no segment."""
+    """Return place (F, 2) and angle (F,) of the body with the markers of no segment."""
     time = FRAMES / RATE
     return np.column_stack([0.3 * np.sin(time), 1.2 + 0.1 * np.cos(2 * time)]), 0.8 * np.sin(3 * time)
 
@@ -43,7 +43,7 @@ def names(moving: Moving, loose: int) -> list[str]:
 def run(
     moving: Moving, markers: FloatArray | None = None, *, loose: int = 3, segments: list[str] = SEGMENTS
 ) -> tuple[Table, Table]:
-    """States and poses of the stage; the chain's markers stand in another order than the table's."""
+    """Return states and poses of the stage; chain and table have different marker orders."""
     markers = moving.markers if markers is None else markers
     place, angle = arm_pose()
     noise = NOISE * np.random.default_rng(8).normal(size=(len(FRAMES), 6, 2))
@@ -77,7 +77,7 @@ def run(
 
 
 def pose(poses: Table, body: int) -> tuple[FloatArray, FloatArray]:
-    """Place of the centroid (F, 2) and angle (F,) of a body, from 0."""
+    """Return the place of the centroid (F, 2) and the angle (F,) of a body, from 0."""
     frame = poses.frame
     return frame[[f"x_{body + 1}", f"y_{body + 1}"]].to_numpy(), frame[f"angle_{body + 1}"].to_numpy()
 
@@ -106,7 +106,7 @@ def test_every_segment_the_torso_and_the_others_have_their_own_pose(moving: Movi
         assert 0.5 * NOISE < bodies[k]["residual_m"] < 1.5 * NOISE
 
 
-def test_places_on_a_body_are_those_on_its_segment(moving: Moving) -> None:
+def test_coordinates_on_a_body_are_those_on_its_segment(moving: Moving) -> None:
     bodies = run(moving)[1].facts["bodies"]
     local = dict(zip(names(moving, 0), np.concatenate([moving.local, FOOT]), strict=True))
     for body in bodies[:5]:
@@ -115,7 +115,7 @@ def test_places_on_a_body_are_those_on_its_segment(moving: Moving) -> None:
 
 
 def test_the_torso_is_pelvis_and_trunk_in_the_pelvis_s_frame(moving: Moving) -> None:
-    """A waist that does not bend makes the two one body."""
+    """With a stiff waist the two are one body."""
     angles = moving.truth[..., 0].copy()
     angles[:, 3] = 0.3
     exact = planar.marker_positions(angles, moving.centres, moving.segment, moving.local)
@@ -135,8 +135,8 @@ def test_the_torso_is_pelvis_and_trunk_in_the_pelvis_s_frame(moving: Moving) -> 
     assert torso["residual_m"] == pytest.approx(NOISE * np.sqrt(2), rel=0.2)
 
 
-def test_others_have_a_frame_of_their_own(moving: Moving) -> None:
-    """Its origin is their middle; it is parallel to the plane on average."""
+def test_other_markers_have_their_own_frame(moving: Moving) -> None:
+    """Its origin is their centroid, and it is parallel to the plane on average."""
     poses = run(moving)[1]
     place, turned = pose(poses, 6)
     truth, angle = arm_pose()
@@ -147,7 +147,7 @@ def test_others_have_a_frame_of_their_own(moving: Moving) -> None:
 
 
 def test_a_joint_that_gives_way_shows_between_the_poses(moving: Moving) -> None:
-    """Thigh and everything beyond leave the knee by a known function: the states cannot say it, the poses do."""
+    """Thigh and everything beyond move off the knee by a known function: only the poses show it."""
     gap = 0.01 * np.sin(2 * np.pi * 0.7 * FRAMES / RATE)
     markers = moving.markers.copy()
     markers[:, moving.segment >= 2, 0] += gap[:, None]

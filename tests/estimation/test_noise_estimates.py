@@ -1,4 +1,4 @@
-"""Noise by maximum likelihood recovers the noise that was put in."""
+"""Noise estimation by maximum likelihood recovers the simulated noise."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from simulated_chains import Moving, measured, rms, swinging
 
-from mocap_id.estimation import compiled
+from mocap_id.estimation import compiled_filter
 from mocap_id.estimation.noise import SIGMA_V_BOUNDS
-from mocap_id.estimation.process import noise_shape, transition
+from mocap_id.estimation.process_model import noise_shape, transition
 
 
 def random_walk(sigma_v: tuple[float, ...], marker_sd: float, seconds: float, rate: float = 100.0) -> Moving:
-    """A chain driven by white snap of the given size; a weak spring, outside the model, holds it."""
+    """Return a chain driven by white snap; a weak spring, not in the model, keeps it in place."""
     rng = np.random.default_rng(5)
     dt = 1.0 / rate
     f, q = transition(dt), noise_shape(dt) * dt
@@ -37,27 +37,27 @@ def test_marker_and_process_noise_are_recovered() -> None:
     np.testing.assert_allclose(noise.sigma_v, sigma_v, rtol=0.06)
 
 
-def test_the_search_on_single_angles_finds_what_the_whole_filters_likelihood_finds() -> None:
+def test_the_search_on_single_angles_agrees_with_the_whole_filter() -> None:
     moving = random_walk((1500.0, 4000.0), 5e-4, seconds=20.0)
     found = moving.smoothed().noise
     problem = moving.problem(marker_sd=found.marker_sd, sigma_v=1.0)
 
     def likelihood(factor: float) -> float:
         density = (factor * found.sigma_v) ** 2 * problem.dt
-        return compiled.filter_forwards(replace(problem, density=density)).log_likelihood
+        return compiled_filter.filter_forwards(replace(problem, density=density)).log_likelihood
 
     assert likelihood(1.0) > max(likelihood(0.8), likelihood(1.25))
 
 
-def test_intervals_cover_the_truth_where_the_noise_is_white() -> None:
+def test_intervals_cover_the_truth_with_white_noise() -> None:
     moving = random_walk((1500.0, 4000.0), 5e-4, seconds=40.0)
     states = moving.smoothed()
     inside = np.abs(states.mean - moving.truth) <= 1.96 * states.sd
     np.testing.assert_allclose(inside.mean(axis=0), 0.95, atol=0.03)
 
 
-def test_a_spectral_density_keeps_its_meaning_at_another_rate() -> None:
-    """Every second frame: sigma_v grows by the root of two, the density stays."""
+def test_the_spectral_density_is_independent_of_the_rate() -> None:
+    """With every second frame, sigma_v grows by the root of two and the density stays."""
     moving = random_walk((2000.0,), 5e-4, seconds=80.0)
     halved = replace(moving, truth=moving.truth[::2], markers=moving.markers[::2], rate=moving.rate / 2)
     full, half = moving.smoothed().noise.sigma_v[0], halved.smoothed().noise.sigma_v[0]
@@ -73,7 +73,7 @@ def test_recordings_without_noise_get_the_floor_and_stay_smooth() -> None:
     assert error[:, 2].max() < 0.05
 
 
-def test_given_noise_is_used_as_it_is() -> None:
+def test_given_noise_is_used_unchanged() -> None:
     noise = swinging(joints=2, seconds=1.0).smoothed(marker_sd=1e-3, sigma_v=1e2).noise
     assert noise.marker_sd == 1e-3
     np.testing.assert_array_equal(noise.sigma_v, [1e2, 1e2])

@@ -1,4 +1,4 @@
-"""Markers that jump are left out, and what is left out by mistake comes back."""
+"""Jumping markers are left out, and markers left out by mistake are used again."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.estimation.inverse import Chain, frame_angles
+from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
 
 BURSTS = 60
 
@@ -17,7 +17,7 @@ def moving() -> Moving:
 
 
 def with_bursts(moving: Moving, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """60 bursts of 20 to 80 mm and 5 to 100 frames on single markers; and where they are."""
+    """Return 60 bursts of 20 to 80 mm and 5 to 100 frames on single markers, and their places."""
     rng = np.random.default_rng(seed)
     markers, hit = moving.markers.copy(), np.zeros(moving.markers.shape[:2], dtype=bool)
     for _ in range(BURSTS):
@@ -29,7 +29,7 @@ def with_bursts(moving: Moving, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return markers, hit
 
 
-def test_bursts_cost_next_to_nothing(moving: Moving) -> None:
+def test_bursts_cost_almost_nothing(moving: Moving) -> None:
     markers, hit = with_bursts(moving, 1)
     clean, states = moving.smoothed(), moving.smoothed_from(markers)
     ratio = rms((states.mean - moving.truth)[20:-20]) / rms((clean.mean - moving.truth)[20:-20])
@@ -39,7 +39,7 @@ def test_bursts_cost_next_to_nothing(moving: Moving) -> None:
     assert states.noise.marker_sd == pytest.approx(clean.noise.marker_sd, rel=0.1)
 
 
-def test_without_the_gate_they_spoil_the_states(moving: Moving) -> None:
+def test_without_the_gate_bursts_distort_the_states(moving: Moving) -> None:
     markers, _ = with_bursts(moving, 1)
     open_gate = moving.smoothed_from(markers, gate=1e9)
     clean = moving.smoothed()
@@ -47,7 +47,7 @@ def test_without_the_gate_they_spoil_the_states(moving: Moving) -> None:
 
 
 def test_the_filter_is_not_locked_out_by_its_own_gate(moving: Moving) -> None:
-    """All markers jump together, as when a chain is wrong for a while, and come back."""
+    """All markers jump together and come back, as if the chain were wrong for a while."""
     markers = moving.markers.copy()
     markers[1000:1400] += 0.3
     states = moving.smoothed_from(markers)
@@ -55,16 +55,16 @@ def test_the_filter_is_not_locked_out_by_its_own_gate(moving: Moving) -> None:
     assert states.used[1500:].mean() > 0.99
 
 
-def test_a_frames_outliers_are_found_though_they_spoil_the_fit_for_the_others(moving: Moving) -> None:
+def test_outliers_are_found_although_they_distort_the_fit_of_others(moving: Moving) -> None:
     markers = moving.markers.copy()
     markers[500, [0, 7, 13]] += [[0.08, 0.0], [0.0, 0.06], [-0.05, 0.05]]
-    frames = frame_angles(markers, Chain(moving.centres, moving.segment, moving.local), 5.0, 5e-5)
+    frames = frame_angles(markers, MarkerChain(moving.centres, moving.segment, moving.local), 5.0, 5e-5)
     assert np.flatnonzero(~frames.used[500]).tolist() == [0, 7, 13]
     np.testing.assert_allclose(frames.angles[500], moving.truth[500, :, 0], atol=5e-3)
 
 
-def test_a_marker_that_bursts_for_a_third_of_the_trial_is_no_less_an_outlier(moving: Moving) -> None:
-    """Its own residuals would grant it the bursts."""
+def test_a_marker_with_bursts_in_a_third_of_the_trial_is_an_outlier(moving: Moving) -> None:
+    """Its own residuals alone would set a limit above the bursts."""
     markers, hit = moving.markers.copy(), np.zeros(len(moving.markers), dtype=bool)
     for start in range(100, len(markers) - 200, 300):
         hit[start : start + 100] = True

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 
 from mocap_id.errors import ConfigError
-from mocap_id.estimation.process import joint_noise, joint_transition, noise_shape, transition
+from mocap_id.estimation.process_model import joint_noise, joint_transition, noise_shape, transition
 from mocap_id.estimation.sigma_points import SigmaPoints
 
 steps = st.floats(1e-3, 0.5)
@@ -50,7 +50,7 @@ def test_joints_do_not_mix() -> None:
     assert not q[::2, 1::2].any()
 
 
-def test_sigma_points_that_could_make_a_covariance_negative_are_refused() -> None:
+def test_sigma_points_with_a_negative_covariance_weight_are_refused() -> None:
     with pytest.raises(ConfigError, match="must not be negative"):
         SigmaPoints(alpha=0.1).weights(12)
     with pytest.raises(ConfigError, match="must be positive"):

@@ -1,4 +1,4 @@
-"""Standard deviations that tell camera noise from what lasts: their parts, and what they hold the truth for."""
+"""Standard deviations with lasting errors: their parts, and their coverage."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from simulated_chains import Moving, measured, swinging
 from test_ukf_smooth_stage import chain, planar
 
 from mocap_id.estimation import States
-from mocap_id.estimation.process import noise_shape, transition
-from mocap_id.estimation.skin import LastingErrors, camera_sd, with_lasting_errors
+from mocap_id.estimation.lasting_errors import LastingErrors, add_lasting_errors, estimate_camera_sd
+from mocap_id.estimation.process_model import noise_shape, transition
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE, state_errors
 
@@ -21,7 +21,7 @@ FLOOR = 5e-5
 
 
 def sliding(moving: Moving, size: float) -> Moving:
-    """Every marker slides, as far as ``size`` (m) a radian, with its segment's own joint, in a direction of its own."""
+    """Return markers that slide by up to ``size`` (m) per radian of their joint, in different directions."""
     rng = np.random.default_rng(5)
     along = rng.standard_normal((len(moving.segment), 2))
     angle = moving.truth[:, :, 0] - moving.truth[:, :, 0].mean(axis=0)
@@ -31,18 +31,18 @@ def sliding(moving: Moving, size: float) -> Moving:
 
 
 def alone(states: States, moving: Moving) -> np.ndarray:
-    """(F, n, 4) without any error that lasts."""
+    """Return standard deviations (F, n, 4) without lasting errors."""
     nothing = np.zeros((2, *states.sd.shape[1:]))
     errors = LastingErrors(camera(states, moving), np.array([0, len(states.sd) - 1]), nothing)
-    return with_lasting_errors(states, moving.rate, errors)
+    return add_lasting_errors(states, moving.rate, errors)
 
 
 def camera(states: States, moving: Moving) -> float:
-    return camera_sd(np.where(states.used[..., None], moving.markers, np.nan), states, FLOOR)
+    return estimate_camera_sd(np.where(states.used[..., None], moving.markers, np.nan), states, FLOOR)
 
 
 @pytest.mark.parametrize("size", [0.0, 5e-3])
-def test_camera_noise_is_told_from_skin(size: float) -> None:
+def test_camera_noise_is_separated_from_skin(size: float) -> None:
     moving = sliding(swinging(seconds=10, noise=5e-4), size)
     states = moving.smoothed()
     assert camera(states, moving) == pytest.approx(5e-4, rel=0.05)
@@ -50,8 +50,8 @@ def test_camera_noise_is_told_from_skin(size: float) -> None:
         assert states.noise.marker_sd > 1e-3
 
 
-def test_intervals_of_a_swing_hold_the_truth() -> None:
-    """The filter's own accelerations hold it nearly always: it expects a more restless movement."""
+def test_intervals_of_a_swing_cover_the_truth() -> None:
+    """The filter's own intervals of acceleration are too wide, because it expects a more restless movement."""
     shares, theirs = [], []
     for seed in range(8):
         moving = swinging(seconds=8, seed=seed)
@@ -64,8 +64,8 @@ def test_intervals_of_a_swing_hold_the_truth() -> None:
     assert said[2] > held[2]
 
 
-def test_a_movement_as_restless_as_the_model_is_allowed_for() -> None:
-    """Snap that is white indeed: what is withheld is found in the movement, though not all of it."""
+def test_a_movement_as_restless_as_the_model_is_covered() -> None:
+    """With white snap, most of the movement removed by the smoother is detected."""
     rate, snap = 100.0, 300.0
     draw, step = np.linalg.cholesky(noise_shape(1 / rate)) * snap / np.sqrt(rate), transition(1 / rate)
     inside = []
@@ -107,13 +107,13 @@ def told(states: States, moving: Moving) -> LastingErrors | None:
 def test_skin_widens_the_angles() -> None:
     still, soft = swinging(seconds=6), sliding(swinging(seconds=6), 3e-3)
     firm, wide = (
-        with_lasting_errors(states, moving.rate, told(states, moving))
+        add_lasting_errors(states, moving.rate, told(states, moving))
         for states, moving in ((moving.smoothed(), moving) for moving in (still, soft))
     )
     assert np.median(wide[..., 0]) > 3 * np.median(firm[..., 0])
 
 
-def test_of_a_segment_never_seen_nothing_is_told() -> None:
+def test_a_segment_never_seen_has_no_lasting_errors() -> None:
     moving = swinging(seconds=3)
     moving.markers[:, moving.segment == 3] = np.nan
     assert told(moving.smoothed(), moving) is None
@@ -123,7 +123,7 @@ def test_of_a_segment_never_seen_nothing_is_told() -> None:
     ("estimator", "holds"),
     [("bundle", state_errors.SKIN), ("circle", state_errors.NOISE), ("rigid-body", state_errors.NOISE)],
 )
-def test_the_table_says_what_its_deviations_hold(estimator: str, holds: str) -> None:
+def test_the_table_states_the_parts_of_its_standard_deviations(estimator: str, holds: str) -> None:
     moving = swinging(joints=2, seconds=3)
     inputs: dict[str, Any] = {
         "planar.parquet": planar(moving, moving.markers),

@@ -1,4 +1,4 @@
-"""Figures on the simulated recordings, with the true chain: what the filter itself can and must do."""
+"""Required accuracy of the filter on simulated recordings with the true chain."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Scored:
 
 
 def scored(folder: Path) -> Scored:
-    """Smooth a trial with the chain and the plane that its truth states."""
+    """Smooth a trial with its true chain and plane."""
     truth = json.loads((folder / "truth.json").read_text())
     file = ezc3d.c3d(str(folder / "trial.c3d"))
     labels = [label.split(":")[-1] for label in file["parameters"]["POINT"]["LABELS"]["value"]]

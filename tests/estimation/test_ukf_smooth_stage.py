@@ -1,4 +1,4 @@
-"""The stage: tables in, tables out, and what it says about gaps and time stamps."""
+"""The stage ukf-smooth: tables in, tables out, and its reasons for gaps and time stamps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def labels(moving: Moving) -> list[str]:
 
 
 def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) -> LongTable:
-    """The chain's markers, two on the base, and one that belongs to no segment."""
+    """Return the chain's markers, two base markers, and one of no segment."""
     names, frames = labels(moving), len(markers)
     still = np.broadcast_to([0.1, 0.0], (frames, STILL, 2))
     loose = np.full((frames, 1, 2), 3.0)
@@ -41,7 +41,7 @@ def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) 
 
 
 def chain(moving: Moving) -> Tree:
-    """As fit-joints writes it, its markers in another order than the table's."""
+    """Return the chain as written by fit-joints, with another marker order than the table."""
     names = labels(moving)[:-1]
     segment = np.concatenate([moving.segment, np.zeros(STILL, dtype=np.int64)])
     local = np.concatenate([moving.local, np.broadcast_to([0.1, 0.0], (STILL, 2))])
@@ -72,7 +72,7 @@ def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, LongTable
     return states, markers
 
 
-def test_tables_hold_what_the_schemas_say(moving: Moving) -> None:
+def test_tables_match_their_schemas(moving: Moving) -> None:
     states, markers = run(moving, planar(moving, moving.markers))
     conform(states)
     conform(markers)
@@ -85,7 +85,7 @@ def test_tables_hold_what_the_schemas_say(moving: Moving) -> None:
     assert not states.reasons
 
 
-def test_predicted_markers_stand_beside_their_own_measurement(moving: Moving) -> None:
+def test_predicted_markers_have_the_row_of_their_measurement(moving: Moving) -> None:
     gone = moving.markers.copy()
     gone[40:50, 0] = np.nan
     _, markers = run(moving, planar(moving, gone))
@@ -125,7 +125,7 @@ def test_a_joint_that_is_lost_is_named_with_its_time(moving: Moving) -> None:
     conform(predicted)
 
 
-def test_a_segment_never_seen_is_said_to_be_lost_throughout(moving: Moving) -> None:
+def test_a_segment_never_seen_is_reported_as_lost_throughout(moving: Moving) -> None:
     markers = moving.markers.copy()
     markers[:, moving.segment == 2] = np.nan
     (reason,) = run(moving, planar(moving, markers))[0].reasons
@@ -144,7 +144,7 @@ def test_time_stamps_rounded_to_milliseconds_are_uniform_enough(moving: Moving) 
 
 
 @pytest.mark.parametrize("method", ["two-filter", "butterworth", "spline"])
-def test_another_method_is_chosen_and_said_to_be_for_comparison(moving: Moving, method: str) -> None:
+def test_another_method_is_reported_as_for_comparison(moving: Moving, method: str) -> None:
     states, markers = run(moving, planar(moving, moving.markers), method=method)
     conform(states)
     conform(markers)
@@ -157,13 +157,13 @@ def test_another_method_is_chosen_and_said_to_be_for_comparison(moving: Moving, 
     assert unknown == ("no standard deviations" in reason.message) == (method != "two-filter")
 
 
-def test_a_gap_that_a_rival_leaves_is_named(moving: Moving) -> None:
+def test_a_gap_left_open_by_another_method_is_reported(moving: Moving) -> None:
     markers = moving.markers.copy()
     markers[100:150, moving.segment == 2] = np.nan
     states, _ = run(moving, planar(moving, markers), method="spline")
     gap, method = states.reasons
     assert (gap.code, method.code) == ("gap", "states-method")
-    assert "`spline`, which bridges up to 0.2 s, leaves the gap" in gap.message
+    assert "`spline`, which bridges up to 0.2 s, leaves a gap" in gap.message
     assert gap.value == pytest.approx(0.5)
 
 

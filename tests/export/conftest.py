@@ -1,4 +1,4 @@
-"""Sample trials that have run, exported once for all the tests that look at the files."""
+"""Sample trials that were run and exported once for all tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mocap_id.config import load
 from mocap_id.recording import write_c3d
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.runner import run
-from mocap_id.workflows.export import FORMATS, Exported, export
+from mocap_id.workflows.export import FORMATS, Export, export
 
 ROOT = Path(__file__).resolve().parents[2]
 ORACLE = Path(__file__).with_name("opensim_oracle.py")
@@ -33,7 +33,7 @@ class Done:
 
     run: Path
     folder: Path
-    exported: Exported
+    exported: Export
     name: str
 
     def file(self, ending: str) -> Path:
@@ -44,7 +44,7 @@ class Done:
 
 
 def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
-    """Markers (F, M, 3) m, Z up, of two links on a still base, one vanishing for a while, and the plate under them."""
+    """Markers (F, M, 3) m, Z up, of two links on a fixed base, one with a gap, and the plate under them."""
     rng = np.random.default_rng(4)
     time = np.arange(600) / RATE
     q = np.column_stack([0.5 * np.sin(3.1 * time), 0.7 * np.sin(4.7 * time + 1)])
@@ -67,13 +67,13 @@ def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
     markers = np.concatenate(points, axis=1)
     markers = markers + rng.normal(scale=3e-4, size=markers.shape)
     markers[200:230, 6] = np.nan
-    markers[300:310, -1] = np.nan  # the last column of a file, where a blank is easily lost
+    markers[300:310, -1] = np.nan  # the last column, where a blank is easily lost
     labels = ("B 1", "B2", "B3", "B4", "L1", "L2", "L3", "L4", "M1", "M2", "M3", "M4")
     return labels, markers, plate(load)
 
 
 def plate(load: np.ndarray) -> PlateSignals:
-    """A plate that carries a load (F, 2), N, at its centre."""
+    """Return a plate with a load (F, 2), N, at its centre."""
     corners = np.array([[0.3, -0.3, 0], [-0.3, -0.3, 0], [-0.3, 0.3, 0], [0.3, 0.3, 0]])
     channels = np.zeros((len(load), 6))
     channels[:, 0], channels[:, 2] = -load[:, 0], -load[:, 1]
@@ -82,7 +82,7 @@ def plate(load: np.ndarray) -> PlateSignals:
 
 @pytest.fixture(scope="session")
 def links(once: Callable[..., Any]) -> Callable[..., Path]:
-    """The run folder of the two links, with or without their plate, with more keys of a trial's file."""
+    """Return the run folder of the two links, with or without their plate, with additional trial keys."""
 
     def made(with_plate: bool = True, **keys: Any) -> Path:
         def computed(folder: Path) -> Path:
@@ -100,7 +100,7 @@ def links(once: Callable[..., Any]) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Done]:
-    """The two links in every format."""
+    """The two links, exported in every format."""
     done: dict[bool, Done] = {}
 
     def made(with_plate: bool = True) -> Done:
@@ -114,7 +114,7 @@ def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactor
 
 @pytest.fixture(scope="session")
 def opensim() -> Callable[..., dict[str, Any]]:
-    """What OpenSim makes of an export, ``opensim(folder, trial, markers_file)``."""
+    """Run OpenSim on an export: ``opensim(folder, trial, markers_file)``."""
     python = Path(os.environ.get("MOCAP_ID_OPENSIM_PYTHON", ROOT / ".venv-opensim" / "bin" / "python"))
     if not python.is_file():
         pytest.skip(f"no Python with OpenSim at {python}: `make opensim`, or set MOCAP_ID_OPENSIM_PYTHON")

@@ -1,10 +1,10 @@
-"""What OpenSim makes of an exported run, as JSON: run with a Python that has the `opensim` wheel.
+"""OpenSim's results for an exported run, as JSON; needs a Python with the `opensim` package.
 
     python opensim_oracle.py FOLDER TRIAL OUT.json [MARKERS.trc]
 
-Kinematics are asked where the markers' file is there, free bodies where their model is.
+Kinematics are computed if there is a markers' file, free bodies if there is a model of them.
 
-Independent of mocap-id: nothing of it is imported here.
+This script is independent of mocap-id and imports nothing from it.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ opensim.Logger.setLevelString("Error")
 
 
 def columns(table: opensim.TimeSeriesTable) -> dict[str, np.ndarray]:
-    """A table as arrays by label, with its times."""
+    """Return a table as arrays by label, with its times."""
     found = {"time": np.array(table.getIndependentColumn())}
     return found | {label: table.getDependentColumn(label).to_numpy() for label in table.getColumnLabels()}
 
 
 def kinematics() -> dict[str, list[float]]:
-    """Angles of OpenSim's inverse kinematics, rad, by the exported set-up."""
+    """Return the angles of OpenSim's inverse kinematics with the exported set-up, rad."""
     out = Path(tempfile.mkdtemp())
     tool = opensim.InverseKinematicsTool(str(folder / f"{trial}_ik.xml"))
     tool.set_model_file(str(folder / f"{trial}.osim"))
@@ -42,7 +42,7 @@ def kinematics() -> dict[str, list[float]]:
 
 
 def dynamics(name: str) -> dict[str, list[float]]:
-    """Generalised forces at the exported states and accelerations, without differentiating anything; with our loads."""
+    """Return generalised forces for the exported states, accelerations and loads, without differentiation."""
     model = opensim.Model(str(folder / f"{name}.osim"))
     loads = folder / f"{name}_external_loads.xml"
     if loads.exists():
@@ -72,7 +72,7 @@ def dynamics(name: str) -> dict[str, list[float]]:
 
 
 def tool_dynamics(name: str, coordinates: str) -> dict[str, list[float]]:
-    """Of OpenSim's own tool, which differentiates the exported coordinates by splines; by the exported set-up."""
+    """Return generalised forces of OpenSim's own tool, which differentiates the exported coordinates by splines."""
     out = Path(tempfile.mkdtemp())
     tool = opensim.InverseDynamicsTool(str(folder / f"{name}_id.xml"))
     tool.setModelFileName(str(folder / f"{name}.osim"))

@@ -1,4 +1,4 @@
-"""What free bodies need together about a point: the sums that make joint torques and the ground's wrench of them."""
+"""Sums of the forces on free bodies, which give joint torques and the ground wrench."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from mocap_id.recording.tables import MotionTable
+from mocap_id.recording.text_tables import MotionTable
 
 COMPONENTS = ("Fx", "Fy", "tauz")
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Exported poses of free bodies, and their frames' origins (T, K, 2), m, and angles (T, K), rad."""
+    """Exported poses of free bodies: origins (T, K, 2), m, and angles (T, K), rad, of their frames."""
 
     names: tuple[str, ...]
     origin: np.ndarray
@@ -23,7 +23,7 @@ class Poses:
 
     @staticmethod
     def of(states: MotionTable, names: tuple[str, ...], time: np.ndarray) -> Poses:
-        """At the given times."""
+        """Return the poses at the given times."""
 
         def column(name: str, coordinate: str) -> np.ndarray:
             return np.interp(time, states.time, states[f"/jointset/{name}_pose/{name}_{coordinate}/value"])
@@ -32,7 +32,7 @@ class Poses:
         return Poses(names, np.stack(place, axis=1), np.stack([column(name, "rz") for name in names], axis=1))
 
     def joint(self, joint: int, centres: np.ndarray) -> np.ndarray:
-        """(T, 2) centre of a joint, from 0, between neighbouring bodies: the mean of those on its two sides."""
+        """Return the centre (T, 2) of joint j (from 0), as the mean of its positions in both bodies."""
         c, s, (x, y) = np.cos(self.angle[:, joint]), np.sin(self.angle[:, joint]), centres[joint]
         near = self.origin[:, joint] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
         return (near + self.origin[:, joint + 1]) / 2
@@ -40,7 +40,7 @@ class Poses:
 
 @dataclass(frozen=True)
 class Needs:
-    """Forces (T, K, 2), N, at the origins of the bodies' frames, and moments (T, K) about these, N·m."""
+    """Required forces (T, K, 2) at the origins of the bodies' frames, N, and moments (T, K) about them, N·m."""
 
     poses: Poses
     force: np.ndarray
@@ -48,22 +48,22 @@ class Needs:
 
     @staticmethod
     def of(poses: Poses, column: Callable[[str, str], np.ndarray]) -> Needs:
-        """By ``column(body, coordinate)``."""
+        """Return the forces, read by ``column(body, coordinate)``."""
         force = [np.stack([column(name, "tx"), column(name, "ty")], axis=-1) for name in poses.names]
         return Needs(
             poses, np.stack(force, axis=1), np.stack([np.asarray(column(name, "rz")) for name in poses.names], axis=1)
         )
 
     def about(self, point: np.ndarray, first: int = 0) -> np.ndarray:
-        """(T,) moment about points (T, 2) of what the bodies from ``first`` on need together."""
+        """Return the moment (T,) about points (T, 2) of the forces on the bodies from ``first`` on."""
         arm, force = (self.poses.origin - point[:, None])[:, first:], self.force[:, first:]
         turning = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         return np.asarray((self.moment[:, first:] + turning).sum(axis=1))
 
     def errors(self, time: np.ndarray, dynamics: pd.DataFrame, centres: np.ndarray) -> dict[str, np.ndarray]:
-        """Torques and the whole wrench, less those of a table with tau_1 … and *_model, by column.
+        """Return torques and wrench minus those of a table with tau_1 … and *_model, by column.
 
-        The last of the bodies may be one of no segment; it is beyond every joint.
+        The last body may belong to no segment; it is beyond every joint.
         """
         ground = self.about(np.zeros((len(time), 2)))
         ours = dict(zip(COMPONENTS, (*self.force.sum(axis=1).T, ground), strict=True))

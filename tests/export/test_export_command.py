@@ -1,4 +1,4 @@
-"""`mocap-id export`: whole or not at all, never over what is there unless told to; and mistakes."""
+"""`mocap-id export`: complete output or none, overwriting only on request, and messages for mistakes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_nothing_is_overwritten_unless_forced(cli, links, tmp_path: Path) -> Non
 
 
 def test_whole_or_not_at_all(cli, links, tmp_path: Path) -> None:
-    """A folder stands where one of the files should go."""
+    """A folder has the name of one of the files."""
     out = tmp_path / "out"
     (out / "two-links_grf.mot").mkdir(parents=True)
     said = cli("export", links(), "--to", "mot", "--out", out, "--force")

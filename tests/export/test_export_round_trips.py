@@ -1,4 +1,4 @@
-"""What is exported reads back as what the run holds: markers, angles, forces, states, tables."""
+"""Exported markers, angles, forces, states and tables read back as in the run."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mocap_id.workflows.export.names import legal
 
 
 def grid(frame: pd.DataFrame, *names: str) -> np.ndarray:
-    """Columns of a long table as (F, M, len(names))."""
+    """Return columns of a long table as (F, M, len(names))."""
     count = frame["marker"].nunique()
     return frame[list(names)].to_numpy().reshape(-1, count, len(names))
 
 
 def plane(positions: np.ndarray) -> np.ndarray:
-    """From our reader's axes, Z up, to the plane frame that the file holds, Y up."""
+    """Convert from our reader's axes, Z up, to the plane frame of the file, Y up."""
     return np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
 
 
@@ -64,7 +64,7 @@ def test_states_and_torques_read_back(exported) -> None:
 
 
 def test_forces_read_back_as_the_same_wrench(exported) -> None:
-    """By the reader of a laboratory's MOT files, which knows nothing of the writer."""
+    """The independent reader of MOT files returns the same wrench."""
     done = exported()
     plate = recording.read(done.file(".trc"), done.file("_grf.mot")).plates[0]
     dynamics = done.table("dynamics").dropna(subset=["Fy"])
@@ -86,7 +86,7 @@ def test_a_row_that_is_not_known_is_left_out_and_said() -> None:
 
 
 def test_no_exported_table_holds_a_nan(exported) -> None:
-    """OpenSim's tools take the first one for the table's end."""
+    """OpenSim's tools stop reading at the first one."""
     for done in (exported(), exported(False)):
         tables = [path for path in done.exported.files if path.suffix in (".mot", ".sto")]
         assert len(tables) >= 3
@@ -94,7 +94,7 @@ def test_no_exported_table_holds_a_nan(exported) -> None:
 
 
 def test_force_point_and_moment_make_up_the_wrench_whatever_the_load() -> None:
-    """About the origin: p × F + free moment; and where hardly any force acts the point stays where it was."""
+    """The wrench about the origin is p × F + free moment; with a small force, the point keeps its last value."""
     wrench = np.array([[1.0, 100.0, 20.0], [2.0, 5.0, 3.0], [0.0, 0.0, 0.5], [-3.0, 200.0, -10.0]])
     acting = _acting(wrench, threshold=20.0)
     force, point, moment = acting[:, :3], acting[:, 3:6], acting[:, 6:]

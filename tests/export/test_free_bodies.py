@@ -1,4 +1,4 @@
-"""A trial that was identified on measured poses, exported: the bodies as a model of their own, and what is said."""
+"""Export of a trial identified on measured poses: the model of free bodies, and the notes."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from resultants import Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, People, simulate
-from mocap_id.workflows.export import FORMATS, Exported, export
+from mocap_id.simulation import Options, PersonOptions, simulate
+from mocap_id.workflows.export import FORMATS, Export, export
 from mocap_id.workflows.export.motions import sampled
 
 NAMES = ("foot", "shank", "thigh", "torso")
 G = 9.81
 KEYS = ("mass", "mass_center", "inertia")
-Loose = tuple[Path, Exported]
+Loose = tuple[Path, Export]
 
 
 @pytest.fixture(scope="module")
 def loose(tmp_path_factory: pytest.TempPathFactory) -> Loose:
-    """A simulated person whose hip gives way: run folder and export."""
+    """Run folder and export of a simulated person with a hip gap."""
     out = tmp_path_factory.mktemp("loose")
-    options = Options(seed=4, repetitions=2, rate=100.0, analog_rate=500.0, people=People(hip_gap_mm=10))
+    options = Options(seed=4, repetitions=2, rate=100.0, analog_rate=500.0, people=PersonOptions(hip_gap_mm=10))
     trial = Path(simulate("sit-to-stand", out / "recording", options))
     folder = run_to(load(trial), "identify-dim").folder
     return folder, export(folder, tuple(FORMATS), out / "files")
@@ -39,7 +39,7 @@ def file(loose: Loose, ending: str) -> Path:
 
 
 def bodies(path: Path) -> dict[str, tuple[float, np.ndarray, float]]:
-    """Mass, centre and moment of inertia about it of a model's bodies."""
+    """Return mass, centre of mass and moment of inertia about it for a model's bodies."""
     found = {}
     for body in ElementTree.parse(path).getroot().iter("Body"):
         mass, centre, inertia = ([float(word) for word in str(body.findtext(key)).split()] for key in KEYS)
@@ -48,7 +48,7 @@ def bodies(path: Path) -> dict[str, tuple[float, np.ndarray, float]]:
 
 
 def test_masses_are_positive_and_add_up_in_both_models(loose: Loose) -> None:
-    """The chain's are folded from the bodies'; the first base parameter is the whole mass."""
+    """The chain's masses are composed of the bodies'; the first base parameter is the total mass."""
     chain, free = bodies(file(loose, ".osim")), bodies(file(loose, "_free.osim"))
     with h5py.File(loose[0] / "dynamics.h5") as tree:
         total, full = float(tree["base/value"][0]), np.asarray(tree["full/value"]).reshape(-1, 4)
@@ -64,7 +64,7 @@ def test_masses_are_positive_and_add_up_in_both_models(loose: Loose) -> None:
 
 
 def test_the_files_make_up_torques_and_wrench(loose: Loose) -> None:
-    """Newton and Euler on what the files hold: masses, poses and accelerations."""
+    """Newton's and Euler's equations with the masses, poses and accelerations in the files."""
     model = bodies(file(loose, "_free.osim"))
     states, accelerations = (
         recording.read_table(file(loose, f"_free_{key}.sto")) for key in ("states", "accelerations")
@@ -131,7 +131,7 @@ def test_a_trial_on_the_chain_has_no_free_bodies(exported) -> None:
 
 
 def test_a_column_of_which_nothing_is_known_does_not_empty_the_table() -> None:
-    """The torque between two segments that are one body."""
+    """The unknown column is the torque between two segments that form one body."""
     values = np.array([[1.0, np.nan, 2.0], [3.0, np.nan, np.nan], [4.0, np.nan, 5.0]])
     parts = sampled("a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
     text = parts.files["a.sto"].decode()

@@ -1,6 +1,6 @@
-"""OpenSim itself on what is exported: an independent program for the chain's geometry and its dynamics.
+"""Comparison with OpenSim, an independent program, for the exported geometry and dynamics.
 
-Needs a Python with the `opensim` wheel in an environment of its own (`make opensim`, or MOCAP_ID_OPENSIM_PYTHON).
+Needs a Python with the `opensim` package in a separate environment (`make opensim`, or MOCAP_ID_OPENSIM_PYTHON).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from resultants import COMPONENTS, Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, People, simulate
+from mocap_id.simulation import Options, PersonOptions, simulate
 from mocap_id.store import Folder
 from mocap_id.workflows.export import export
 
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.external
 
 
 def angle_errors(answer: dict[str, Any], states: pd.DataFrame) -> np.ndarray:
-    """OpenSim's angles less ours (T, n), degrees."""
+    """Return OpenSim's angles minus ours (T, n), degrees."""
     names = [name for name in answer["kinematics"] if name.endswith("_angle")]
     assert len(answer["kinematics"]["time"]) == len(states)
     theirs = np.column_stack([answer["kinematics"][name] for name in names])
@@ -35,7 +35,7 @@ def angle_errors(answer: dict[str, Any], states: pd.DataFrame) -> np.ndarray:
 
 
 def force_errors(answer: dict[str, Any], dynamics: pd.DataFrame, key: str = "dynamics") -> dict[str, np.ndarray]:
-    """OpenSim's generalised forces less ours at its times: torques, and the base's need less the measured wrench."""
+    """Return OpenSim's generalised forces minus ours at its times: torques and residual wrench."""
     found, time = answer[key], np.array(answer[key]["time"])
     tool = key == "tool"
     joints = [name for name in answer["kinematics"] if name.endswith("_angle")]
@@ -69,7 +69,7 @@ def test_a_chain_without_forces_loads_too(exported, opensim) -> None:
 
 @pytest.fixture(scope="module")
 def chair(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Path, Path]]:
-    """A sit-to-stand whose chair stands on a plate of its own: run folder and files; ``chair("chain")`` on pins."""
+    """Run folder and files of a sit-to-stand with a plate under the chair; ``chair("chain")`` on pins."""
     out = tmp_path_factory.mktemp("chair")
 
     def made(name: str, **options: Any) -> tuple[Path, Path]:
@@ -85,7 +85,7 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Path,
 
 
 def test_a_person_on_a_chair_that_is_measured(chair, opensim) -> None:
-    """Kinematics from measured markers; dynamics of the chain with ground and chair as external loads."""
+    """Kinematics use measured markers; dynamics of the chain use ground and chair as external loads."""
     folder, files = chair("chain")
     trial = folder.name
     states, dynamics = (pd.read_parquet(folder / f"{name}.parquet") for name in ("states", "dynamics"))
@@ -101,8 +101,8 @@ def test_a_person_on_a_chair_that_is_measured(chair, opensim) -> None:
 
 
 def test_free_bodies_on_a_chair_that_is_measured(chair, opensim) -> None:
-    """What the bodies need is more than the torques: the chair gives a part of it, on the thigh."""
-    folder, files = chair("loose", people=People(hip_gap_mm=14))
+    """The required forces include the chair's force on the thigh, which is not part of the torques."""
+    folder, files = chair("loose", people=PersonOptions(hip_gap_mm=14))
     answer = opensim(files, folder.name)["free"]
     found, names = answer["dynamics"], tuple(answer["bodies"])
     time, dynamics = np.array(found["time"]), pd.read_parquet(folder / "dynamics.parquet")
@@ -126,7 +126,7 @@ def test_free_bodies_on_a_chair_that_is_measured(chair, opensim) -> None:
 def test_a_robots_joint_within_a_fifth_of_a_degree_throughout(
     opensim, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """From measured markers, frame by frame, against states that were smoothed."""
+    """Compares angles fitted frame by frame to measured markers with smoothed states."""
     out = tmp_path_factory.mktemp("robot")
     yaml = simulate("robot", out / "recording", Options(seed=5, repetitions=2, rate=100.0, analog_rate=500.0))
     folder = run_to(load(Path(yaml)), "identify-dim").folder

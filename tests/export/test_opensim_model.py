@@ -1,4 +1,4 @@
-"""The OpenSim model as XML: the physics that it has to keep, and that it is the chain of the run."""
+"""The OpenSim model as XML: it is the chain of the run, with the same physics."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_the_model_says_where_its_masses_come_from(exported) -> None:
     motion=st.tuples(st.floats(-3, 3), st.floats(-5, 5), st.floats(-20, 20)),
 )
 def test_both_forms_need_the_same_moment(body: tuple[float, ...], motion: tuple[float, ...]) -> None:
-    """Newton and Euler about the centre of mass, against the regressor about the origin."""
+    """Compares Newton's and Euler's equations about the centre of mass with the regressor about the origin."""
     mass, x, y, own = body
     angle, speed, acceleration = motion
     block = np.array([mass, mass * x, mass * y, own + mass * (x * x + y * y)])

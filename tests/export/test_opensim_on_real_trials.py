@@ -1,4 +1,4 @@
-"""OpenSim's inverse dynamics on the measured poses of real trials: it needs the torques and the wrench that we tell.
+"""OpenSim's inverse dynamics on measured poses of real trials gives our torques and our modelled wrench.
 
 OpenSim gets the exported free bodies (masses, centres, moments of inertia, poses) and tells the force and the moment
 that each of them needs. Their sum about a joint's centre has to be our torque, and their sum about the plane frame's
@@ -33,7 +33,7 @@ ENDS = slice(5, -5)  # splines reach outside there
 
 @dataclass(frozen=True)
 class Asked:
-    """A run, its exported files, and what OpenSim made of them."""
+    """A run, its exported files, and OpenSim's results for them."""
 
     run: Path
     files: Path
@@ -44,7 +44,7 @@ class Asked:
         return pd.read_parquet(self.run / "dynamics.parquet")
 
     def errors(self, tool: bool) -> dict[str, np.ndarray]:
-        """OpenSim's torques and wrench of the free bodies less ours, by our columns."""
+        """Return OpenSim's torques and wrench of the free bodies minus ours, by our columns."""
         found = self.answer["free"]["tool" if tool else "dynamics"]
         time = np.array(found["time"])
         states = recording.read_table(next(self.files.glob("*_free_states.sto")))

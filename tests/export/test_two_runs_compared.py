@@ -1,4 +1,4 @@
-"""Two runs held against each other: nothing against itself, the opposite the other way round, and what was changed."""
+"""Comparison of two runs: no differences with itself, opposite signs in reverse order, and all changes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mocap_id.workflows.run_folder import RunFolder, open_run
 
 @pytest.fixture(scope="module")
 def other(links) -> Path:
-    """The same recording with a lower low-pass."""
+    """The same recording with a lower cut-off frequency."""
     return Path(links(True, **{"identify-dim": {"cutoff_hz": 2.5}}))
 
 
@@ -93,7 +93,7 @@ def test_in_combined_standard_deviations() -> None:
 
 
 def test_series_are_compared_on_common_times(links) -> None:
-    """A copy that starts later, at other times, and is off by a constant."""
+    """Compares with a copy that starts later, is sampled at other times, and differs by a constant."""
     run = open_run(links())
     table = run.artefacts["states.parquet"]
     assert isinstance(table, Table)

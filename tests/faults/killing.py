@@ -1,10 +1,10 @@
-"""Runs that are killed without a word at random instants: what is left must be whole, and resuming must give the same.
+"""Runs killed at random times: all files left must be complete, and continuing must give the same results.
 
     python tests/faults/killing.py [KILLS [SEED [TRIAL.yaml ...]]]
 
-Each round copies a trial, starts a run of it in a process of its own, kills that with SIGKILL after a random time,
-looks at everything that is left, lets a new run finish and compares its results with an undisturbed run's. Random
-times seldom fall between two files that belong together; so the run is then killed before every single renaming.
+Each round copies a trial, starts a run in a separate process, kills it with SIGKILL after a random time, checks all
+files, lets a new run finish and compares its results with those of an undisturbed run. Random times seldom fall between
+two files of one stage; therefore the run is also killed before every single rename.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from mocap_id.store.schemas import SCHEMAS
 
 @dataclass(frozen=True)
 class Round:
-    """What one kill left."""
+    """Result of one kill."""
 
     when: str
-    killed: bool  # or was it done before
+    killed: bool  # False if the run was done before
     computed: int  # stages that the new run had to compute
 
 
 def contents(out: Path) -> dict[str, str]:
-    """Hash of everything that the stages write, but for the time that they took."""
+    """Return hashes of all outputs, without computation times."""
     folder = Folder(out)
     summary = json.loads((out / SUMMARY_FILE).read_text("utf-8")) | {"time_s": None}
     artefacts = {file: hash_bytes(encoded(folder.read(file))) for file in SCHEMAS}
@@ -50,7 +50,7 @@ def contents(out: Path) -> dict[str, str]:
 
 
 def encoded(artefact: Artefact) -> bytes:
-    """An artefact as it would be written by a stage that always takes the same time."""
+    """Return an artefact's bytes with a fixed computation time."""
     origin = Origin("any", 1, {}, {}, "", 0.0)
     return hdf5.encode(artefact, origin) if isinstance(artefact, Tree) else parquet.encode(artefact, origin)
 
@@ -117,7 +117,7 @@ class Killing:
 
 
 def check(out: Path) -> None:
-    """Whatever has its final name is whole: every artefact can be read, every stage's outputs belong together."""
+    """Check that every artefact can be read and the outputs of every stage belong together."""
     folder = Folder(out)
     for stage in STAGES:
         for file in stage.outputs:
@@ -143,7 +143,7 @@ def _run(file: Path, renaming: int | None) -> None:
 
 
 def told(rounds: Iterable[Round]) -> str:
-    """How many were killed in which stage."""
+    """Return the number of kills by stage."""
     done = []
     for one in rounds:
         done.append(one)
@@ -155,7 +155,7 @@ def told(rounds: Iterable[Round]) -> str:
 
 
 def main() -> None:
-    """Kill as many runs of the trials, or of the samples, as asked for."""
+    """Kill the requested number of runs of the trials, or of the samples."""
     asked = [int(text) for text in sys.argv[1:3]]
     count, seed = [*asked, *(200, 1)[len(asked) :]]
     root = Path(__file__).resolve().parents[2] / "sample_trials"

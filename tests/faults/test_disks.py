@@ -1,4 +1,4 @@
-"""Disks that are full, folders that may not be written, clocks that jump: a clear error, nothing half-written."""
+"""Full disks, folders without permissions and jumping clocks give a clear error and no half-written file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from mocap_id.recording.writing import write_trc
+from mocap_id.recording.writer import write_trc
 from swinging_link import LABELS, RATE, pendulum
 
 
@@ -26,7 +26,7 @@ def trial(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def small_files() -> Iterator[Callable[[int], None]]:
-    """No file of this process may grow beyond so many bytes, as on a disk that is full."""
+    """Limit the size of all files of this process, like a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
@@ -87,10 +87,10 @@ def test_a_clock_that_jumps(cli: Callable[..., Any], trial: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("command", ["run", "status", "clean"])
-def test_a_folder_that_may_not_be_looked_into(
+def test_a_folder_that_may_not_be_read(
     cli: Callable[..., Any], trial: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
-    """`status` and `clean` took it for a failure of the program."""
+    """`status` and `clean` must not report this as a failure of the program."""
     assert cli("run", trial).code == 0
     stat, out = Path.stat, trial.parent / "out"
 

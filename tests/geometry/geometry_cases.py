@@ -1,4 +1,4 @@
-"""Random rotations, twists and chains for the laws of geometry, dense near the angles where formulas break."""
+"""Random rotations, twists and chains, with many angles near the singularities of formulas."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def random_chain(rng: np.random.Generator, joints: int) -> Chain:
 
 
 def random_masses(rng: np.random.Generator, links: int) -> tuple[Array, Array, Array]:
-    """Masses (L,), centres (L, 3) and physically possible inertias about them (L, 3, 3)."""
+    """Return masses (L,), centres (L, 3) and physically possible inertias about them (L, 3, 3)."""
     points = rng.normal(size=(links, 5, 3))  # five equal point masses a link
     mass = rng.uniform(0.2, 5.0, links)
     centre = points.mean(axis=1)

@@ -1,4 +1,4 @@
-"""A ball joint defined here, outside the package, goes through every function of the chain: the protocol suffices."""
+"""A ball joint defined outside the package works with every function of a chain."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id.geometry import (
     Revolute,
     body_product,
     inverse_dynamics,
-    motion,
+    link_motion,
     se3,
     so3,
     spatial_inertia,
@@ -23,7 +23,7 @@ from mocap_id.geometry import (
 
 
 class Ball:
-    """Rotation vector as coordinates."""
+    """Ball joint with a rotation vector as coordinates."""
 
     dimension = 3
     twists = np.eye(6)[:, 3:]
@@ -58,7 +58,7 @@ def test_products_and_jacobian(seed):
     g = chain.poses(q)[-1]
     change = (chain.poses(q + step * dq)[-1] - chain.poses(q - step * dq)[-1]) / (2 * step)
     np.testing.assert_allclose(spatial_jacobian(chain, q) @ dq, se3.vee(change @ se3.inverse(g)), atol=1e-7)
-    velocity = motion(chain, q, dq, ddq, np.zeros(6)).velocity[-1]
+    velocity = link_motion(chain, q, dq, ddq, np.zeros(6)).velocity[-1]
     np.testing.assert_allclose(velocity, se3.vee(se3.inverse(g) @ change), atol=1e-7)
 
 

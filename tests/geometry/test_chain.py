@@ -17,7 +17,7 @@ def random_case(seed: int, joints: int):
 
 
 def derivative(function, q):
-    """Central differences of a pose by each coordinate: (N, 4, 4)."""
+    """Return central differences (N, 4, 4) of a pose with respect to each coordinate."""
     step = 1e-6
     return np.stack([(function(q + e) - function(q - e)) / (2 * step) for e in step * np.eye(len(q))])
 
@@ -46,7 +46,7 @@ def test_jacobians_are_the_derivative_of_the_forward_map(seed, joints):
 @laws
 @given(seeds, st.integers(1, 6))
 def test_jacobian_columns_are_the_primed_twists(seed, joints):
-    """Column i is the home twist carried by the exponentials before it (eq. 2.45)."""
+    """Column i is the home twist transformed by the previous exponentials (eq. 2.45)."""
     chain, _, q = random_case(seed, joints)
     before = np.eye(4)
     for i, (joint, home) in enumerate(zip(chain.joints, chain.home, strict=True)):
@@ -56,7 +56,7 @@ def test_jacobian_columns_are_the_primed_twists(seed, joints):
 
 
 def test_a_turn_about_a_shifted_axis():
-    """A quarter turn about z at (1, 0, 0) takes the world's origin to (1, -1, 0)."""
+    """A quarter turn about z at (1, 0, 0) moves the world's origin to (1, -1, 0)."""
     chain = Chain((Revolute((0, 0, 2.0)),), se3.pose(np.eye(3), np.array([[1.0, 0, 0]])))
     tool = se3.pose(np.eye(3), np.array([-1.0, 0, 0]))
     np.testing.assert_allclose(chain.tool(np.array([np.pi / 2]), tool)[:3, 3], [1, -1, 0], atol=1e-15)

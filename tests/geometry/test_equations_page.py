@@ -24,7 +24,7 @@ def numbers(cell: str):
 
 
 def find(name: str):
-    """The object behind ``package.module.attribute…``, the module being the longest part that can be imported."""
+    """Return the object named ``package.module.attribute…``."""
     parts = name.split(".")
     module = importlib.import_module("mocap_id." + ".".join(parts[:2]))
     found = module

@@ -1,4 +1,4 @@
-"""Poses, Jacobians and inverse dynamics of random chains against Pinocchio, the base wrench included."""
+"""Poses, Jacobians, inverse dynamics and base wrench of random chains, compared with Pinocchio."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mocap_id.geometry import body_jacobian, inverse_dynamics, spatial_inertia, 
 
 
 def pinocchio_model(chain, mass, centre, about, up):
-    """The same chain on a free-flying base, whose effort is then the base wrench."""
+    """Return the same chain on a free-flying base, whose effort is the base wrench."""
     model = pin.Model()
     model.gravity = pin.Motion(-up, np.zeros(3))
     parent = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")

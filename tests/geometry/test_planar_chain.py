@@ -1,4 +1,4 @@
-"""The planar chain is the SE(3) chain seen along z, and its Jacobian is its derivative."""
+"""The planar chain agrees with the chain in SE(3), and its Jacobian with its derivative."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recursive velocities, accelerations and wrenches against differentiation, energy and Newton-Euler."""
+"""Recursive velocities, accelerations and wrenches, compared with derivatives, energy and Newton-Euler."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from geometry_cases import laws, random_chain, random_masses, random_pose, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_id.geometry import inverse_dynamics, link_wrench, motion, se3, so3, spatial_inertia, spatial_jacobian
+from mocap_id.geometry import inverse_dynamics, link_motion, link_wrench, se3, so3, spatial_inertia, spatial_jacobian
 
 STILL = np.zeros(6)
 
@@ -25,7 +25,7 @@ def test_velocities_and_accelerations_are_derivatives_of_the_poses(seed, joints)
     step = 1e-4
     times = np.array([-step, 0.0, step])[:, None]
     poses = chain.poses(q + dq * times + ddq * times**2 / 2)
-    rates = motion(chain, q + dq * times + ddq * times**2 / 2, dq + ddq * times, ddq, STILL)
+    rates = link_motion(chain, q + dq * times + ddq * times**2 / 2, dq + ddq * times, ddq, STILL)
     velocity = se3.vee(se3.inverse(poses[1]) @ (poses[2] - poses[0]) / (2 * step))
     np.testing.assert_allclose(rates.velocity[1], velocity, atol=1e-4)
     acceleration = (rates.velocity[2] - rates.velocity[0]) / (2 * step)
@@ -37,7 +37,7 @@ def test_velocities_and_accelerations_are_derivatives_of_the_poses(seed, joints)
 def test_the_recursion_and_the_jacobian_give_one_velocity(seed, joints):
     _, chain, q, dq, ddq = random_case(seed, joints)
     tip = chain.poses(q)[-1]
-    body = motion(chain, q, dq, ddq, STILL).velocity[-1]
+    body = link_motion(chain, q, dq, ddq, STILL).velocity[-1]
     np.testing.assert_allclose(se3.move_twist(tip, body), spatial_jacobian(chain, q) @ dq, atol=1e-10)
 
 
@@ -66,7 +66,7 @@ def test_power_of_the_joints_is_the_change_of_energy(seed, joints):
 
     def energy(time):
         x, dx = q + dq * time + ddq * time**2 / 2, dq + ddq * time
-        velocity = motion(chain, x, dx, ddq, STILL).velocity
+        velocity = link_motion(chain, x, dx, ddq, STILL).velocity
         kinetic = 0.5 * np.einsum("li,lij,lj->", velocity, inertias, velocity)
         return kinetic + (mass * (se3.act(chain.poses(x), centre) @ up)).sum()
 
@@ -78,8 +78,8 @@ def test_power_of_the_joints_is_the_change_of_energy(seed, joints):
 
 @laws
 @given(seeds, st.integers(1, 4))
-def test_an_applied_wrench_is_carried_by_the_ground(seed, joints):
-    """What a seat takes off a link is missing at the ground, link for link (the sign of Γ_E)."""
+def test_an_applied_wrench_reduces_the_ground_wrench(seed, joints):
+    """The wrench of a seat on a link reduces the ground wrench (sign of Γ_E)."""
     rng, chain, q, dq, ddq = random_case(seed, joints)
     inertias = spatial_inertia(*random_masses(rng, joints + 1))
     applied = rng.normal(size=(joints + 1, 6))
@@ -105,7 +105,7 @@ def test_turning_the_world_changes_nothing_inside_the_chain(seed, joints):
     np.testing.assert_allclose(first.joint_wrench, second.joint_wrench, atol=1e-9)
 
 
-def test_standing_still_weighs_m_g():
+def test_standing_still_gives_the_weight():
     rng = np.random.default_rng(1)
     chain = random_chain(rng, 3)
     mass, centre, about = random_masses(rng, 4)

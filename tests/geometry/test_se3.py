@@ -20,13 +20,13 @@ def test_exp_is_the_matrix_exponential(twist):
 
 @laws
 @given(twists())
-def test_log_undoes_exp(twist):
+def test_log_is_the_inverse_of_exp(twist):
     np.testing.assert_allclose(se3.log(se3.exp(twist)), twist, rtol=1e-11, atol=1e-12)
 
 
 @laws
 @given(twists())
-def test_the_inverse_runs_the_twist_backwards(twist):
+def test_the_inverse_has_the_negative_twist(twist):
     g = se3.exp(twist)
     np.testing.assert_allclose(se3.inverse(g), se3.exp(-twist), atol=1e-13)
     np.testing.assert_allclose(se3.inverse(g) @ g, np.eye(4), atol=1e-13)
@@ -71,7 +71,7 @@ def test_the_small_adjoint_generates_the_large_one(twist):
 @laws
 @given(poses(), twists(), vectors(6))
 def test_power_is_the_same_in_both_frames(g, twist, wrench):
-    """Ad_gᵀ moves wrenches so that their power on a twist does not change (eq. 2.54 as 2.57 has it)."""
+    """Ad_gᵀ moves wrenches so that their power on a twist does not change (eq. 2.54 in the form of 2.57)."""
     power = se3.move_wrench(g, wrench) @ se3.move_twist(g, twist)
     assert power == pytest.approx(wrench @ twist, abs=1e-10)
 

@@ -30,7 +30,7 @@ def test_exp_is_the_matrix_exponential_and_a_rotation(omega):
 
 @laws
 @given(rotation_vectors())
-def test_log_undoes_exp(omega):
+def test_log_is_the_inverse_of_exp(omega):
     np.testing.assert_allclose(so3.log(so3.exp(omega)), omega, rtol=1e-12, atol=1e-14)
 
 

@@ -1,4 +1,4 @@
-"""How many frames a C3D file can hold: read from its bytes without any of the program's own code."""
+"""Possible numbers of frames of a C3D file, read from its bytes without the program's own code."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def _numbers(data: bytes, place: mutations_c3d.Place) -> list[float]:
-    """A parameter's values as unsigned words or floats (DEC floats turned)."""
+    """Return a parameter's values as unsigned words or floats (DEC floats converted)."""
     endian, size = mutations_c3d.order(data), abs(place.element)
     count = int(np.prod(place.shape)) if place.shape else 1
     raw = data[place.values : place.values + size * count]
@@ -28,7 +28,7 @@ def _real(data: bytes, raw: bytes) -> float:
 
 
 def possible(data: bytes) -> set[int]:
-    """Every number of frames that some declaration names and the file's size allows, and what it holds beyond."""
+    """Return every declared number of frames that the file's size allows, and the remaining bytes."""
     known: dict[str, list[float]] = {}
     for place in mutations_c3d.places(data):
         known.setdefault(place.name, _numbers(data, place))

@@ -1,4 +1,4 @@
-"""A finished run, made once, and copies of it to spoil."""
+"""A finished run, made once, and copies of it to damage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the swinging link's recordings, its trial and its finished run."""
+    """A folder with the swinging link's recordings, trial and finished run."""
     folder = tmp_path_factory.mktemp("made")
     hostile_seeds.finished(folder)
     return folder

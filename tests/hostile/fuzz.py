@@ -1,4 +1,4 @@
-"""Many spoiled files, each read in a process that may not hang, not eat memory and not die.
+"""Fuzzing with many damaged files, read in a process that must not hang, exhaust memory or crash.
 
 ``python tests/hostile/fuzz.py --number 10000 --seed 1 --jobs 1 --state .fuzz`` tries so many cases, goes on where an
 earlier call with the same state stopped, and prints what it found with a recipe to repeat it:
@@ -39,7 +39,7 @@ WHOLE_RUN = 2 << 30
 
 @dataclass
 class Tally:
-    """What came of the cases."""
+    """Counts of the results."""
 
     number: int = 0
     outcomes: collections.Counter[str] = field(default_factory=collections.Counter)
@@ -57,7 +57,7 @@ class Tally:
             self.findings.append(told)
 
     def table(self) -> str:
-        """For people."""
+        """Return the tally as a table."""
         lines = ["format      cases     read  refused finding  slowest s  memory MB"]
         for form in sorted(self.slowest):
             counts = [self.outcomes[f"{form} {outcome}"] for outcome in ("read", "refused", "finding")]
@@ -71,7 +71,7 @@ class Tally:
 def campaign(
     seed: int, indexes: Iterator[int], *, shared: bool = True, only: str | None = None, hang: float = HANG
 ) -> Iterator[dict[str, Any]]:
-    """Try cases in a process of their own; one that hangs or dies is told of, and a new process goes on."""
+    """Run cases in a separate process; if one hangs or crashes, report it and continue in a new process."""
     left = list(indexes)
     while left:
         options = [
@@ -125,7 +125,7 @@ def _lines(process: subprocess.Popen[str]) -> queue.Queue[str | None]:
 
 
 def _in_time(process: subprocess.Popen[str], lines: queue.Queue[str | None], seconds: float) -> dict[str, Any] | None:
-    """What comes of a case; None where nothing comes although the process had so many seconds for it."""
+    """Return the result of a case; None if there is none after so many seconds of processor time."""
     end, before = time.monotonic() + seconds, _starved(process.pid)
     while process.poll() is None or not lines.empty():
         left = end + _starved(process.pid) - before - time.monotonic()
@@ -138,7 +138,7 @@ def _in_time(process: subprocess.Popen[str], lines: queue.Queue[str | None], sec
 
 
 def _starved(process: int | str) -> float:
-    """Seconds for which a process was ready but had no processor, where the system tells."""
+    """Return the seconds for which a process waited for a processor, if the system provides them."""
     try:
         return int(Path(f"/proc/{process}/schedstat").read_text().split()[1]) * 1e-9
     except (OSError, ValueError, IndexError):
@@ -146,7 +146,7 @@ def _starved(process: int | str) -> float:
 
 
 def _next(lines: queue.Queue[str | None], seconds: float) -> dict[str, Any] | None:
-    """The next JSON line; None where none comes in time, or ever."""
+    """Return the next JSON line; None if none comes in time."""
     try:
         line = lines.get(timeout=seconds)
     except queue.Empty:
@@ -155,8 +155,8 @@ def _next(lines: queue.Queue[str | None], seconds: float) -> dict[str, Any] | No
 
 
 def worker(seed: int, only: str | None, shared: bool) -> None:
-    """Read indexes, try their cases, tell what came of each."""
-    import oracles  # late: the process that only watches needs none of it
+    """Read indices, run their cases, and print the result of each."""
+    import oracles  # late: the supervising process does not need it
 
     told, sys.stdout = sys.stdout, sys.stderr
     with tempfile.TemporaryDirectory() as folder:
@@ -168,14 +168,14 @@ def worker(seed: int, only: str | None, shared: bool) -> None:
 
 
 def warm_up(bench: Any, only: str | None) -> None:
-    """Load what is loaded on first use, so that it counts towards no case."""
+    """Load everything that is loaded on first use, so that no case is charged for it."""
     for form in (only,) if only else ("c3d", "trc", "csv", "trial", "stored"):
         for index in range(2):
             bench.judge(bench.case(0, index, form))
 
 
 def attempt(bench: Any, seed: int, index: int, only: str | None = None) -> dict[str, Any]:
-    """Try one case within its bounds."""
+    """Run one case within its limits."""
     with _bounded(WHOLE_RUN):
         case = bench.case(seed, index, only)
     before = _peak(reset=True)
@@ -192,7 +192,7 @@ def attempt(bench: Any, seed: int, index: int, only: str | None = None) -> dict[
 
 @contextlib.contextmanager
 def _bounded(spare: int) -> Iterator[None]:
-    """Let the process ask for no more than so many bytes beyond what it holds, where the system can."""
+    """Limit the additional memory of the process, if the system supports it."""
     try:
         import resource
     except ImportError:
@@ -207,7 +207,7 @@ def _bounded(spare: int) -> Iterator[None]:
 
 
 def _peak(reset: bool = False) -> int:
-    """Largest memory that the process has held, bytes; since the last reset."""
+    """Return the peak memory of the process since the last reset, bytes."""
     if reset:
         with contextlib.suppress(OSError):
             Path("/proc/self/clear_refs").write_text("5")
@@ -258,7 +258,7 @@ def repeat(seed: int, index: int, only: str | None, shared: bool) -> int:
 
 
 def long_run(options: argparse.Namespace) -> int:
-    """All cases of a seed that no earlier call has tried, in several processes."""
+    """Run all cases of a seed that earlier calls have not run, in several processes."""
     options.state.mkdir(parents=True, exist_ok=True)
     name = f"{options.seed}{'-' + options.only if options.only else ''}{'-alone' if options.alone else ''}"
     log = options.state / f"seed-{name}.jsonl"

@@ -1,4 +1,4 @@
-"""What is spoiled: small files made here, and the shared recordings where they are."""
+"""Files to damage: small files made here, and the shared recordings if available."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ trials:
 
 @dataclass(frozen=True)
 class Seed:
-    """A sound file: its name (the ending tells how it is read), its bytes, its number of frames or rows."""
+    """A valid file: name (its ending determines the reader), bytes, and number of frames or rows."""
 
     name: str
     data: bytes
@@ -141,7 +141,7 @@ def csv() -> tuple[Seed, ...]:
 
 @functools.cache
 def finished(folder: Path) -> Path:
-    """A run folder with all artefacts, of the swinging link; with the trial that made it beside."""
+    """Return a run folder with all artefacts of the swinging link, beside its trial."""
     _link(folder)
     trial = folder / "link.yaml"
     trial.write_text("trial: link\nrecording: link.c3d\nout: done\n")
@@ -150,7 +150,7 @@ def finished(folder: Path) -> Path:
 
 
 def artefacts(folder: Path) -> tuple[Seed, ...]:
-    """Parquet, HDF5 and the records of a finished run."""
+    """Return the Parquet and HDF5 files and the records of a finished run."""
     done = finished(folder)
     files = [done / file for file in SCHEMAS if (done / file).is_file()]
     return tuple(Seed(path.name, path.read_bytes()) for path in files)

@@ -1,4 +1,4 @@
-"""Damage that knows nothing of the format: bits, bytes, blocks, lengths."""
+"""Damage that ignores the format: bits, bytes, blocks, lengths."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ INTERESTING = (0x00, 0x01, 0x7F, 0x80, 0xFE, 0xFF)
 
 
 def span(data: bytearray, rng: np.random.Generator, longest: int = 4096) -> slice:
-    """A stretch somewhere in the data, often short."""
+    """Return a random, often short range of the data."""
     length = int(min(len(data), 2 ** rng.uniform(0, np.log2(longest))))
     start = int(rng.integers(0, max(len(data) - length, 0) + 1))
     return slice(start, start + length)
@@ -24,7 +24,7 @@ def flip(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def flip_early(data: bytearray, rng: np.random.Generator) -> None:
-    """Headers stand in front."""
+    """Flip bits near the start, where headers are."""
     for _ in range(int(2 ** rng.uniform(0, 4))):
         if data:
             data[rng.integers(min(len(data), 2048))] = int(rng.integers(256))
@@ -59,7 +59,7 @@ def duplicate(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def swap(data: bytearray, rng: np.random.Generator) -> None:
-    """Two neighbouring stretches change places."""
+    """Exchange two neighbouring ranges."""
     where = span(data, rng)
     middle = (where.start + where.stop) // 2
     data[where] = data[middle : where.stop] + data[where.start : middle]
@@ -70,7 +70,7 @@ def append(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def move(data: bytearray, rng: np.random.Generator) -> None:
-    """A stretch is copied over another."""
+    """Copy one range over another."""
     source = bytes(data[span(data, rng)])
     target = int(rng.integers(0, max(len(data) - len(source), 0) + 1))
     data[target : target + len(source)] = source
@@ -81,7 +81,7 @@ RESIZING: tuple[Mutation, ...] = (truncate, truncate_a_little, remove, duplicate
 
 
 def apply(data: bytearray, rng: np.random.Generator, most: int = 3) -> None:
-    """A few of them."""
+    """Apply a few of them."""
     for _ in range(int(rng.integers(1, most + 1))):
         pool = IN_PLACE if rng.random() < 0.6 else RESIZING
         pool[rng.integers(len(pool))](data, rng)

@@ -1,4 +1,4 @@
-"""Damage that knows C3D: header words, parameters, groups, offsets, block numbers, counts that agree on a lie."""
+"""Damage specific to C3D: header words, parameters, groups, offsets, block numbers, consistently wrong counts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNTS = ("POINT:USED", "POINT:FRAMES", "POINT:DATA_START", "ANALOG:USED", "FORC
 
 @dataclass(frozen=True)
 class Place:
-    """Where a parameter stands: its group id, the bytes of the whole entry, of its type byte, of its values."""
+    """Position of a parameter: group id, and byte ranges of the entry, its type byte and its values."""
 
     name: str
     entry: int
@@ -35,7 +35,7 @@ def order(data: bytes | bytearray) -> str:
 
 
 def places(data: bytes | bytearray) -> list[Place]:
-    """All parameters of a sound file."""
+    """Return the positions of all parameters of a valid file."""
     endian, at, found, groups = order(data), (max(data[0], 2) - 1) * 512 + 4, [], {}
     while at + 2 <= len(data):
         length, group = struct.unpack("bb", data[at : at + 2])
@@ -45,7 +45,7 @@ def places(data: bytes | bytearray) -> list[Place]:
         offset = at + 2 + abs(length)
         step = struct.unpack(endian + "H", data[offset : offset + 2])[0]
         if group < 0:
-            groups.setdefault(-group, name)  # the first of two holds
+            groups.setdefault(-group, name)  # the first of two is valid
         elif offset + 4 <= len(data):
             rank = data[offset + 3]
             shape = tuple(data[offset + 4 : offset + 4 + rank])
@@ -69,7 +69,7 @@ def put_float(data: bytearray, at: int, value: float) -> None:
 
 
 def near(rng: np.random.Generator, value: int) -> int:
-    """A lie about a number: an awkward one, or close to the truth."""
+    """Return a wrong number: an awkward one, or one close to the truth."""
     chance = rng.random()
     if chance < 0.4:
         return int(rng.choice(WORDS))
@@ -141,7 +141,7 @@ def group_id(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def rename(data: bytearray, rng: np.random.Generator) -> None:
-    """A parameter is as good as lost, or comes twice."""
+    """Rename a parameter, so that it is missing or duplicated."""
     place, other = some(data, rng), some(data, rng)
     if place is None or other is None:
         return
@@ -151,14 +151,14 @@ def rename(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def lose_counts(data: bytearray, rng: np.random.Generator) -> None:
-    """Some of the parameters that hold counts are lost, so that fewer voices remain."""
+    """Remove some of the parameters that declare counts."""
     for place in places(data) if data else []:
         if place.name in COUNTS[:4] and rng.random() < 0.5:
             data[place.entry + 2] = ord("~")
 
 
 def agree_on_a_lie(data: bytearray, rng: np.random.Generator) -> None:
-    """Header and parameters name the same wrong number of frames."""
+    """Declare the same wrong number of frames in header and parameters."""
     if len(data) < 24:
         return
     first, last = struct.unpack(order(data) + "HH", data[6:10])
@@ -183,7 +183,7 @@ def first_bytes(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def poison_data(data: bytearray, rng: np.random.Generator) -> None:
-    """NaN, infinities and giants among the samples."""
+    """Put NaN, infinities and huge values among the samples."""
     for _ in range(int(2 ** rng.uniform(0, 8))):
         at = int(rng.integers(max(len(data) // 8, 1), len(data) + 1)) // 4 * 4
         put_float(data, at, float(rng.choice(FLOATS)))
@@ -211,7 +211,7 @@ IN_PLACE: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
 
 
 def apply(data: bytearray, rng: np.random.Generator) -> bool:
-    """A few of them; whether the file has still its length, so that its number of frames is known."""
+    """Apply a few of them; return whether the length is unchanged, so that the number of frames is known."""
     for _ in range(int(rng.integers(1, 4))):
         IN_PLACE[rng.integers(len(IN_PLACE))](data, rng)
     if rng.random() < 0.75:

@@ -1,4 +1,4 @@
-"""Damage that knows our HDF5: its seal, the index behind that, and the HDF5 behind both. Mostly with a right hash."""
+"""Damage specific to our HDF5: hash, index, and the HDF5 content, mostly with a valid hash."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ PATHS = ("", "/", "a//b", "../x", "a\0b", "joints", "joints/name/deeper", "a/" *
 
 
 def reseal(data: bytes) -> bytes:
-    """With the hash that the file should have, as whoever wants to deceive would write it."""
+    """Return the file with a valid hash, as an attacker would write it."""
     line, _, rest = data.partition(b"\n")
     return line[:-64] + hashlib.sha256(rest).hexdigest().encode() + b"\n" + rest
 
 
 def reindex(data: bytes, change: Callable[[Any], Any]) -> bytes:
-    """With another index, what follows where it was or as much later as the index is longer, and a right hash.
+    """Return the file with another index and a valid hash, with the rest at its old or shifted position.
 
     ``change`` is given the index and changes it, or returns what is to stand there: JSON values, or bytes.
     """
@@ -141,7 +141,7 @@ def _attributes(file: h5py.File, name: str, rng: np.random.Generator) -> None:
 
 
 def _index(data: bytes, rng: np.random.Generator) -> bytes:
-    """Nodes that stand elsewhere, are larger, of another type or name; provenance that is none; no JSON at all."""
+    """Change positions, sizes, types or names of nodes, break the provenance, or write no JSON at all."""
 
     def change(found: Any) -> Any:
         nodes, told = found["nodes"], found["provenance"]
@@ -179,7 +179,7 @@ def _index(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _structure(data: bytes, rng: np.random.Generator) -> bytes:
-    """Links, types and declarations that HDF5 allows and we never write."""
+    """Add links, types and declarations that HDF5 allows but we never write."""
     stream = io.BytesIO(data)
     makers: tuple[Callable[[h5py.File, str, np.random.Generator], None], ...]
     makers = (_links, _elsewhere, _huge, _kinds, _attributes)

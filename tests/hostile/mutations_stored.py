@@ -1,4 +1,4 @@
-"""Damage that knows Parquet and the JSON records beside the documents: columns, types, bombs, metadata."""
+"""Damage specific to Parquet and to JSON records: columns, types, bombs, metadata."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ META = (*META, "content", "facts", "reasons")
 
 
 def text(rng: np.random.Generator) -> str:
-    """A string that something may trip over."""
+    """Return a problematic string."""
     return TEXTS[rng.integers(len(TEXTS))]
 
 
 def named(rng: np.random.Generator) -> str:
-    """A key of our provenance."""
+    """Return a key of our provenance."""
     return "mocap-id." + META[rng.integers(len(META))]
 
 
 def parquet_columns(table: pa.Table, rng: np.random.Generator) -> pa.Table:
-    """Columns go, come, change place, name or type."""
+    """Remove, add, move, rename or convert columns."""
     k, what = int(rng.integers(table.num_columns)), int(rng.integers(9))
     name, column = table.column_names[k], table.column(k)
     if what == 0:
@@ -114,7 +114,7 @@ def parquet_metadata(table: pa.Table, rng: np.random.Generator) -> pa.Table:
 
 
 def parquet_bomb(table: pa.Table, rng: np.random.Generator) -> pa.Table:
-    """A small file of a great many rows, all alike."""
+    """Return a small file with a huge number of identical rows."""
     rows = int(rng.choice([1_000_000, 20_000_000]))
     names = [name for name in table.column_names if table.schema.types[table.schema.names.index(name)] != pa.string()][
         :2
@@ -137,7 +137,7 @@ def _edit_parquet(data: bytearray, rng: np.random.Generator) -> None:
         if table.num_columns:
             table = make(table, rng)
         if make is parquet_bomb:
-            break  # another change of so many rows would take the memory of whoever makes it
+            break  # further changes of so many rows would exhaust the memory
     stream = io.BytesIO()
     compression = str(rng.choice(["zstd", "snappy", "gzip", "none"]))
     version = str(rng.choice(["1.0", "2.6"]))
@@ -148,7 +148,7 @@ def _edit_parquet(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def record(data: bytearray, rng: np.random.Generator) -> None:
-    """The JSON beside the documents."""
+    """Damage the JSON record beside the documents."""
     if rng.random() < 0.35:
         mutations_bytes.apply(data, rng)
         return
@@ -208,7 +208,7 @@ def parquet(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def or_bytes(edit: Callable[[bytearray, np.random.Generator], None], data: bytearray, rng: np.random.Generator) -> None:
-    """Edit a file by its own library; where that will not write such a thing, spoil its bytes."""
+    """Edit a file with its library, or damage its bytes if the library refuses."""
     try:
         edit(data, rng)
     except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError):

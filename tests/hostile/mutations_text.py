@@ -1,4 +1,4 @@
-"""Damage that knows tables of text: TRC, MOT, CSV. Encodings, line ends, cells, rows, columns, headers that lie."""
+"""Damage specific to text tables (TRC, MOT, CSV): encodings, line ends, cells, rows, columns, wrong headers."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def lines_of(data: bytearray) -> list[bytes]:
 
 
 def cell(data: bytearray, rng: np.random.Generator) -> None:
-    """A few cells hold something else, mostly near the top."""
+    """Replace a few cells, mostly near the top."""
     lines = lines_of(data)
     for _ in range(int(2 ** rng.uniform(0, 4))):
         top = min(len(lines), 12) if rng.random() < 0.5 else len(lines)
@@ -76,7 +76,7 @@ def cell(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def header_number(data: bytearray, rng: np.random.Generator) -> None:
-    """A number of the first lines lies."""
+    """Change a number in the first lines."""
     lines = lines_of(data)
     rows = [row for row in range(min(len(lines), 8)) if any(byte in b"0123456789" for byte in lines[row])]
     if not rows:
@@ -113,7 +113,7 @@ def header_number(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def rows(data: bytearray, rng: np.random.Generator) -> None:
-    """Rows go, come twice, change places, get longer or shorter."""
+    """Remove, duplicate, exchange, extend or shorten rows."""
     lines = lines_of(data)
     for _ in range(int(rng.integers(1, 4))):
         k, other = int(rng.integers(len(lines))), int(rng.integers(len(lines)))
@@ -137,7 +137,7 @@ def rows(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def column(data: bytearray, rng: np.random.Generator) -> None:
-    """A column goes, comes twice or moves to the front."""
+    """Remove a column, duplicate it or move it to the front."""
     separator = b"\t" if b"\t" in data else b","
     lines, k, what = lines_of(data), int(rng.integers(8)), int(rng.integers(3))
     for row, line in enumerate(lines):
@@ -171,7 +171,7 @@ def insert(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def key(data: bytearray, rng: np.random.Generator) -> None:
-    """A name of the header changes its case, is lost or comes twice."""
+    """Change the case of a header's name, remove it or duplicate it."""
     old = str(rng.choice(KEYS)).encode()
     new = (old.upper(), b"", old + b" " + old, old[::-1], old + b"\n" + old)[rng.integers(5)]
     data[:] = bytes(data).replace(old, new, 1)

@@ -1,4 +1,4 @@
-"""Damage that knows YAML: values of the wrong kind, keys twice, aliases, bombs, tags, depth, files that are none."""
+"""Damage specific to YAML: wrong types, duplicate keys, aliases, bombs, tags, depth, other files."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ LINES = (
 
 
 def bomb(rng: np.random.Generator) -> str:
-    """A billion laughs."""
+    """Return a bomb of nested aliases (billion laughs)."""
     names = "abcdefghi"
     lines = [f"{names[0]}: &{names[0]} [lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
     lines += [f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]" for old, new in itertools.pairwise(names)]
@@ -162,7 +162,7 @@ def wide(rng: np.random.Generator) -> str:
 
 
 def value(text: str, rng: np.random.Generator) -> str:
-    """A value gives way to another."""
+    """Replace a value."""
     found = list(re.finditer(r"(?m)(?<=: ).+$|(?<=- ).+$", text))
     if not found:
         return text

@@ -1,4 +1,4 @@
-"""What must hold of anything that is read, however broken: it works, or it is one of the program's own errors."""
+"""Conditions for reading any file, however broken: success, or one of the program's own errors."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ from mocap_id import recording, runner
 from mocap_id.config import load
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError, NumericalError
-from mocap_id.recording.tables import read_table
+from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
+from mocap_id.workflows.inspect import describe
 
 SHARES = {"c3d": 38, "trc": 12, "mot": 10, "csv": 10, "trial": 9, "study": 4, "stored": 12, "record": 4, "run": 1}
 """How often each is tried, of a hundred."""
@@ -33,7 +34,7 @@ SHARES = {"c3d": 38, "trc": 12, "mot": 10, "csv": 10, "trial": 9, "study": 4, "s
 
 @dataclass(frozen=True)
 class Case:
-    """A spoiled file and how it is read: the format, the seed's name, the bytes, what is known of its frames."""
+    """A damaged file: format, name of its seed, bytes, and known number of frames."""
 
     form: str
     name: str
@@ -43,14 +44,14 @@ class Case:
 
 @dataclass(frozen=True)
 class Found:
-    """What came of a case: ``read``, ``refused`` or ``finding``, and what was said."""
+    """Result of a case: ``read``, ``refused`` or ``finding``, with its message."""
 
     outcome: str
     said: str = ""
 
 
 class Bench:
-    """The place where cases are made and tried; seeds are made once.
+    """Creation and execution of cases; seeds are made once.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class Bench:
         self.made.mkdir(exist_ok=True)
 
     def case(self, seed: int, index: int, form: str | None = None) -> Case:
-        """The case of these numbers, always the same."""
+        """Return the case of a seed and an index, always the same."""
         rng = np.random.default_rng([seed, index])
         names, shares = list(SHARES), np.array(list(SHARES.values())) / sum(SHARES.values())
         drawn = str(rng.choice(names, p=shares))
@@ -109,7 +110,7 @@ class Bench:
         return Case("record", seed.name, bytes(data))
 
     def _run(self, rng: np.random.Generator) -> Case:
-        """A file of a finished trial, or of what it was made from, spoiled before it is run once more."""
+        """Damage a file of a finished trial, or one of its inputs, and run the trial again."""
         done = hostile_seeds.finished(self.made)
         files = [path for path in done.rglob("*") if path.is_file() and path.name != "lock"]
         files += [self.made / "link.c3d", self.made / "link.yaml"] * 5
@@ -126,7 +127,7 @@ class Bench:
         return Case("run", path.relative_to(self.made).as_posix(), bytes(data))
 
     def judge(self, case: Case) -> Found:
-        """Try a case; everything but success and the program's own errors is a finding."""
+        """Run a case; any result except success or one of the program's own errors is a finding."""
         shutil.rmtree(self.place, ignore_errors=True)
         self.place.mkdir()
         try:
@@ -141,7 +142,7 @@ class Bench:
 
 
 def _judged(error: MocapIdError, case: Case) -> Found:
-    """One of the program's own errors: fine, if it names its file and no memory ran out behind it."""
+    """Accept one of the program's own errors if it names its file and memory did not run out."""
     behind: BaseException | None = error
     while behind is not None:
         if isinstance(behind, MemoryError):
@@ -171,7 +172,7 @@ def _one(seeds: tuple[hostile_seeds.Seed, ...], rng: np.random.Generator) -> hos
 
 
 def _frames(folder: Path, seed: hostile_seeds.Seed) -> int:
-    """The frames of a sound seed; -1 where it is none."""
+    """Return the number of frames of a valid seed; -1 if it is invalid."""
     if seed.frames >= 0:
         return seed.frames
     path = folder / seed.name
@@ -204,7 +205,7 @@ def _read_c3d(bench: Bench, case: Case) -> str:
     path = bench.place / case.name
     path.write_bytes(case.data)
     found = _read_with_units(path)
-    json.dumps(recording.describe(found), allow_nan=False)
+    json.dumps(describe(found), allow_nan=False)
     count = len(found.frames)
     if found.positions.shape != (count, len(found.labels), 3) or len(found.time) != count:
         return f"{count} frames, but positions of shape {found.positions.shape} and {len(found.time)} times"
@@ -218,7 +219,7 @@ def _read_c3d(bench: Bench, case: Case) -> str:
 
 
 def _read_with_units(path: Path) -> recording.Recording:
-    """As a user would who is told to say the unit."""
+    """Read a file as a user would after being asked for the unit."""
     try:
         return recording.read(path)
     except MocapIdError as error:
@@ -232,7 +233,7 @@ _BLANK = b" \t\x0b\x0c\x1c\x1d\x1e\x1f\x85\xa0"
 
 
 def _rows(data: bytes, first: Callable[[bytes], bool]) -> int:
-    """Lines with something on them, from the first of the table's."""
+    """Count non-empty lines from the table's first line."""
     lines = [line for line in data.splitlines() if line.strip(_BLANK)]
     start = next((k for k, line in enumerate(lines) if first(line)), len(lines))
     return len(lines) - start
@@ -242,7 +243,7 @@ def _read_trc(bench: Bench, case: Case) -> str:
     path = bench.place / case.name
     path.write_bytes(case.data)
     found = recording.read(path)
-    json.dumps(recording.describe(found), allow_nan=False)
+    json.dumps(describe(found), allow_nan=False)
     rows = _rows(b"\n".join(case.data.splitlines()[4:]), lambda line: line.strip(_BLANK)[:1].isdigit())
     return "" if len(found.frames) == rows else f"{len(found.frames)} frames read of {rows} rows"
 
@@ -256,7 +257,7 @@ def _read_mot(bench: Bench, case: Case) -> str:
         return f"{len(table.time)} rows read of {rows}"
     beside = bench.place / "link.trc"
     beside.write_bytes(hostile_seeds.trc(bench.made, False)[0].data)
-    json.dumps(recording.describe(recording.read(beside, path)), allow_nan=False)
+    json.dumps(describe(recording.read(beside, path)), allow_nan=False)
     return ""
 
 
@@ -274,7 +275,7 @@ def _read_csv(bench: Bench, case: Case) -> str:
 
 
 def _surround(folder: Path) -> None:
-    """What hostile paths may meet: a pipe, a ring of links, a folder, a socket, a very large file."""
+    """Create targets of hostile paths: a pipe, circular links, a folder, a socket, a very large file."""
     (folder / "trial.c3d").write_bytes(hostile_seeds.c3d(False)[0].data)
     (folder / "hand.csv").write_bytes(hostile_seeds.csv()[0].data)
     import os
@@ -322,7 +323,7 @@ def _read_stored(bench: Bench, case: Case) -> str:
 
 
 def _read_record(bench: Bench, case: Case) -> str:
-    """The records decide what an older run wrote, and so what may be deleted."""
+    """Read records, which decide what an older run wrote and what may be deleted."""
     run = bench.place / "run"
     shutil.copytree(hostile_seeds.finished(bench.made), run)
     (bench.place / "x").write_text("precious")
@@ -331,7 +332,7 @@ def _read_record(bench: Bench, case: Case) -> str:
     folder, stage = Folder(run), case.name.removesuffix(".json")
     documents = folder.documents(stage)
     folder.origin(stage, ["summary.json", "report.html"])
-    runner.refusals.remembered(run, "segment", "x")
+    runner.refusals.stored_refusal(run, "segment", "x")
     folder.forget(stage, [])
     if not isinstance(documents, dict) or not (bench.place / "x").exists():
         return f"documents {documents!r}"

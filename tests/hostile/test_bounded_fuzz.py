@@ -1,4 +1,4 @@
-"""A short run of the fuzzing harness, always the same; `make fuzz` makes long ones. And laws that hypothesis tries."""
+"""A short, reproducible fuzzing run (`make fuzz` makes long ones), and properties tested by hypothesis."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mocap_id.config import load
 from mocap_id.config.source import read
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, RecordingError, StoreError
-from mocap_id.recording.tables import parse_table
+from mocap_id.recording.text_tables import parse_table
 from mocap_id.store.atomic import within
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="bounds and pipes are those of other systems")
@@ -33,13 +33,13 @@ UNHURRIED = settings(
 
 
 def test_hundreds_of_spoiled_files() -> None:
-    """No traceback, no hang, no flood of memory, no count that is wrong in silence."""
+    """No traceback, no hang, no excessive memory, no silently wrong count."""
     tally = fuzz.Tally()
     for told in fuzz.campaign(SEED, iter(range(NUMBER)), shared=False):
         tally.add(told)
     assert tally.number == NUMBER
     assert tally.findings == [], tally.findings
-    for form in oracles.SHARES:  # each was tried, and not all of it was refused
+    for form in oracles.SHARES:  # each format was run, and some files were accepted
         assert sum(tally.outcomes[f"{form} {outcome}"] for outcome in ("read", "refused")) > 0, form
     assert sum(tally.outcomes[f"{form} read"] for form in oracles.SHARES) > NUMBER // 10
 
@@ -69,7 +69,7 @@ def test_the_judge_can_tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bro
 
 
 def test_the_watch_sees_what_no_reader_can_tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader that asks for a gigabyte, hangs or dies is found, and the next case is tried by a new process."""
+    """A reader that allocates a gigabyte, hangs or crashes is found, and a new process runs the next case."""
     script = tmp_path / "spoiled.py"
     script.write_text(
         f"import os, sys, time\nsys.path.insert(0, {str(fuzz.HERE)!r})\nimport fuzz, oracles\n"
@@ -91,7 +91,7 @@ def test_the_watch_sees_what_no_reader_can_tell(tmp_path: Path, monkeypatch: pyt
 
 
 def test_making_a_case_takes_no_machine_down(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A table of twenty million rows was once to have three thousand columns more: nothing changes such a table."""
+    """Mutations leave very large tables unchanged: adding three thousand columns once exhausted memory."""
     stream = io.BytesIO()
     pq.write_table(pa.table({"time": [0.0, 0.1], "frame": [1, 2]}), stream)
     bomb, made = pa.table({"time": [1.0]}), 0

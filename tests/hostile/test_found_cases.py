@@ -1,4 +1,4 @@
-"""Every input that once brought a traceback, a hang, a flood of memory or a wrong count: kept as its recipe."""
+"""Every input that once caused a traceback, a hang, excessive memory or a wrong count, kept as a recipe."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording.c3d_package import package_differences
-from mocap_id.recording.tables import read_table
+from mocap_id.recording.text_tables import read_table
 from mocap_id.store import Folder
 
 POINTS = body(40, 6) * 1e3
@@ -38,7 +38,7 @@ def read_c3d(folder: Path, data: bytes) -> recording.Recording:
 
 
 def with_frames(data: bytes, frames: int) -> bytes:
-    """A file whose header and parameters agree on another number of frames than it holds."""
+    """Return a file whose header and parameters declare the same wrong number of frames."""
     lying = bytearray(data)
     mutations_c3d.put_word(lying, 8, struct.unpack("<H", lying[6:8])[0] + frames - 1)
     for place in mutations_c3d.places(lying):
@@ -49,10 +49,10 @@ def with_frames(data: bytes, frames: int) -> bytes:
 
 @pytest.mark.parametrize(
     ("frames", "told"),
-    [(35, "is not empty and has room for 5 more"), (39, "room for 1 more"), (41, "hold hardly anything but zeros")],
+    [(35, "frames, enough for 5 more"), (39, "enough for 1 more"), (41, "contain almost only zeros")],
 )
 def test_counts_that_agree_on_a_lie_are_told(tmp_path: Path, frames: int, told: str) -> None:
-    """The size leaves open how many frames there are, as far as the last block's padding goes."""
+    """The file's size does not determine the number of frames within the last block's padding."""
     data = with_frames(build_c3d(POINTS), frames)
     found = read_c3d(tmp_path, data)
     assert len(found.frames) == frames
@@ -62,7 +62,7 @@ def test_counts_that_agree_on_a_lie_are_told(tmp_path: Path, frames: int, told: 
 
 @pytest.mark.parametrize("frames", [60, 1000, 65535])
 def test_frames_that_are_not_there_are_refused(tmp_path: Path, frames: int) -> None:
-    with pytest.raises(RecordingError, match="promises"):
+    with pytest.raises(RecordingError, match="declares"):
         read_c3d(tmp_path, with_frames(build_c3d(POINTS), frames))
 
 
@@ -71,17 +71,17 @@ def test_a_sound_file_says_nothing_of_its_end(tmp_path: Path) -> None:
 
 
 def test_plates_that_no_parameter_tells_of_take_no_memory(tmp_path: Path) -> None:
-    """65,535 plates of some thousand samples each were gigabytes."""
+    """65,535 plates of some thousand samples each would need gigabytes."""
     analog = np.random.default_rng(0).normal(size=(160, 6))
     parameters = plate_parameters(2, range(1, 7)) | {"FORCE_PLATFORM:USED": -1}
     found = read_c3d(tmp_path, build_c3d(POINTS, analog=analog, parameters=parameters))
     assert [plate.index for plate in found.plates] == [1, 2]
-    assert "promises 65535 plates, TYPE tells of 1" in found.plates[1].problem
+    assert "declares 65535 plates and TYPE 1" in found.plates[1].problem
 
 
 @pytest.mark.parametrize("block", [0, 1, 3, 255])
 def test_a_parameter_block_where_the_library_looks_for_none(tmp_path: Path, block: int) -> None:
-    """Its UnboundLocalError came through; the bytes can be read all the same where the header alone is broken."""
+    """The library's UnboundLocalError was not caught; if only the header is broken, the file can still be read."""
     data = bytearray(build_c3d(POINTS))
     data[0] = block
     if block > 2:
@@ -90,11 +90,11 @@ def test_a_parameter_block_where_the_library_looks_for_none(tmp_path: Path, bloc
     else:
         found = read_c3d(tmp_path, bytes(data))
         np.testing.assert_allclose(found.positions, POINTS * 1e-3, atol=1e-6)
-        assert any("does not read this file" in said for said in package_differences(tmp_path / "case.c3d"))
+        assert any("cannot read this file" in said for said in package_differences(tmp_path / "case.c3d"))
 
 
 def test_a_channel_map_without_dimensions(tmp_path: Path) -> None:
-    """IndexError came through."""
+    """An IndexError was not caught."""
     analog = np.random.default_rng(0).normal(size=(160, 6))
     parameters = plate_parameters(2, range(1, 7)) | {"FORCE_PLATFORM:CHANNEL": 1}
     (plate,) = read_c3d(tmp_path, build_c3d(POINTS, analog=analog, parameters=parameters)).plates
@@ -112,17 +112,17 @@ def test_numbers_of_frames_that_are_none(tmp_path: Path, declared: str) -> None:
     cells[2] = declared.encode()
     path.write_bytes(b"\n".join([*lines[:2], b"\t".join(cells), *lines[3:]]))
     if declared.startswith("9"):
-        with pytest.raises(RecordingError, match="promises"):
+        with pytest.raises(RecordingError, match="declares"):
             recording.read(path)
     else:
         found = recording.read(path)
         assert len(found.frames) == 100
-        assert any("does not say how many frames" in oddity for oddity in found.oddities)
+        assert any("no valid number of frames" in oddity for oddity in found.oddities)
 
 
 @pytest.mark.parametrize("declared", ["0", "-100", "nan", "inf", "1e999", "1e-320"])
 def test_rates_that_are_none(tmp_path: Path, declared: str) -> None:
-    """ZeroDivisionError came through."""
+    """A ZeroDivisionError was not caught."""
     path, lines = trc(tmp_path)
     rest = lines[2].partition(b"\t")[2]
     path.write_bytes(b"\n".join([*lines[:2], declared.encode() + b"\t" + rest, *lines[3:]]))
@@ -133,7 +133,7 @@ def test_rates_that_are_none(tmp_path: Path, declared: str) -> None:
 @pytest.mark.parametrize("cell", ["9" * 25, "9" * 5000, "1e400", "²"])
 @pytest.mark.parametrize("column", [0, 1, 4])
 def test_giants_among_the_cells(tmp_path: Path, cell: str, column: int) -> None:
-    """OverflowError came through, or a frame number wrapped around."""
+    """An OverflowError was not caught, or a frame number wrapped around."""
     path, lines = trc(tmp_path)
     cells = lines[20].split(b"\t")
     cells[column] = cell.encode()
@@ -144,7 +144,7 @@ def test_giants_among_the_cells(tmp_path: Path, cell: str, column: int) -> None:
         assert "link.trc" in str(error)
     else:
         assert column == 4
-        assert any("count as missing" in oddity for oddity in found.oddities)
+        assert any("were set to missing" in oddity for oddity in found.oddities)
 
 
 def test_a_quote_swallows_no_rows(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_a_quote_swallows_no_rows(tmp_path: Path) -> None:
 
 
 def test_a_whitespace_table_with_a_cell_too_many(tmp_path: Path) -> None:
-    """The columns of all rows were shifted in silence."""
+    """The columns of all rows were silently shifted."""
     path, lines = trc(tmp_path)
     rows = [line.replace(b"\t", b" ") + b" 1.0" for line in lines[6:] if line]
     path.write_bytes(b"\n".join([*lines[:6], *rows]))
@@ -173,7 +173,7 @@ def test_a_whitespace_table_with_a_cell_too_many(tmp_path: Path) -> None:
 
 
 def test_many_names_above_many_short_lines(tmp_path: Path) -> None:
-    """Blank cells for all of them were terabytes for a file of megabytes."""
+    """Blank cells for all names needed terabytes for a file of megabytes."""
     rows = "\n".join(f"{k}\t{k / 100}" for k in range(1, 20_001))
     heads = {
         "a.trc": "PathFileType\t4\nDataRate\tNumFrames\tNumMarkers\tUnits\n100\t20000\t99999\tmm\nFrame#\tTime",
@@ -181,13 +181,13 @@ def test_many_names_above_many_short_lines(tmp_path: Path) -> None:
     }
     for name, head in heads.items():
         (tmp_path / name).write_text(head + "\tx\t\t" * 20_000 + "\tx\n" + rows)
-        with pytest.raises(RecordingError, match=rf"{name}: 20000 lines leave most of"):
+        with pytest.raises(RecordingError, match=rf"{name}: 20000 lines omit most of"):
             (recording.read if name == "a.trc" else read_table)(tmp_path / name)
 
 
 @pytest.mark.parametrize("end", [b"\x0b", b"\x0c", b"\x1c", b"\xc2\x85", b"\xe2\x80\xa8"])
 def test_only_line_ends_end_lines(tmp_path: Path, end: bytes) -> None:
-    """A form feed or U+0085 within a label is no end of a line."""
+    """A form feed or U+0085 within a label does not end a line."""
     path, lines = trc(tmp_path)
     path.write_bytes(b"\n".join([*lines[:3], lines[3].replace(b"L4", b"L" + end + b"4"), *lines[4:]]))
     assert len(recording.read(path).frames) == 100
@@ -198,7 +198,7 @@ def test_only_line_ends_end_lines(tmp_path: Path, end: bytes) -> None:
 
 @pytest.mark.parametrize(("cell", "row"), [("9" * 25, 8), ("9" * 25, 40), ("1e400", 8), ("1e400", 106)])
 def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
-    """An endless last time passed for one that increases."""
+    """An infinite last time was accepted as increasing."""
     path = tmp_path / "grf.mot"
     lines = hostile_seeds.mot(False)[0].data.split(b"\n")
     lines[row] = cell.encode() + b"\t" + lines[row].partition(b"\t")[2]
@@ -220,14 +220,14 @@ def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
         ("deep: " + "{a: " * 40 + "}" * 40, "more than 32 deep"),
         ("wide: [" + "1," * 600 + "]", "more than 500 values"),
         ("trial: !!python/object/apply:os.system [echo]", "tag"),
-        ("trial: x\ntrial: y", "stands twice"),
+        ("trial: x\ntrial: y", "is given twice"),
         ('recording: "a\\0b"\ntrial: x', ""),
         (
             "trial: x\nrecording: x.c3d\nout: runs/" + "x" * 300,
             "line 3: the folder of the results",
         ),  # case 5760 of 20261
         ("trial: x\nrecording: x.c3d\nout: " + "runs/" * 1000, "longer than this system allows"),
-        ('trial: x\nrecording: x.c3d\nout: "a\\0b"', "can be none"),
+        ('trial: x\nrecording: x.c3d\nout: "a\\0b"', "is not a valid path"),
     ],
 )
 def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str) -> None:
@@ -243,7 +243,7 @@ def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_home_of_nobody(tmp_path: Path) -> None:
-    """RuntimeError came through."""
+    """A RuntimeError was not caught."""
     path = tmp_path / "trial.yaml"
     path.write_text("trial: x\nrecording: ~nobody-of-this-name/trial.c3d\n")
     with pytest.raises(RecordingError, match="no such file"):
@@ -260,7 +260,7 @@ def edited(data: bytes, change: object) -> bytes:
 
 
 def many_ways(file: h5py.File) -> None:
-    """Each level is reached by two ways: 2 to the 40th ways in all."""
+    """Return a file in which each level has two paths: 2 to the 40th paths in all."""
     group = file.create_group("extra")
     for _ in range(40):
         group["a"] = below = group.create_group("b")
@@ -268,7 +268,7 @@ def many_ways(file: h5py.File) -> None:
 
 
 def long_texts(file: h5py.File) -> None:
-    """4096 strings as wide as the longest are gigabytes."""
+    """Return a file in which 4096 strings, padded to the longest, need gigabytes."""
     texts = file.create_dataset("extra", (1 << 12,), h5py.string_dtype(), chunks=(1 << 12,), compression="gzip")
     texts[0] = "x" * (1 << 18)
 
@@ -294,7 +294,7 @@ HDF5 = {
 
 @pytest.mark.parametrize("case", HDF5)
 def test_trees_that_nobody_wrote(tmp_path: Path, made: Path, case: str) -> None:
-    """Edited, they are refused; with a right hash as well, HDF5 is still not asked what stands in them."""
+    """Edited files are refused; even with a valid hash, their content is not read with HDF5."""
     sound = (made / "done" / "chain.h5").read_bytes()
     changed = edited(sound, HDF5[case])
     path = tmp_path / "chain.h5"
@@ -314,14 +314,14 @@ def told(key: str, value: object) -> Callable[[Any], None]:
 
 
 INDEXES: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "after the end": (node("joints/centre", "<f8", [2, 2], 1 << 30), "ends after the file"),
+    "after the end": (node("joints/centre", "<f8", [2, 2], 1 << 30), "ends after the end of the file"),
     "before the start": (node("joints/centre", "<f8", [2, 2], -8), "shape or place"),
     "no place": (node("joints/centre", "<f8", [2, 2], 1.5), "shape or place"),
     "true": (node("joints/centre", "<f8", [True, 4], 0), "shape or place"),
     "no numbers": (node("joints/centre", "<f8", "22", 0), "shape or place"),
     "no shape": (node("joints/centre", "<f8", 4, 0), "is damaged"),
-    "gigabytes": (node("joints/centre", "<f8", [1 << 30], 0), "ends after the file"),
-    "more than any memory": (node("joints/centre", "<f8", [1 << 40] * 9, 0), "ends after the file"),
+    "gigabytes": (node("joints/centre", "<f8", [1 << 30], 0), "ends after the end of the file"),
+    "more than any memory": (node("joints/centre", "<f8", [1 << 40] * 9, 0), "ends after the end of the file"),
     "empty, but larger than any memory": (node("joints/centre", "<f8", [0, *[1 << 40] * 9], 0), "is damaged"),
     "a hundred dimensions": (node("joints/centre", "<f8", [1] * 100, 0), "is damaged"),
     "the same bytes over and over": (
@@ -365,7 +365,7 @@ def test_indexes_that_nobody_wrote(tmp_path: Path, made: Path, case: str) -> Non
 
 
 def looping(data: bytes) -> bytes:
-    """The first string of the heap is so long that the library's place in it comes round to where it was."""
+    """Return a file whose first string is so long that the library's offset in the heap wraps around."""
     spoilt = bytearray(data)
     struct.pack_into("<Q", spoilt, data.index(b"GCOL") + 24, 2**64 - 16)
     return bytes(spoilt)
@@ -373,7 +373,7 @@ def looping(data: bytes) -> bytes:
 
 @pytest.mark.parametrize("kind", ["spoilt", "with a right hash", "of an earlier version"])
 def test_a_heap_that_hdf5_never_leaves(tmp_path: Path, made: Path, kind: str) -> None:
-    """Case 240 of seed 1005: HDF5 2.0 goes round in a heap of strings without end."""
+    """Case 240 of seed 1005: HDF5 2.0 loops endlessly in a heap of strings."""
     whole = (made / "done" / "chain.h5").read_bytes()
     spoilt = looping(whole[whole.index(b"\x89HDF") :] if "earlier" in kind else whole)
     (tmp_path / "chain.h5").write_bytes(mutations_hdf5.reseal(spoilt) if "right" in kind else spoilt)
@@ -383,7 +383,7 @@ def test_a_heap_that_hdf5_never_leaves(tmp_path: Path, made: Path, kind: str) ->
     ended = subprocess.run(
         [sys.executable, "-c", script, tmp_path], capture_output=True, text=True, timeout=60, check=False
     )
-    complaint = {"spoilt": "is damaged or was edited", "of an earlier version": "HDF5 without a seal"}.get(kind, "")
+    complaint = {"spoilt": "is damaged or was edited", "of an earlier version": "HDF5 without the hash"}.get(kind, "")
     assert complaint in ended.stderr
     assert (ended.returncode == 0) == (kind == "with a right hash"), ended.stderr
 
@@ -394,7 +394,7 @@ def one_many_times(table: pa.Table) -> pa.Table:
 
 
 PARQUET = {
-    "a column twice": (lambda table: table.append_column("time", table.column("time")), "stands twice"),
+    "a column twice": (lambda table: table.append_column("time", table.column("time")), "occurs twice"),
     "columns without number": (
         lambda table: pa.table({f"theta_{k}": pa.nulls(1, pa.float64()) for k in range(1, 6000)}),
         "6000",

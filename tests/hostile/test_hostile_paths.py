@@ -1,4 +1,4 @@
-"""What is no plain file is not read, and nothing is written or deleted outside the run folder."""
+"""Only plain files are read, and nothing is written or deleted outside the run folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a syste
 
 
 def spoilt(folder: Path, kind: str) -> Path:
-    """Something that is no plain file."""
+    """Something that is not a plain file."""
     path = folder / "thing.c3d"
     if kind == "pipe":
         os.mkfifo(path)
@@ -80,7 +80,8 @@ def test_a_recording_may_be_a_link(tmp_path: Path) -> None:
 def test_a_file_that_grows_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "grows"
     path.write_bytes(b"one")
-    with pytest.raises(plain_files.ChangedError, match="changed while it was read"), plain_files.opened(path) as stream:
+    changed = pytest.raises(plain_files.ChangedError, match="changed while it was being read")
+    with changed, plain_files.open_file(path) as stream:
         stream.read()
         with path.open("ab") as more:
             more.write(b"two")
@@ -88,7 +89,7 @@ def test_a_file_that_grows_while_it_is_read(tmp_path: Path) -> None:
 
 @pytest.fixture
 def elsewhere(tmp_path: Path) -> Path:
-    """A folder that is none of a run's business; it must stay as it is."""
+    """A folder outside a run that must not change."""
     folder = tmp_path / "elsewhere"
     folder.mkdir()
     (folder / "precious").write_text("mine")
@@ -105,9 +106,9 @@ def untouched(elsewhere: Path) -> bool:
 def test_a_name_that_leads_out_is_not_written(tmp_path: Path, name: str) -> None:
     run = tmp_path / "run"
     run.mkdir()
-    with pytest.raises(StoreError, match="no name of a file"):
+    with pytest.raises(StoreError, match="not the name of a file"):
         replace_together(run, {"sound": b"1", name: b"2"})
-    with pytest.raises(StoreError, match="no name of a file"):
+    with pytest.raises(StoreError, match="not the name of a file"):
         Folder(run).remove([name])
     assert [path.name for path in tmp_path.rglob("*")] == ["run"]
 
@@ -174,7 +175,7 @@ def test_leftovers_are_not_sought_behind_links(tmp_path: Path, elsewhere: Path) 
     ],
 )
 def test_a_record_deletes_nothing_but_what_was_written(tmp_path: Path, elsewhere: Path, documents: object) -> None:
-    """Run folders are handed on, and with them records that somebody may have edited."""
+    """Run folders are passed on, with records that somebody may have edited."""
     run = tmp_path / "run"
     (run / "figures").mkdir(parents=True)
     folder = Folder(run)
@@ -190,7 +191,7 @@ def test_a_record_deletes_nothing_but_what_was_written(tmp_path: Path, elsewhere
 
 
 def test_what_somebody_has_changed_is_not_deleted_as_ours(tmp_path: Path) -> None:
-    """A record may name the user's own files, where the run folder is theirs."""
+    """A record may name the user's own files if the user's folder is the run folder."""
     folder = Folder(tmp_path)
     folder.write([Document("report.html", b"one"), Document("figures/a.svg", b"two")], ORIGIN)
     (tmp_path / "figures" / "a.svg").write_bytes(b"drawn over")
@@ -200,7 +201,7 @@ def test_what_somebody_has_changed_is_not_deleted_as_ours(tmp_path: Path) -> Non
 
 
 def test_an_out_that_is_a_link_is_somebodys_choice(tmp_path: Path, elsewhere: Path) -> None:
-    """Results go to another disk that way."""
+    """Users redirect results to another disk in this way."""
     (tmp_path / "run").symlink_to(elsewhere)
     folder = Folder(tmp_path / "run")
     with folder.locked():
@@ -213,7 +214,7 @@ def test_an_out_that_is_a_link_is_somebodys_choice(tmp_path: Path, elsewhere: Pa
 def test_a_finished_run_with_something_else_in_a_files_place(
     tmp_path: Path, elsewhere: Path, copied: Callable[[Path], Path], file: str, kind: str
 ) -> None:
-    """It is put right, or refused; it is neither followed nor waited for."""
+    """It is replaced or refused, never followed or waited for."""
     trial = load(copied(tmp_path))
     path = trial.out / file
     content = path.read_bytes() if path.exists() else b""
@@ -237,7 +238,7 @@ def test_a_finished_run_with_something_else_in_a_files_place(
 def test_a_recording_that_changes_while_it_is_read(
     tmp_path: Path, copied: Callable[[Path], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its hash would stand for content that nobody has read; times are put back, so that they do not tell."""
+    """Its hash would not match the content that was read; times are restored, so that they do not reveal the change."""
     trial = load(copied(tmp_path))
     path = trial.keys.recording.markers
     before, times = path.read_bytes(), path.stat()

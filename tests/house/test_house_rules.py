@@ -1,4 +1,4 @@
-"""What a stranger may rely on in every file of the source tree."""
+"""House rules for every file of the source tree."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted([*(ROOT / "pipeline").rglob("*.py"), *(ROOT / "cli").rglob("*.py")])
 MAX_FILE, MAX_FUNCTION = 350, 60
 LONGER = {
-    "pipeline/mocap_id/estimation/kernels.py": 480
+    "pipeline/mocap_id/estimation/filter_kernels.py": 480
 }  # numba keeps compiled code by file: the kernels stay together
 
 
@@ -30,7 +30,7 @@ def name(path: Path) -> str:
 
 
 def tracked() -> list[Path]:
-    """Files of the tree as git would take them; everything but what is ignored."""
+    """Return the files of the tree that git does not ignore."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if result.returncode:

@@ -1,4 +1,4 @@
-"""The tuple of stages holds together, and everything that is made from it is up to date."""
+"""The tuple of stages is consistent, and everything generated from it is up to date."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_what_is_commented_out_in_an_example_is_valid(path: Path, tmp_path: Path
 
 
 def uncommented(text: str) -> str:
-    """A line that starts with ``#`` and one blank is a remark; every other ``#`` at the start goes."""
+    """Remove the ``#`` at the start of all lines except remarks, which start with ``#`` and a blank."""
     return re.sub(r"^#(?! [^ ])", "", text, flags=re.MULTILINE)
 
 

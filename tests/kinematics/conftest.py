@@ -1,4 +1,4 @@
-"""A planar chain with markers, made here so that nothing of the program under test makes its own truth."""
+"""A planar chain with markers, simulated without any code under test."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Truth:
-    """Trajectories (F, M) complex, m, and what made them."""
+    """Simulated trajectories (F, M), m, and their true parameters."""
 
     points: NDArray[np.complex128]
     lateral: NDArray[np.float64]
@@ -23,7 +23,7 @@ class Truth:
 def make_chain(
     seed: int, *, joints: int = 3, markers: int = 5, frames: int = 400, noise: float = 0.0, missing: float = 0.0
 ) -> Truth:
-    """Joints that swing by 30 to 90 degrees in different rhythms; the base carries four still markers."""
+    """Return a chain with joints that swing by 30 to 90 degrees and four still base markers."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 2 * np.pi, frames)
     swing = np.radians(rng.uniform(15, 45, joints))
@@ -50,5 +50,5 @@ def make_chain(
 
 @pytest.fixture(scope="session")
 def chain():
-    """The maker of chains."""
+    """Return the function that simulates a chain."""
     return make_chain

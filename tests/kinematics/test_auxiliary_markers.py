@@ -1,4 +1,4 @@
-"""Markers about a joint that pull its centre (p_A of 3.15, lambda_A of 3.16)."""
+"""Markers around a joint that pull its centre (p_A of 3.15, lambda_A of 3.16)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PULL = 0.01
 
 
 def ankle(seed: int, slip: complex = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """A shank that turns by 13 degrees, its skin slipping by ``slip`` (m), and a marker on the joint; noise 0.5 mm."""
+    """Return a shank with an arc of 13 degrees, skin slide ``slip`` (m), and a marker on the joint; noise 0.5 mm."""
     rng = np.random.default_rng(seed)
     angle = np.radians(6.5) * np.sin(np.linspace(0, 6 * np.pi, 300))
     local = rng.uniform(-0.06, 0.06, 6) + 1j * rng.uniform(0.05, 0.4, 6)
@@ -27,7 +27,7 @@ def ankle(seed: int, slip: complex = 0.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def off(slip: complex = 0.0, error: complex = 0.0, pull: float = PULL) -> tuple[float, float]:
-    """rms error of the centre over five bodies, mm, without and with a joint marker that is misplaced by ``error``."""
+    """Return the rms error of the centre, mm, without and with a joint marker misplaced by ``error``."""
     centres = []
     for seed in range(5):
         points, marker = ankle(seed, slip)
@@ -39,22 +39,22 @@ def off(slip: complex = 0.0, error: complex = 0.0, pull: float = PULL) -> tuple[
 
 @pytest.mark.parametrize("slip", [2e-3, 2e-3j, 3.4e-3, 3.4e-3j])
 def test_a_marker_on_the_joint_helps_where_skin_slips(slip: complex) -> None:
-    """At 3.4 mm from 15.0 mm to 5.1 or, where skin slips along the shank, 11.9; the method's study has 15.1 and 6.7."""
+    """Measured: 15.0 mm falls to 5.1 or, with skin that slides along the shank, to 11.9."""
     without, pulled = off(slip)
-    assert without == pytest.approx(1e3 * abs(slip) / np.radians(13), rel=0.03)  # invisible but for this
+    assert without == pytest.approx(1e3 * abs(slip) / np.radians(13), rel=0.03)  # the slide is invisible otherwise
     assert pulled < 0.85 * without
 
 
 @pytest.mark.parametrize(("error", "spoilt"), [(5e-3, 0.9), (5e-3j, 2.5), (0.01j, 5.0)])
-def test_a_marker_beside_the_joint_spoils_what_is_clean(error: complex, spoilt: float) -> None:
-    """From 0.5 mm to 1.1, 3.2 and 6.3; the study of the method has 0.2 and 3.2."""
+def test_a_marker_beside_the_joint_harms_a_clean_fit(error: complex, spoilt: float) -> None:
+    """Measured: 0.5 mm grows to 1.1, 3.2 and 6.3."""
     without, pulled = off(0.0, error)
     assert without < 0.8
     assert pulled > spoilt
 
 
 @pytest.mark.parametrize("slip", [0.0, 3.4e-3])
-def test_the_centre_goes_from_its_own_place_to_the_marker_as_the_pull_grows(slip: float) -> None:
+def test_the_centre_moves_to_the_marker_as_the_pull_grows(slip: float) -> None:
     points, marker = ankle(1, slip)
     there = marker.mean() + 0.006 - 0.003j
     track = marker + 0.006 - 0.003j
@@ -67,7 +67,7 @@ def test_the_centre_goes_from_its_own_place_to_the_marker_as_the_pull_grows(slip
     assert distance[-1] < 1e-6
 
 
-def test_without_markers_about_a_joint_the_pull_says_nothing(chain) -> None:
+def test_without_joint_markers_the_pull_has_no_effect(chain) -> None:
     truth = chain(21, noise=1e-3, missing=0.05)
     plain = fit_chain(truth.points, truth.segment)
     for same in (fit_chain(truth.points, truth.segment, {}, 7.0), fit_chain(truth.points, truth.segment, None, 1e6)):
@@ -76,7 +76,7 @@ def test_without_markers_about_a_joint_the_pull_says_nothing(chain) -> None:
 
 
 def joints_of(truth) -> np.ndarray:
-    """(F, n) where the joints are."""
+    """Return the joint positions (F, n)."""
     turn = np.exp(1j * np.cumsum(truth.relative, axis=1))
     return np.cumsum(
         np.concatenate([truth.centres[:1] + 0 * turn[:, :1], turn[:, :-1] * truth.centres[1:]], axis=1), axis=1
@@ -85,8 +85,8 @@ def joints_of(truth) -> np.ndarray:
 
 @pytest.mark.parametrize("joint", [1, 2, 3])
 @pytest.mark.parametrize("pull", [PULL, 1e3])
-def test_what_agrees_pulls_nowhere(chain, joint: int, pull: float) -> None:
-    """Exact trajectories and an exact marker: the chain is exact too, with as many coordinates as there are markers."""
+def test_an_exact_joint_marker_changes_nothing(chain, joint: int, pull: float) -> None:
+    """The chain is exact too, with one coordinate per marker."""
     truth = chain(22)
     fit = fit_chain(truth.points, truth.segment, {joint: joints_of(truth)[:, joint - 1]}, pull)
     assert np.abs(np.abs(fit.centres) - np.abs(truth.centres)).max() < 1e-8
@@ -95,8 +95,8 @@ def test_what_agrees_pulls_nowhere(chain, joint: int, pull: float) -> None:
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])
-def test_only_the_joint_that_is_named_goes_to_the_marker(chain, joint: int) -> None:
-    """The others, as their own segments see them, hardly: the marker is 5 mm from its joint, fixed to the parent."""
+def test_only_the_named_joint_moves_to_the_marker(chain, joint: int) -> None:
+    """In their own segments, the other joints hardly move; the marker is 5 mm from its joint, fixed to the parent."""
     truth = chain(23, noise=3e-4)
     carried = np.exp(1j * np.concatenate([[0 * truth.relative[:, 0]], np.cumsum(truth.relative, axis=1).T])[joint - 1])
     track = joints_of(truth)[:, joint - 1] + 5e-3j * carried
@@ -110,7 +110,7 @@ def test_only_the_joint_that_is_named_goes_to_the_marker(chain, joint: int) -> N
 
 
 def positions(fit) -> np.ndarray:
-    """(F, n) joints of a fitted chain."""
+    """Return the joint positions (F, n) of a fitted chain."""
     turn = np.exp(1j * fit.angles)
     arms = np.concatenate([np.full((len(turn), 1), fit.centres[0]), turn[:, :-1] * fit.centres[1:]], axis=1)
     return np.cumsum(arms, axis=1)
@@ -125,7 +125,7 @@ def test_two_joints_may_be_named_in_any_order(chain) -> None:
     assert one.centres[0] != pytest.approx(fit_chain(truth.points, truth.segment).centres[0], abs=1e-5)
 
 
-def test_samples_that_are_missing_do_no_harm() -> None:
+def test_missing_samples_do_no_harm() -> None:
     points, marker = ankle(2, 3.4e-3)
     plain = fit_chain(points, SEGMENT).centres[0]
     never = fit_chain(points, SEGMENT, {1: np.full(len(marker), np.nan + 0j)}, PULL)
@@ -135,10 +135,10 @@ def test_samples_that_are_missing_do_no_harm() -> None:
     holed[np.random.default_rng(0).uniform(size=len(marker)) < 0.5] = np.nan
     half = fit_chain(points, SEGMENT, {1: holed}, 2 * PULL).centres[0]
     whole = fit_chain(points, SEGMENT, {1: marker}, PULL).centres[0]
-    assert abs(half - whole) < 0.05 * abs(whole - plain)  # half of the samples at twice the weight
+    assert abs(half - whole) < 0.05 * abs(whole - plain)  # half the samples at twice the weight
 
 
-def test_a_marker_seen_only_where_its_segment_is_not_is_not_used(chain) -> None:
+def test_a_joint_marker_seen_only_without_its_segment_is_not_used(chain) -> None:
     truth = chain(25, noise=5e-4)
     points = truth.points.copy()
     points[:100, truth.segment == 2] = np.nan

@@ -20,7 +20,7 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int) -> Non
     assert np.abs(fit.centres - truth.centres).max() < 1e-8
     angles = joint_angles(fit.angles)
     known = np.isfinite(angles).all(axis=1)
-    # the last segment's +Y goes to its markers, so its angle is known up to a constant
+    # the angle of the last segment is known up to a constant
     off = angles[known] - truth.relative[known]
     assert np.abs(off - off.mean(axis=0)).max() < 1e-7
     assert np.abs(off[:, :-1]).max(initial=0) < 1e-7
@@ -28,10 +28,10 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int) -> Non
 
 @dataclass(frozen=True)
 class Dense:
-    """Slopes of all residuals (T, 2 K, ...) by finite differences, their weights and the residuals themselves."""
+    """Derivatives of all residuals (T, 2 K, ...) by finite differences, their weights and the residuals."""
 
-    problem: room.Problem
-    state: room.State
+    problem: room.ChainProblem
+    state: room.ChainState
     common: np.ndarray
     swing: np.ndarray
     weight: np.ndarray
@@ -39,7 +39,7 @@ class Dense:
 
 
 def dense(truth, pinned: int | None) -> Dense:
-    """Five frames of a chain of three joints away from the solution; a marker on the joint ``pinned`` comes last."""
+    """Return five frames of a three-joint chain away from the solution; the last marker is on the joint ``pinned``."""
     moving = np.flatnonzero(truth.segment > 0)
     start = rigid_body_links(truth.points, truth.segment)
     points, segment, local = truth.points[:, moving] + 0.01, truth.segment[moving], start.local[moving]
@@ -47,22 +47,22 @@ def dense(truth, pinned: int | None) -> Dense:
         on_joint = points[:, :1] + 0.02j * np.arange(5)[:, None]
         points, segment, local = np.append(points, on_joint, axis=1), np.append(segment, pinned), np.append(local, 0)
     weights = np.random.default_rng(0).uniform(size=points.shape)
-    problem = room.Problem(points, weights, segment, np.arange(len(segment)) >= len(moving), 3)
-    state = room.State(start.centres, local, start.angles)
+    problem = room.ChainProblem(points, weights, segment, np.arange(len(segment)) >= len(moving), 3)
+    state = room.ChainState(start.centres, local, start.angles)
 
-    def predicted(common: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        z = room.predicted(problem, room.moved(state, (common, turns)))
+    def predict_markers(common: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        z = room.predict_markers(problem, room.apply_step(state, (common, turns)))
         return np.stack([z.real, z.imag], axis=2).reshape(5, -1)
 
     def slope(make) -> np.ndarray:
-        return (predicted(*make(1e-6)) - predicted(*make(-1e-6))) / 2e-6
+        return (predict_markers(*make(1e-6)) - predict_markers(*make(-1e-6))) / 2e-6
 
     none, still = np.zeros(problem.unknowns), np.zeros((5, 3))
     common = np.stack(
         [slope(lambda h, k=k: (none + h * np.eye(len(none))[k], still)) for k in range(len(none))], axis=2
     )
     swing = np.stack([slope(lambda h, k=k: (none, still + h * np.eye(3)[k])) for k in range(3)], axis=2)
-    z = problem.points - room.predicted(problem, state)
+    z = problem.points - room.predict_markers(problem, state)
     off = np.stack([z.real, z.imag], axis=2).reshape(5, -1)
     return Dense(problem, state, common, swing, np.repeat(weights, 2, axis=1), off)
 
@@ -80,10 +80,10 @@ def test_the_normal_equations_are_those_of_finite_differences(chain, pinned: int
 
 
 @pytest.mark.parametrize("pinned", [None, 1, 2, 3])
-def test_the_step_is_that_of_least_squares_with_all_unknowns_at_once(chain, pinned: int | None) -> None:
-    """What is pinned does not move; what the step makes of the markers is what dense least squares makes of them."""
+def test_the_step_equals_dense_least_squares(chain, pinned: int | None) -> None:
+    """Pinned markers do not move, and the markers move as in dense least squares."""
     by = dense(chain(3, frames=5), pinned)
-    common, turns = room.reduce(by.problem, by.state).step()
+    common, turns = room.eliminate_angles(by.problem, by.state).step()
     fixed = np.setdiff1d(np.arange(by.problem.unknowns), by.problem.free)
     assert len(fixed) == (0 if pinned is None else 2)
     assert not common[fixed].any()
@@ -93,7 +93,7 @@ def test_the_step_is_that_of_least_squares_with_all_unknowns_at_once(chain, pinn
         jacobian[t, :, : len(by.problem.free)] = by.common[t][:, by.problem.free]
         jacobian[t, :, len(by.problem.free) + 3 * t :][:, :3] = by.swing[t]
     weighted = (rows[..., None] * jacobian).reshape(-1, jacobian.shape[2])
-    best = np.linalg.lstsq(weighted, (rows * by.off).ravel(), rcond=1e-9)[0]  # the gauge is none of the data's business
+    best = np.linalg.lstsq(weighted, (rows * by.off).ravel(), rcond=1e-9)[0]  # the data do not determine the gauge
     step = np.concatenate([common[by.problem.free], turns.ravel()])
     assert weighted @ step == pytest.approx(weighted @ best, abs=1e-8)
 
@@ -110,7 +110,7 @@ def test_bursts_do_not_move_the_joints(chain) -> None:
     assert np.abs(hit.centres - truth.centres).max() < 3 * np.abs(plain.centres - truth.centres).max() + 2e-4
 
 
-def test_the_stated_deviations_are_those_of_repetition(chain) -> None:
+def test_standard_deviations_match_repetition(chain) -> None:
     fits = []
     for seed in range(40):
         truth = chain(9, frames=300)
@@ -119,7 +119,7 @@ def test_the_stated_deviations_are_those_of_repetition(chain) -> None:
         fits.append(fit_chain(truth.points + 1e-3 * noise, truth.segment))
     spread = np.std([fit.lengths for fit in fits], axis=0)
     stated = np.mean([fit.length_sd for fit in fits], axis=0)
-    assert stated == pytest.approx(spread, rel=0.35)  # the spread of 40 is known to 11 %, the stated to 16 %
+    assert stated == pytest.approx(spread, rel=0.35)  # sampling error: 11 % of the spread of 40, 16 % of the stated
     centre = np.array([fit.centres[0] for fit in fits])
     first = np.mean([np.diag(fit.covariance[0]) for fit in fits], axis=0)
     assert np.sqrt(first) == pytest.approx([centre.real.std(), centre.imag.std()], rel=0.35)

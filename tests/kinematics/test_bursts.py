@@ -1,4 +1,4 @@
-"""Bursts are found, movements are not."""
+"""Detection of bursts without false alarms for movements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ RATE = 100.0
 
 
 def spatial(plane: np.ndarray, noise: float = 5e-4) -> np.ndarray:
-    """(F, M, 3) from (F, M) complex, with noise out of the plane."""
+    """Return positions (F, M, 3) from complex (F, M), with noise out of the plane."""
     z = np.random.default_rng(0).normal(0, noise, plane.shape)
     return np.stack([plane.real, plane.imag, np.where(np.isfinite(plane), z, np.nan)], axis=2)
 
@@ -42,7 +42,7 @@ def test_a_burst_within_a_burst(chain) -> None:
 
 
 def test_a_marker_that_comes_back_another_way(chain) -> None:
-    """It is taken for a reflection that drifts."""
+    """It counts as a reflection that drifts."""
     points = spatial(chain(3).points)
     points[100:120, 6] += np.linspace([0.3, 0.0, 0.1], [0.15, 0.2, 0.0], 20)
     truth = np.zeros(points.shape[:2], dtype=bool)

@@ -1,4 +1,4 @@
-"""How far off the joint centres are said to be, where skin slides in step with the joints."""
+"""Covariance of the joint centres with skin that slides in step with the joints."""
 
 from __future__ import annotations
 
@@ -7,48 +7,57 @@ import pytest
 from scipy import stats
 
 from mocap_id.kinematics import fit_chain
-from mocap_id.kinematics.centre_covariance import centre_covariance, lasting_residuals, responses, shapes
-from mocap_id.kinematics.chain_equations import Problem, State, joint_positions, moved, predicted, reduce
+from mocap_id.kinematics.centre_covariance import centre_covariance, slide_responses, slide_shapes, slide_variances
+from mocap_id.kinematics.chain_equations import (
+    ChainProblem,
+    ChainState,
+    apply_step,
+    eliminate_angles,
+    joint_positions,
+    predict_markers,
+)
 from mocap_id.kinematics.links import rigid_body_links
 
-TOO_FEW, TOO_MANY = 0.88, 0.99  # of the 95 % intervals that hold the truth
+TOO_FEW, TOO_MANY = 0.88, 0.99  # share of 95 % intervals that contain the truth
 
 
-def posed(truth, weights: np.ndarray | float = 1.0, pinned: int | None = None) -> tuple[Problem, State]:
-    """The fit's equations for a chain of which every frame shows enough; ``pinned`` adds a marker on that joint."""
+def posed(truth, weights: np.ndarray | float = 1.0, pinned: int | None = None) -> tuple[ChainProblem, ChainState]:
+    """Return the fit's equations for a fully visible chain; ``pinned`` adds a marker on that joint."""
     moving = np.flatnonzero(truth.segment > 0)
     start = rigid_body_links(truth.points, truth.segment)
-    state = State(start.centres, start.local[moving], start.angles)
+    state = ChainState(start.centres, start.local[moving], start.angles)
     points, segment = truth.points[:, moving], truth.segment[moving]
     extra = 0
     if pinned is not None:
         joint = joint_positions(state)[0][:, pinned - 1 : pinned]
         points, segment, extra = np.concatenate([points, joint], axis=1), np.append(segment, pinned), 1
-        state = State(state.centres, np.append(state.local, 0), state.angles)
+        state = ChainState(state.centres, np.append(state.local, 0), state.angles)
     seen = np.isfinite(points)
     columns = np.arange(points.shape[1])
-    problem = Problem(np.where(seen, points, 0), seen * weights, segment, columns >= len(moving), len(state.centres))
+    problem = ChainProblem(
+        np.where(seen, points, 0), seen * weights, segment, columns >= len(moving), len(state.centres)
+    )
     assert int(problem.pinned.sum()) == extra
     return problem, settled(problem, state)
 
 
-def settled(problem: Problem, state: State) -> State:
-    """Gauss-Newton with the weights as they are."""
+def settled(problem: ChainProblem, state: ChainState) -> ChainState:
+    """Run Gauss-Newton with fixed weights."""
     for _ in range(12):
-        state = moved(state, reduce(problem, state).step())
+        state = apply_step(state, eliminate_angles(problem, state).step())
     return state
 
 
 @pytest.mark.parametrize(("joints", "pinned"), [(1, None), (2, None), (3, None), (3, 2)])
-def test_a_slide_moves_the_centres_as_finite_differences_say(chain, joints: int, pinned: int | None) -> None:
+def test_slide_responses_match_finite_differences(chain, joints: int, pinned: int | None) -> None:
     truth = chain(31, joints=joints, markers=3, frames=40)
     count = 3 * joints + (pinned is not None)
     weights = np.random.default_rng(0).uniform(0.3, 1.5, (40, count))
     weights[7:15, 1] = 0  # a gap
     problem, state = posed(truth, weights, pinned)
-    course, turn = shapes(problem, state), joint_positions(state)[1]
-    reduced = reduce(problem, state)
-    said = responses(problem, state, reduced, course, reduced.inverse[:, : 2 * problem.joints])  # (K, S, 2, 2 n)
+    course, turn = slide_shapes(problem, state), joint_positions(state)[1]
+    reduced = eliminate_angles(problem, state)
+    said = slide_responses(problem, state, reduced, course, reduced.inverse[:, : 2 * problem.joints])  # (K, S, 2, 2 n)
     assert np.sum(np.mean(course**2, axis=0), axis=1) == pytest.approx(1)
     step = 1e-5
     for marker in range(count):
@@ -57,7 +66,7 @@ def test_a_slide_moves_the_centres_as_finite_differences_say(chain, joints: int,
                 slide = np.zeros(problem.points.shape, dtype=complex)
                 slide[:, marker] = direction * course[:, marker, shape] * turn[:, problem.segment[marker] - 1]
                 centres = [
-                    settled(Problem(problem.points + sign * step * slide, *rest(problem)), state).centres
+                    settled(ChainProblem(problem.points + sign * step * slide, *rest(problem)), state).centres
                     for sign in (1, -1)
                 ]
                 slope = (centres[0] - centres[1]) / (2 * step)
@@ -65,12 +74,12 @@ def test_a_slide_moves_the_centres_as_finite_differences_say(chain, joints: int,
                 assert said[marker, shape, side] == pytest.approx(expected, abs=2e-5)
 
 
-def rest(problem: Problem) -> tuple:
+def rest(problem: ChainProblem) -> tuple:
     return problem.weights, problem.segment, problem.pinned, problem.joints
 
 
 def skin(truth, rng: np.random.Generator, size: float) -> np.ndarray:
-    """Every moving marker slides in its segment in step with the joints at both ends, ``size`` m rms a coordinate."""
+    """Let every moving marker slide in step with the joints at both ends, by ``size`` m rms per coordinate."""
     angle = np.cumsum(truth.relative, axis=1)
     ends = np.concatenate([truth.relative, 0 * truth.relative[:, :1]], axis=1)
     ends = ends - ends.mean(axis=0)
@@ -84,7 +93,7 @@ def skin(truth, rng: np.random.Generator, size: float) -> np.ndarray:
 
 
 def errors_in_deviations(chain, size: float, noise: float, count: int) -> np.ndarray:
-    """(count, 2) errors of the two lengths over their stated deviations."""
+    """Return errors (count, 2) of the two lengths over their standard deviations."""
     found = []
     for seed in range(count):
         truth = chain(seed, frames=120, markers=4)
@@ -96,8 +105,8 @@ def errors_in_deviations(chain, size: float, noise: float, count: int) -> np.nda
 
 
 @pytest.mark.parametrize(("size", "noise"), [(2e-3, 5e-4), (5e-3, 1e-3)])
-def test_the_intervals_of_lengths_hold_the_truth_where_skin_slides(chain, size: float, noise: float) -> None:
-    """Not more often than if they were far too wide, either; chains are independent, the two lengths of one are not."""
+def test_intervals_of_lengths_cover_the_truth_with_sliding_skin(chain, size: float, noise: float) -> None:
+    """They must not be far too wide either. Chains are independent, the two lengths of one chain are not."""
     off = errors_in_deviations(chain, size, noise, 60)
     within = np.abs(off) < stats.norm.ppf(0.975)
     for held in within.T:
@@ -105,14 +114,14 @@ def test_the_intervals_of_lengths_hold_the_truth_where_skin_slides(chain, size: 
     assert TOO_FEW <= within.mean() <= TOO_MANY
 
 
-def test_without_the_slide_they_would_not(chain) -> None:
-    """The sandwich alone, which sees no more than what the residuals show."""
+def test_the_sandwich_alone_does_not_cover_the_truth(chain) -> None:
+    """It contains only what the residuals show."""
     held = []
     for seed in range(20):
         truth = chain(seed, frames=120, markers=4)
         slid = truth.points + skin(truth, np.random.default_rng(1000 + seed), 2e-3)
         problem, state = posed(type(truth)(slid, truth.lateral, truth.segment, truth.centres, truth.relative))
-        reduced = reduce(problem, state)
+        reduced = eliminate_angles(problem, state)
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(reduced.scores, 20)]) @ reduced.inverse[:, :6]
         alone = 20 / 19 * blocks.T @ blocks
         whole = centre_covariance(problem, state, reduced)
@@ -127,14 +136,14 @@ def test_without_the_slide_they_would_not(chain) -> None:
     assert whole_held > TOO_FEW
 
 
-def test_camera_noise_is_no_slide(chain) -> None:
-    """White residuals leave next to nothing of their variance, 1 mm^2."""
-    slides = [lasting_residuals(*posed(chain(seed, frames=300, noise=1e-3))) for seed in range(10)]
+def test_camera_noise_is_not_a_slide(chain) -> None:
+    """Almost nothing remains of white residuals with a variance of 1 mm^2."""
+    slides = [slide_variances(*posed(chain(seed, frames=300, noise=1e-3))) for seed in range(10)]
     assert np.mean(slides) < 0.02e-6
 
 
-def test_a_slide_is_found_with_its_size(chain) -> None:
-    """Independent of the joints and slow, so that the fit takes out no more than the three of a segment's pose."""
+def test_the_size_of_a_slide_is_found(chain) -> None:
+    """The slide is slow and independent of the joints, so the fit absorbs only the three coordinates of a pose."""
     found = []
     for seed in range(12):
         truth = chain(seed, frames=600, noise=3e-4)
@@ -148,26 +157,26 @@ def test_a_slide_is_found_with_its_size(chain) -> None:
         angle = np.concatenate([0 * truth.relative[:, :1], np.cumsum(truth.relative, axis=1)], axis=1)
         points = truth.points + np.exp(1j * angle[:, truth.segment]) * slow
         moving = type(truth)(points, truth.lateral, truth.segment, truth.centres, truth.relative)
-        found.append(lasting_residuals(*posed(moving)).mean())
+        found.append(slide_variances(*posed(moving)).mean())
     assert np.sqrt(np.mean(found)) == pytest.approx(2e-3, rel=0.15)
 
 
-def test_the_pinned_and_the_unseen_slide_not_at_all(chain) -> None:
+def test_pinned_and_unseen_markers_do_not_slide(chain) -> None:
     truth = chain(33, noise=5e-4)
     truth.points[:, 8] = np.nan
     problem, state = posed_unseen(truth)
-    slide = lasting_residuals(problem, state)
+    slide = slide_variances(problem, state)
     assert slide[problem.pinned].tolist() == [0.0]
     assert slide[4] == 0.0
     assert np.isfinite(slide).all()
 
 
-def posed_unseen(truth) -> tuple[Problem, State]:
-    """Residuals as they are: a marker that is never seen has no coordinates to settle on."""
+def posed_unseen(truth) -> tuple[ChainProblem, ChainState]:
+    """Residuals without a fit, because a marker that is never seen has no coordinates."""
     problem, state = posed(truth_without(truth, 8), pinned=2)
     points, weights = (np.insert(values, 4, 0, axis=1) for values in (problem.points, problem.weights))
-    whole = Problem(points, weights, np.insert(problem.segment, 4, 1), np.insert(problem.pinned, 4, False), 3)
-    return whole, State(state.centres, np.insert(state.local, 4, 0.1), state.angles)
+    whole = ChainProblem(points, weights, np.insert(problem.segment, 4, 1), np.insert(problem.pinned, 4, False), 3)
+    return whole, ChainState(state.centres, np.insert(state.local, 4, 0.1), state.angles)
 
 
 def truth_without(truth, marker: int):
@@ -181,20 +190,20 @@ def test_a_covariance_is_symmetric_and_grows_with_the_skin(chain) -> None:
         truth = chain(34, noise=3e-4)
         truth.points[:] += skin(truth, np.random.default_rng(1), size)
         problem, state = posed(truth)
-        covariance = centre_covariance(problem, state, reduce(problem, state))
+        covariance = centre_covariance(problem, state, eliminate_angles(problem, state))
         assert covariance.shape == (6, 6)
         assert np.allclose(covariance, covariance.T, rtol=1e-9, atol=0)
         assert np.linalg.eigvalsh(covariance).min() > -1e-9 * np.trace(covariance)
         traces.append(np.trace(covariance))
     assert (np.diff(traces) > 0).all()
-    assert traces[3] / traces[2] == pytest.approx(4, rel=0.25)  # a variance
+    assert traces[3] / traces[2] == pytest.approx(4, rel=0.25)  # variances scale with the square
 
 
-def test_it_does_not_depend_on_how_the_plane_is_turned(chain) -> None:
+def test_the_covariance_does_not_depend_on_the_orientation_of_the_plane(chain) -> None:
     truth = chain(35, noise=5e-4)
     truth.points[:] += skin(truth, np.random.default_rng(2), 2e-3)
     plain = fit_chain(truth.points, truth.segment)
     turned = fit_chain(np.exp(0.7j) * truth.points + (1 - 2j), truth.segment)
     assert turned.length_sd == pytest.approx(plain.length_sd, rel=1e-3)
     assert np.linalg.eigvalsh(turned.covariance[0]) == pytest.approx(np.linalg.eigvalsh(plain.covariance[0]), rel=1e-3)
-    assert np.abs(predicted(*posed(truth)) - predicted(*posed(truth))).max() == 0
+    assert np.abs(predict_markers(*posed(truth)) - predict_markers(*posed(truth))).max() == 0

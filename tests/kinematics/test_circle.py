@@ -1,4 +1,4 @@
-"""Circles through single tracks, and their common centre."""
+"""Circles through single tracks, and common centres."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RADIUS, NOISE = 0.35, 5e-4
 
 
 def arcs(rng, degrees, radii, *, frames=60, noise=0.0, missing=0.0, centre=0j):
-    """(F, M) tracks about a centre, in random directions, each over its own part of the arc."""
+    """Return tracks (F, M) about a centre, in random directions, each over its own part of the arc."""
     directions = rng.uniform(0, 2 * np.pi, len(radii))
     angle = np.radians(degrees) * ((np.arange(frames) + 0.5) / frames - 0.5)
     points = centre + radii * np.exp(1j * (angle[:, None] + directions))
@@ -28,7 +28,7 @@ def arcs(rng, degrees, radii, *, frames=60, noise=0.0, missing=0.0, centre=0j):
 
 
 def short_arcs(degrees, *, frames=200, tracks=2000, seed=0):
-    """(F, tracks) of one marker above a joint at 0, each with its own noise; errors along the radius are imaginary."""
+    """Return tracks (F, tracks) of a marker above a joint at 0 with independent noise; radial errors are imaginary."""
     rng = np.random.default_rng(seed)
     angle = np.radians(degrees) * ((np.arange(frames) + 0.5) / frames - 0.5)
     noise = rng.standard_normal((frames, tracks)) + 1j * rng.standard_normal((frames, tracks))
@@ -67,7 +67,7 @@ def test_a_clean_common_centre_is_exact_with_gaps(method, seed, degrees):
     ("fit", "method"), [(fit_circles, each) for each in METHODS] + [(fit_common_centre, each) for each in COMMON]
 )
 @given(seed=SEEDS, turn=st.floats(0, 6.28), scale=st.floats(0.01, 1000))
-def test_turning_shifting_and_scaling_the_points_does_so_to_the_fit(fit, method, seed, turn, scale):
+def test_the_fit_turns_shifts_and_scales_with_the_points(fit, method, seed, turn, scale):
     rng = np.random.default_rng(seed)
     points = arcs(rng, 40, rng.uniform(0.2, 0.5, 3), noise=1e-3, missing=0.1)
     factor, shift = scale * np.exp(1j * turn), scale * complex(*rng.normal(size=2))
@@ -90,8 +90,8 @@ def test_the_common_centre_of_one_marker_is_its_own(method):
     assert common.covariance == pytest.approx(own.covariance)
 
 
-def test_each_fit_minimises_what_it_is_named_after():
-    """Against general minimisers of the textbook criteria, in the plain circle equation A|z|^2 + B.z + D = 0."""
+def test_each_fit_minimises_its_textbook_criterion():
+    """Comparison with general minimisers, for the circle equation A|z|^2 + B.z + D = 0."""
     rng = np.random.default_rng(5)
     z = arcs(rng, 60, np.array([1.0]), noise=0.02, centre=0.3 - 0.2j)[:, 0]
     columns = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(len(z))], axis=1)
@@ -140,7 +140,7 @@ def test_the_common_centre_minimises_the_sum_over_the_markers(method):
 
 
 @pytest.mark.parametrize("degrees", [10, 15, 30])
-def test_noise_draws_the_algebraic_centre_in_by_the_known_amount(degrees):
+def test_noise_biases_the_algebraic_centre_by_the_known_amount(degrees):
     """r / (1 + (r arc^2 / 26.8 sigma)^2), in the limit of many frames."""
     error = fit_circles(short_arcs(degrees, frames=2000, tracks=300), "kasa").centre
     expected = RADIUS / (1 + (RADIUS * np.radians(degrees) ** 2 / (26.8 * NOISE)) ** 2)
@@ -151,15 +151,15 @@ def test_noise_draws_the_algebraic_centre_in_by_the_known_amount(degrees):
 
 @pytest.mark.parametrize("method", UNBIASED)
 @pytest.mark.parametrize("degrees", [10, 15, 30])
-def test_the_other_fits_stand_at_the_bound(method, degrees):
+def test_the_other_fits_reach_the_bound(method, degrees):
     error = fit_circles(short_arcs(degrees), method).centre.imag
-    assert error.std() == pytest.approx(bound(degrees), rel=0.07)  # sd of 2000 is known to 1.6 %
-    # a radius is one over a curvature: its mean is off by the square of its relative deviation
+    assert error.std() == pytest.approx(bound(degrees), rel=0.07)  # sampling error of the sd of 2000: 1.6 %
+    # a radius is one over a curvature, so its mean is biased by the square of its relative deviation
     assert abs(error.mean()) < 4 * error.std() / np.sqrt(len(error)) + 1.5 * error.std() ** 2 / RADIUS
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_stated_deviation_is_that_of_repetition(method):
+def test_the_standard_deviation_matches_repetition(method):
     fit = fit_circles(short_arcs(30), method)
     stated = np.sqrt(np.median(fit.covariance[:, [0, 1], [0, 1]], axis=0))
     assert stated == pytest.approx([fit.centre.real.std(), fit.centre.imag.std()], rel=0.07)
@@ -168,7 +168,7 @@ def test_the_stated_deviation_is_that_of_repetition(method):
 
 
 @pytest.mark.parametrize("method", COMMON)
-def test_the_stated_deviation_of_a_common_centre_is_that_of_repetition(method):
+def test_the_standard_deviation_of_a_common_centre_matches_repetition(method):
     fits = []
     for seed in range(300):
         rng = np.random.default_rng(seed)
@@ -178,10 +178,10 @@ def test_the_stated_deviation_of_a_common_centre_is_that_of_repetition(method):
         fits.append(fit_common_centre(points, method))
     centre = np.array([fit.centre[0] for fit in fits])
     stated = np.sqrt(np.mean([np.diag(fit.covariance[0]) for fit in fits], axis=0))
-    assert stated == pytest.approx([centre.real.std(), centre.imag.std()], rel=0.15)  # the spread of 300: 4 %
+    assert stated == pytest.approx([centre.real.std(), centre.imag.std()], rel=0.15)  # sampling error of 300: 4 %
 
 
-def test_normals_that_meet_tell_more_than_curvature():
+def test_intersecting_normals_are_more_precise_than_curvature():
     rng = np.random.default_rng(7)
     spread, alone = [], []
     for _ in range(100):
@@ -194,7 +194,7 @@ def test_normals_that_meet_tell_more_than_curvature():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_what_is_no_circle_has_no_centre_and_says_so(method):
+def test_a_track_without_a_circle_has_no_centre(method):
     line, place, arc = np.linspace(0, 1, 50), np.full(50, 0.3 + 0.1j), np.exp(1j * np.linspace(0, 1.5, 50))
     points = np.stack([line * (1 + 0.5j), place, np.full(50, np.nan), arc], axis=1)
     points[2:, 1] = np.nan
@@ -207,7 +207,7 @@ def test_what_is_no_circle_has_no_centre_and_says_so(method):
     assert abs(fit.centre[3]) < 1e-9
 
 
-def test_three_points_make_a_circle_of_unknown_deviation():
+def test_a_circle_through_three_points_has_no_standard_deviation():
     fit = fit_circles(np.exp(1j * np.array([[0.1], [0.5], [2.0]])), "geometric")
     assert abs(fit.centre[0]) < 1e-9
     assert np.isnan(fit.standard_error).all()
@@ -218,12 +218,12 @@ def test_three_points_make_a_circle_of_unknown_deviation():
 def test_an_arc_lost_in_noise_ends_without_harm(seed):
     points = arcs(np.random.default_rng(seed), 1, np.full(20, 0.3), noise=2e-3)
     fit, start = fit_circles(points, "geometric"), fit_circles(points, "taubin")
-    known = np.isfinite(fit.centre)  # else the best circle is a straight line
+    known = np.isfinite(fit.centre)  # otherwise the best circle is a straight line
     assert known.mean() > 0.5
     assert not fit.settled[~known].any()
     assert (fit.residual[known] <= start.residual[known] * (1 + 1e-9)).all()
 
 
 def test_a_common_centre_by_pratt_is_refused():
-    with pytest.raises(ValueError, match="no common centre by 'pratt'"):
+    with pytest.raises(ValueError, match="method 'pratt' has no common centre"):
         fit_common_centre(np.ones((5, 2), dtype=complex), "pratt")

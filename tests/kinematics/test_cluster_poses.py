@@ -1,4 +1,4 @@
-"""Poses of marker clusters: a rigid motion comes back as it was, and what spoils single markers does not spoil it."""
+"""Poses of marker clusters: exact for rigid motion, and robust against errors of single markers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHAPE = np.array([0.05 + 0.02j, 0.31 - 0.04j, 0.12 + 0.2j, 0.28 + 0.17j, -0.04 +
 
 
 def moved(local: np.ndarray, angle: np.ndarray = ANGLE, noise: float = 0.0, seed: int = 0) -> np.ndarray:
-    """Markers (F, m) on a body whose frame is at PLACE, with noise of this size in each coordinate."""
+    """Return markers (F, m) on a body with its frame at PLACE, with ``noise`` in each coordinate."""
     rng = np.random.default_rng(seed)
     points = PLACE[:, None] + np.exp(1j * angle)[:, None] * local
     return points + noise * (rng.normal(size=points.shape) + 1j * rng.normal(size=points.shape))
@@ -31,7 +31,7 @@ def centroid(local: np.ndarray, angle: np.ndarray = ANGLE) -> np.ndarray:
 
 
 @pytest.mark.parametrize("markers", [2, 3, 6])
-def test_a_rigid_motion_comes_back(markers: int) -> None:
+def test_a_rigid_motion_is_recovered(markers: int) -> None:
     local = SHAPE[:markers]
     pose = measured(moved(local), local)
     np.testing.assert_allclose(pose.angle, ANGLE, atol=1e-9)
@@ -51,7 +51,7 @@ def test_many_turns_have_no_jumps(turns: float) -> None:
     assert whole == pytest.approx(round(whole), abs=1e-9)
 
 
-def test_markers_that_are_missing_are_left_out() -> None:
+def test_missing_markers_are_left_out() -> None:
     points, rng = moved(SHAPE), np.random.default_rng(1)
     points[rng.uniform(size=points.shape) < 0.5] = np.nan
     points[100, 1:], points[200] = np.nan, np.nan
@@ -68,7 +68,7 @@ def test_markers_that_are_missing_are_left_out() -> None:
 
 @pytest.mark.parametrize("jump", [0.03, 0.1, 0.5])
 @pytest.mark.parametrize("markers", [4, 6])
-def test_a_marker_that_jumps_is_left_out_of_these_frames(markers: int, jump: float) -> None:
+def test_a_jumping_marker_is_left_out_of_these_frames(markers: int, jump: float) -> None:
     local, frames = SHAPE[:markers], np.array([150, 400, 777])
     points = moved(local, noise=2e-4)
     points[frames, 1] += jump * np.exp(1j * frames)
@@ -86,8 +86,8 @@ def test_of_three_markers_none_can_be_left_out() -> None:
 
 
 @pytest.mark.parametrize("frame", [1003, 2005, 2006, 3001])
-def test_a_marker_that_is_hardly_ever_seen_spoils_nothing(frame: int) -> None:
-    """It may be in none of the frames that show the cluster's shape."""
+def test_a_marker_that_is_hardly_ever_seen_does_no_harm(frame: int) -> None:
+    """It may be missing from all frames used for the shape of the cluster."""
     time = np.arange(5000) / 100
     angle, place = np.sin(time), 0.5 * np.exp(0.3j * time)
     points = place[:, None] + np.exp(1j * angle)[:, None] * SHAPE
@@ -100,8 +100,8 @@ def test_a_marker_that_is_hardly_ever_seen_spoils_nothing(frame: int) -> None:
     np.testing.assert_allclose(pose.position, place + np.exp(1j * angle) * pose.local.mean(), atol=1e-6)
 
 
-def test_the_wanted_frame_is_the_body_s() -> None:
-    """Places that are a little off turn and shift the frame as a whole; what is unknown there takes no part."""
+def test_the_body_has_the_wanted_frame() -> None:
+    """Small errors of the coordinates turn and shift the whole frame; unknown coordinates are ignored."""
     wanted = SHAPE + 1e-3 * np.exp(1j * np.arange(len(SHAPE)))
     wanted[2] = np.nan
     pose = measured(moved(SHAPE), wanted)
@@ -112,7 +112,7 @@ def test_the_wanted_frame_is_the_body_s() -> None:
     off = pose.local[known] - wanted[known]
     assert abs(off.mean()) < 1e-12
     arm = wanted[known] - wanted[known].mean()
-    assert np.imag(np.sum(np.conj(arm) * off)) == pytest.approx(0.0, abs=1e-12)  # no turn takes them closer
+    assert np.imag(np.sum(np.conj(arm) * off)) == pytest.approx(0.0, abs=1e-12)  # no rotation brings them closer
     body = np.exp(-1j * pose.angle)[:, None] * (moved(SHAPE) - pose.position[:, None]) + pose.local.mean()
     np.testing.assert_allclose(body, np.broadcast_to(pose.local, body.shape), atol=1e-9)
 
@@ -124,7 +124,7 @@ def test_without_a_wanted_frame_it_is_parallel_to_the_plane_on_average() -> None
     np.testing.assert_allclose(np.diff(pose.angle), np.diff(ANGLE), atol=1e-9)
 
 
-def test_what_shows_no_pose_has_none() -> None:
+def test_too_few_markers_have_no_pose() -> None:
     never = moved(SHAPE[:2])
     never[::2, 0], never[1::2, 1] = np.nan, np.nan
     assert measure_cluster(moved(SHAPE[:1])) is None
@@ -135,8 +135,8 @@ def test_what_shows_no_pose_has_none() -> None:
 
 
 @pytest.mark.parametrize("noise", [3e-4, 3e-3])
-def test_the_residual_is_the_noise_that_the_pose_does_not_take(noise: float) -> None:
-    """Of 2 m coordinates a frame the pose takes three."""
+def test_the_residual_is_the_noise_not_absorbed_by_the_pose(noise: float) -> None:
+    """The pose absorbs three of the 2 m coordinates of a frame."""
     count = len(SHAPE)
     expected = noise * np.sqrt(2 * (2 * count - 3) / (2 * count))
     assert measured(moved(SHAPE, noise=noise), SHAPE).residual == pytest.approx(expected, rel=0.03)

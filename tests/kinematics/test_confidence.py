@@ -1,4 +1,4 @@
-"""How sure the segments are: what every piece of evidence does to it."""
+"""Confidence in the segments, and the effect of each piece of evidence."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mocap_id.kinematics.confidence import Confidence, explained_share, judge
+from mocap_id.kinematics.confidence import Confidence, assess_confidence, explained_share
 from mocap_id.kinematics.joint import PairJoint
 
 
 def reading(segments: int, cost: float, wander: float = 2e-3) -> Any:
-    """What is asked of a hypothesis: so many moving segments, whose joints wander by so much, m, and its cost."""
+    """Return a hypothesis with this number of moving segments, joint residual (m) and cost."""
     joint = PairJoint(0j, 0j, wander, 1.0)
     return SimpleNamespace(chain=(None,) * segments, joints=(joint,) * segments, cost=cost, best_of_level=True)
 
@@ -27,9 +27,9 @@ def judged(
     wander: float = 2e-3,
     behind: float = 40.0,
 ) -> Confidence:
-    """A sure case, but for what is said."""
+    """Return the confidence of a clear case, except for the given arguments."""
     best, other = reading(len(ratios), 10.0, wander), reading(len(ratios) + 1, 10.0 + behind)
-    return judge((best, other), ratios, explained, margin, gap)
+    return assess_confidence((best, other), ratios, explained, margin, gap)
 
 
 WORSE = {
@@ -42,7 +42,7 @@ WORSE = {
 }
 
 
-def test_nothing_against_it_is_very_sure_and_not_certain() -> None:
+def test_without_evidence_against_it_confidence_is_high_but_not_one() -> None:
     sure = judged()
     assert set(sure.against) == set(WORSE)
     assert list(sure.against.values()) == [0.0] * 6
@@ -50,10 +50,10 @@ def test_nothing_against_it_is_very_sure_and_not_certain() -> None:
 
 
 @pytest.mark.parametrize("evidence", WORSE)
-def test_each_evidence_takes_off_more_the_worse_it_is(evidence: str) -> None:
+def test_worse_evidence_reduces_the_confidence_more(evidence: str) -> None:
     argument, values = WORSE[evidence]
     found = [judged(**{argument: value}) for value in values]
-    assert found[0].value == judged().value  # just enough is enough
+    assert found[0].value == judged().value  # no reduction at the limit
     assert (np.diff([each.value for each in found]) < 0).all()
     assert (np.diff([each.against[evidence] for each in found]) > 0).all()
     for each in found:
@@ -65,7 +65,7 @@ def test_each_evidence_takes_off_more_the_worse_it_is(evidence: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_argument_that_gets_better_makes_it_less_sure(seed: int) -> None:
+def test_better_evidence_never_reduces_the_confidence(seed: int) -> None:
     rng = np.random.default_rng(seed)
     case = {
         "ratios": tuple(rng.uniform(1, 6, 3)),
@@ -85,18 +85,18 @@ def test_no_argument_that_gets_better_makes_it_less_sure(seed: int) -> None:
 
 
 def test_the_limits() -> None:
-    """Nothing to compare with is nothing against it; everything against it leaves next to nothing."""
-    alone = judge((reading(1, 3.0),), (np.inf,), 1.0, np.inf, np.inf)
+    """Without alternatives nothing is subtracted; with all evidence against it almost nothing is left."""
+    alone = assess_confidence((reading(1, 3.0),), (np.inf,), 1.0, np.inf, np.inf)
     assert list(alone.against.values()) == [0.0] * 6
     assert alone.value == judged().value
-    exact = judge((reading(1, 3.0, wander=0.0),), (5.0,), 1.0, np.inf, np.inf)
+    exact = assess_confidence((reading(1, 3.0, wander=0.0),), (5.0,), 1.0, np.inf, np.inf)
     assert exact.value == alone.value
     worst = judged(ratios=(0.0, 0.0, 0.0), explained=0.0, margin=1.0, gap=1.0, wander=1.0, behind=0.0)
     assert 0 <= worst.value < 1e-6
     assert np.isfinite(list(worst.against.values())).all()
 
 
-def test_the_weakest_joint_counts_each_by_its_own_limit() -> None:
+def test_the_weakest_joint_relative_to_its_limit_counts() -> None:
     assert judged(ratios=(9.0, 9.0, 1.5)).against["skipped"] == 0
     assert judged(ratios=(9.0, 1.5, 9.0)).against["skipped"] > 0
     assert judged(ratios=(2.0, 1.75, 0.75)).against == judged(ratios=(1.75, 9.0, 9.0)).against
@@ -104,15 +104,15 @@ def test_the_weakest_joint_counts_each_by_its_own_limit() -> None:
     assert judged(ratios=(7.0, 3.5, 3.0)).joints == pytest.approx((2 / 3, 0.5, 2 / 3))
 
 
-def test_only_readings_with_another_number_of_segments_are_rivals() -> None:
+def test_only_hypotheses_with_another_number_of_segments_count_as_runner_up() -> None:
     best, twin, rival = reading(3, 10.0), reading(3, 10.1), reading(2, 16.0)
     args = ((6.0, 6.0, 3.0), 1.0, 4.0, 9.0)
-    assert judge((best, twin), *args).against["runner-up"] == 0
-    assert judge((best, twin, rival), *args).against == judge((best, rival), *args).against
-    assert judge((best, rival), *args).against["runner-up"] == pytest.approx(0.4 * np.log(21 / 7))
+    assert assess_confidence((best, twin), *args).against["runner-up"] == 0
+    assert assess_confidence((best, twin, rival), *args).against == assess_confidence((best, rival), *args).against
+    assert assess_confidence((best, rival), *args).against["runner-up"] == pytest.approx(0.4 * np.log(21 / 7))
 
 
-def test_limbs_at_the_side_are_not_held_against_it() -> None:
+def test_limbs_at_the_side_do_not_reduce_the_confidence() -> None:
     segment = np.array([0, 0, 1, 1, 2, 2, -1, -1])
     moving = np.arange(2, 8)
     lateral = np.array([0.3, -0.3, 0.1, -0.1, 0.15, -0.15, 0.4, -0.4])
@@ -124,7 +124,7 @@ def test_limbs_at_the_side_are_not_held_against_it() -> None:
     assert explained_share(segment, inside, moving) == pytest.approx(4 / 6)
 
 
-def test_the_share_is_the_same_wherever_the_plane_lies_and_whichever_way_it_looks() -> None:
+def test_the_share_does_not_depend_on_position_and_direction_of_the_plane() -> None:
     rng = np.random.default_rng(5)
     for _ in range(20):
         segment = np.concatenate([[0, 0, 1, 1, 2, 2], rng.integers(-1, 3, 10)])
@@ -137,6 +137,6 @@ def test_the_share_is_the_same_wherever_the_plane_lies_and_whichever_way_it_look
         assert explained_share(np.maximum(segment, 1), lateral, moving) == 1.0
 
 
-def test_a_still_marker_left_over_is_no_moving_one() -> None:
+def test_a_leftover_still_marker_is_not_a_moving_one() -> None:
     segment = np.array([0, -1, 1, 1])
     assert explained_share(segment, np.zeros(4), np.array([2, 3])) == 1.0

@@ -1,4 +1,4 @@
-"""What the user knows about markers, alone and through the segmentation: together, apart."""
+"""The user's constraints on markers (together, apart), alone and in the segmentation."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from scipy.sparse.csgraph import connected_components
 
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Constraints, SegmentationRules, segment_markers
-from mocap_id.kinematics.bodies import Clusters, find_base
+from mocap_id.kinematics.clusters import Clusters, find_base
 
 RULES = SegmentationRules()
 
 
 def drawn(rng: np.random.Generator, count: int, most: int = 4) -> tuple[list[list[int]], list[list[int]]]:
-    """Random groups of columns, for together and for apart."""
+    """Return random groups of columns for ``together`` and ``apart``."""
     groups = [
         [[int(i) for i in rng.choice(count, rng.integers(2, 4), replace=False)] for _ in range(rng.integers(0, most))]
         for _ in range(2)
@@ -25,7 +25,7 @@ def drawn(rng: np.random.Generator, count: int, most: int = 4) -> tuple[list[lis
 
 
 def compatible(seed: int, count: int, most: int = 4) -> Constraints:
-    """Random constraints that do not contradict each other."""
+    """Return random constraints without contradiction."""
     rng = np.random.default_rng(seed)
     while True:
         constraints = Constraints.of(count, *drawn(rng, count, most))
@@ -53,14 +53,14 @@ def test_units_and_barred_pairs_are_those_of_a_graph(seed: int) -> None:
     assert found.contradictory.tolist() == [bool(component[i] in contradicted) for i in range(count)]
 
 
-def test_together_is_transitive_whatever_the_order() -> None:
+def test_together_is_transitive_in_any_order() -> None:
     for groups in ([[0, 1], [1, 2], [3, 4], [4, 0]], [[4, 0], [3, 4], [1, 2], [1, 0]]):
         unit = Constraints.of(6, groups).unit
         assert len(set(unit[:5])) == 1
         assert unit[5] != unit[0]
 
 
-def test_a_contradiction_is_found_round_two_corners() -> None:
+def test_an_indirect_contradiction_is_found() -> None:
     fine = Constraints.of(5, [[0, 1], [2, 3]], [[1, 2]])
     assert not fine.contradictory.any()
     assert fine.barred[0, 3]
@@ -68,7 +68,7 @@ def test_a_contradiction_is_found_round_two_corners() -> None:
     assert wrong.contradictory.tolist() == [True, True, True, False, False]
 
 
-def test_allow_is_the_pairs_one_by_one() -> None:
+def test_allow_checks_all_pairs() -> None:
     rng = np.random.default_rng(1)
     for seed in range(30):
         constraints = compatible(seed, 8)
@@ -76,14 +76,14 @@ def test_allow_is_the_pairs_one_by_one() -> None:
         assert constraints.allow(members) == all(not constraints.barred[i, j] for i, j in combinations(members, 2))
 
 
-def test_shaped_distances_hold_units_tighter_and_barred_pairs_wider_than_anything() -> None:
+def test_constrained_variance_is_least_within_units_and_largest_for_barred_pairs() -> None:
     rng = np.random.default_rng(2)
     variance = rng.uniform(0, 4, (6, 6))
     variance = variance + variance.T
     np.fill_diagonal(variance, 0)
     constraints = Constraints.of(8, [[1, 2]], [[4, 6]])
     members = np.array([0, 1, 2, 4, 6, 7])
-    shaped = constraints.shaped(variance, members)
+    shaped = constraints.constrained_variance(variance, members)
     assert (shaped == shaped.T).all()
     assert shaped[1, 2] == 0
     assert shaped[3, 4] > variance.max()
@@ -93,19 +93,19 @@ def test_shaped_distances_hold_units_tighter_and_barred_pairs_wider_than_anythin
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_nearest_without_constraints_is_the_least(seed: int) -> None:
+def test_nearest_bodies_without_constraints_have_the_least_distance(seed: int) -> None:
     square = np.random.default_rng(seed).uniform(size=(4, 7))
     members = np.random.default_rng(seed).permutation(10)[:7]
-    assert (Constraints.of(10).nearest(square, members) == np.argmin(square, axis=0)).all()
+    assert (Constraints.of(10).nearest_bodies(square, members) == np.argmin(square, axis=0)).all()
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_nearest_keeps_units_whole_and_parts_barred_pairs_where_it_can(seed: int) -> None:
+def test_nearest_bodies_keep_units_together_and_separate_barred_pairs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     constraints = compatible(seed, 9)
     members = np.sort(rng.permutation(9)[:7])
     square = rng.uniform(size=(3, 7))
-    body = constraints.nearest(square, members)
+    body = constraints.nearest_bodies(square, members)
     unit = constraints.unit[members]
     barred = constraints.barred[np.ix_(members, members)]
     least = {int(u): int(np.argmin(square[:, unit == u].sum(axis=1))) for u in np.unique(unit)}
@@ -119,21 +119,21 @@ def test_nearest_keeps_units_whole_and_parts_barred_pairs_where_it_can(seed: int
                 assert set(body[barred[k]]) >= set(range(3)) - {body[k]}
 
 
-def test_of_two_that_are_apart_the_one_goes_that_minds_less() -> None:
+def test_of_a_barred_pair_the_marker_with_less_loss_moves() -> None:
     constraints = Constraints.of(3, (), [[0, 1]])
     square = np.array([[1.0, 1.0, 1.0], [9.0, 2.0, 5.0], [8.0, 7.0, 5.0]])
-    assert constraints.nearest(square, np.arange(3)).tolist() == [0, 1, 0]
-    assert constraints.nearest(square[:, [1, 0, 2]], np.arange(3)).tolist() == [1, 0, 0]
+    assert constraints.nearest_bodies(square, np.arange(3)).tolist() == [0, 1, 0]
+    assert constraints.nearest_bodies(square[:, [1, 0, 2]], np.arange(3)).tolist() == [1, 0, 0]
 
 
 def held(segment: np.ndarray, constraints: Constraints) -> bool:
-    """Whether every unit is on one segment (or on none) and no barred pair shares one."""
+    """Return whether every unit is on one segment (or on none) and no barred pair shares one."""
     same = segment[:, None] == segment
     whole = same[constraints.unit[:, None] == constraints.unit].all()
     return bool(whole and not (same & (segment >= 0) & constraints.barred).any())
 
 
-def test_bodies_are_clustered_as_asked(chain) -> None:
+def test_clusters_satisfy_the_constraints(chain) -> None:
     truth = chain(2, joints=2, noise=5e-4)
     moving = np.flatnonzero(truth.segment > 0)
     plain = Clusters(truth.points, moving, Constraints.of(14)).at(2)
@@ -145,14 +145,14 @@ def test_bodies_are_clustered_as_asked(chain) -> None:
 
 
 def slipping(truth, start: complex, follows: int) -> np.ndarray:
-    """A marker about joint 2 that moves with the segment before it or beyond it."""
+    """Return a marker near joint 2 that moves with the segment before or after it."""
     turn = np.exp(1j * np.cumsum(truth.relative, axis=1))
     joint = truth.centres[0] + turn[:, 0] * truth.centres[1]
     return joint + turn[:, follows - 1] * start
 
 
 def test_together_forces_a_misplaced_marker_back(chain) -> None:
-    """A marker of the thigh whose skin stays with the shank: rigidity puts it there, the user knows better."""
+    """Rigidity assigns a thigh marker to the shank because its skin moves with it; the user corrects this."""
     truth = chain(3, joints=2, noise=5e-4)
     points = np.concatenate([truth.points, slipping(truth, 0.008 + 0.004j, 1)[:, None]], axis=1)
     lateral = np.append(truth.lateral, 0.0)
@@ -164,8 +164,8 @@ def test_together_forces_a_misplaced_marker_back(chain) -> None:
     assert forced.residual[14] > plain.residual[14]
 
 
-def test_apart_takes_a_malleolus_off_the_base(chain) -> None:
-    """One that the shank holds worse than the base does, so that by itself it stays."""
+def test_apart_moves_a_malleolus_off_the_base(chain) -> None:
+    """Its residual is larger on the shank than on the base, so without the constraint it stays."""
     truth = chain(13, noise=3e-4)
     angle = np.cumsum(truth.relative, axis=1)[:, 0]
     malleolus = truth.centres[0] + 4e-3 * np.exp(1j * (0.3 - 0.2 * angle))
@@ -180,7 +180,7 @@ def test_apart_takes_a_malleolus_off_the_base(chain) -> None:
     assert found.segment.tolist() == [*truth.segment, 1]
 
 
-def test_the_base_keeps_the_stiller_of_two_and_none_that_belongs_to_what_moves(chain) -> None:
+def test_the_base_keeps_the_stiller_of_a_barred_pair_and_no_marker_of_a_moving_unit(chain) -> None:
     truth = chain(4, noise=3e-4)
     scatter = find_base(truth.points, 0.015).scatter
     assert find_base(truth.points, 0.015).markers.tolist() == [0, 1, 2, 3]
@@ -192,8 +192,8 @@ def test_the_base_keeps_the_stiller_of_two_and_none_that_belongs_to_what_moves(c
     assert find_base(truth.points, 0.015, Constraints.of(19, [[1, 3]])).markers.tolist() == [0, 1, 2, 3]
 
 
-def test_what_is_true_changes_nothing(chain) -> None:
-    """Every base marker in one group too: then there is none left to ask about the axis."""
+def test_true_constraints_change_nothing(chain) -> None:
+    """This includes a group of all base markers, which leaves no candidate for the axis."""
     truth = chain(5, noise=1e-3)
     groups = [np.flatnonzero(truth.segment == k).tolist() for k in range(4)]
     apart = [[group[1] for group in groups]]
@@ -204,7 +204,7 @@ def test_what_is_true_changes_nothing(chain) -> None:
     assert told.residual == pytest.approx(plain.residual)
 
 
-def test_a_base_that_must_move_is_no_base(chain) -> None:
+def test_still_markers_tied_to_moving_ones_are_no_base(chain) -> None:
     truth = chain(6)
     with pytest.raises(Refused) as refused:
         segment_markers(truth.points, truth.lateral, RULES, Constraints.of(19, [[0, 1, 2, 3, 8]]))
@@ -216,8 +216,8 @@ def test_a_base_that_must_move_is_no_base(chain) -> None:
     [((), [[4, 5]], [4, 5]), ([[4, 9]], (), [4]), ([[4, 9]], (), [4, 9]), ((), [[4, 14]], [4])],
     ids=["two left over", "one of a unit", "a whole unit", "one on the axis"],
 )
-def test_markers_that_are_adopted_are_held_to_them_too(chain, together, apart, hidden: list[int]) -> None:
-    """Seen in so few frames that no body is made of them, they go to the segment that holds them."""
+def test_adopted_markers_satisfy_the_constraints(chain, together, apart, hidden: list[int]) -> None:
+    """They are seen too rarely to form a body, and join the segment that fits them."""
     truth = chain(13, joints=2, noise=3e-4)
     points = truth.points.copy()
     points[16:, hidden] = np.nan
@@ -233,7 +233,7 @@ def test_markers_that_are_adopted_are_held_to_them_too(chain, together, apart, h
 
 
 @pytest.mark.parametrize("marker", [0, 5, 10])
-def test_a_marker_never_seen_is_on_no_segment_whoever_it_belongs_to(chain, marker: int) -> None:
+def test_a_marker_never_seen_is_on_no_segment_even_in_a_unit(chain, marker: int) -> None:
     truth = chain(14, joints=2, noise=3e-4)
     points = truth.points.copy()
     points[:, marker] = np.nan
@@ -245,7 +245,7 @@ def test_a_marker_never_seen_is_on_no_segment_whoever_it_belongs_to(chain, marke
 
 
 def sloppy(truth, seed: int) -> np.ndarray:
-    """Trajectories of which two in five wander by some millimetres, so that some are left over."""
+    """Return trajectories in which two of five wander by some millimetres, so that some are left over."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 2 * np.pi, len(truth.points))
     points = truth.points.copy()
@@ -256,7 +256,7 @@ def sloppy(truth, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(25))
-def test_whatever_is_found_holds_them(chain, seed: int) -> None:
+def test_every_result_satisfies_the_constraints(chain, seed: int) -> None:
     truth = chain(seed, joints=2, frames=120, noise=3e-4)
     constraints = compatible(seed, truth.points.shape[1], most=3)
     try:

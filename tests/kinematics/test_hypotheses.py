@@ -1,4 +1,4 @@
-"""Every number of segments that was weighed up is kept, with the reason why it lost."""
+"""Hypotheses for every number of segments, with the reasons why they lost."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mocap_id.kinematics.constraints import Constraints
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_best_of_each_number_is_what_asking_for_that_number_finds(chain, seed: int) -> None:
+def test_the_best_of_each_number_equals_the_result_for_this_count(chain, seed: int) -> None:
     truth = chain(seed, noise=1e-3)
     free = segment_markers(truth.points, truth.lateral, SegmentationRules(longest=9)).hypotheses
     for count in {len(hypothesis.chain) + 1 for hypothesis in free}:
@@ -45,7 +45,7 @@ def test_the_reasons_add_up_to_the_difference_in_cost(chain, seed: int, longest:
 
 
 def with_stiff_tip(truth, share: float, noise: float) -> np.ndarray:
-    """A chain's trajectories, its last joint turning by only a share of what it did."""
+    """Return a chain's trajectories with the arc of its last joint reduced to a share."""
     angle = np.cumsum(truth.relative, axis=1)
     arms = np.exp(1j * np.pad(angle[:, :-1], ((0, 0), (1, 0)))) * truth.centres
     last = truth.relative[:, -1]
@@ -57,8 +57,8 @@ def with_stiff_tip(truth, share: float, noise: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("seed", "share"), [(0, 0.3), (1, 0.5), (1, 0.7), (2, 0.5)])
-def test_a_chain_asked_to_be_shorter_carries_what_bends_on_its_last_segment(chain, seed: int, share: float) -> None:
-    """A trunk that bends on its pelvis belongs to the torso; cut off at the pelvis (seed 1) the chain has no trunk."""
+def test_a_shorter_count_merges_the_bending_tip_into_the_last_segment(chain, seed: int, share: float) -> None:
+    """A trunk that bends on its pelvis belongs to the torso; cut at the pelvis (seed 1), the chain has no trunk."""
     truth = chain(seed, joints=4)
     points = with_stiff_tip(truth, share, noise=1e-3)
     assert (segment_markers(points, truth.lateral, SegmentationRules()).segment == truth.segment).all()
@@ -67,7 +67,7 @@ def test_a_chain_asked_to_be_shorter_carries_what_bends_on_its_last_segment(chai
     assert not any(np.isin(body.markers, asked.hypotheses[0].markers).any() for body in asked.hypotheses[0].left_out)
 
 
-def test_bodies_that_the_user_wants_apart_are_no_last_segment_together(chain) -> None:
+def test_bodies_kept_apart_are_not_merged_into_a_last_segment(chain) -> None:
     truth = chain(0, joints=4)
     points = with_stiff_tip(truth, 0.3, noise=1e-3)
     of = [np.flatnonzero(truth.segment == k) for k in (3, 4)]

@@ -1,4 +1,4 @@
-"""The chain link by link: rigid bodies pair by pair, and the circles of the thesis."""
+"""The chain fitted link by link: by pairs of rigid bodies, and by the circles of the thesis."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int, method
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_it_is_a_chain_like_that_of_the_bundle(chain, method: LinkMethod) -> None:
+def test_the_result_is_a_chain_fit_as_from_the_bundle(chain, method: LinkMethod) -> None:
     truth = chain(3, noise=5e-4, missing=0.05)
     fit, whole = (fix_gauge(each) for each in (fit_links(truth.points, truth.segment, method), chain_of(truth)))
     assert fit.lengths == pytest.approx(whole.lengths, abs=3e-3)
     assert (np.isfinite(fit.angles) == np.isfinite(whole.angles)).all()
     assert np.nanmax(np.abs(joint_angles(fit.angles) - joint_angles(whole.angles))) < np.radians(2)
     assert fit.residual == pytest.approx(reprojected(truth.points, fit), rel=1e-9)
-    assert np.sum(fit.residual**2) > np.sum(whole.residual**2)  # which the bundle makes least
+    assert np.sum(fit.residual**2) > np.sum(whole.residual**2)  # the bundle minimises this
     assert fit.arcs == pytest.approx(whole.arcs, abs=np.radians(1))
 
 
@@ -54,7 +54,7 @@ def chain_of(truth):
 
 
 def reprojected(points, fit):
-    """rms distance of every marker from where the chain puts it, marker by marker."""
+    """Return the rms distance of every marker from its place on the chain, marker by marker."""
     found = []
     for marker, link in enumerate(fit.segment):
         place, turn = np.zeros(len(points), dtype=complex), np.ones(len(points), dtype=complex)
@@ -66,7 +66,7 @@ def reprojected(points, fit):
 
 
 def test_circles_are_the_recursion_of_the_thesis(chain) -> None:
-    """Link by link against what the equations say: 3.8 for the centre, 3.16 for the angles, 3.9 for the rest."""
+    """Each link follows 3.8 (centre), 3.16 (angles) and 3.9 (mapping of the rest)."""
     truth = chain(4, joints=2, noise=1e-3, frames=60)
     state = circle_links(truth.points, truth.segment)
     first, second = truth.points[:, truth.segment == 1], truth.points[:, truth.segment == 2]
@@ -87,8 +87,8 @@ def test_circles_are_the_recursion_of_the_thesis(chain) -> None:
     assert state.centres[1] == pytest.approx(fit_common_centre(seen_from, "kasa").centre[0], abs=1e-12)
 
 
-def test_an_error_goes_up_through_circles_and_not_through_bodies(chain) -> None:
-    """A first link whose circles are bent: where joint 3 lies among the markers of segment 2, which are sound."""
+def test_an_error_propagates_through_circles_but_not_through_bodies(chain) -> None:
+    """The circles of the first link are distorted; joint 3 relative to the exact segment 2 shows the effect."""
     truth = chain(6, joints=3)
     bent = truth.points.copy()
     slow = 0.01 * np.sin(np.linspace(0, 9, len(bent)))[:, None]
@@ -103,7 +103,7 @@ def test_an_error_goes_up_through_circles_and_not_through_bodies(chain) -> None:
     assert moved["rigid-body"] < 1e-12
 
 
-def test_the_stated_deviations_are_those_of_repetition(chain) -> None:
+def test_standard_deviations_match_repetition(chain) -> None:
     fits = []
     for seed in range(40):
         truth = chain(9, frames=300)
@@ -112,13 +112,13 @@ def test_the_stated_deviations_are_those_of_repetition(chain) -> None:
         fits.append(fit_links(truth.points + 1e-3 * noise, truth.segment, "rigid-body"))
     spread = np.std([fit.lengths for fit in fits], axis=0)
     stated = np.mean([fit.length_sd for fit in fits], axis=0)
-    assert stated == pytest.approx(spread, rel=0.35)  # the spread of 40 is known to 11 %, the stated to 16 %
+    assert stated == pytest.approx(spread, rel=0.35)  # sampling error: 11 % of the spread of 40, 16 % of the stated
     centre = np.array([fit.centres[0] for fit in fits])
     first = np.mean([np.diag(fit.covariance[0]) for fit in fits], axis=0)
     assert np.sqrt(first) == pytest.approx([centre.real.std(), centre.imag.std()], rel=0.35)
 
 
-def test_circles_state_no_deviation(chain) -> None:
+def test_circles_have_no_standard_deviation(chain) -> None:
     truth = chain(9, noise=1e-3)
     fit = fix_gauge(fit_links(truth.points, truth.segment, "circle"))
     assert np.isnan(fit.covariance).all()
@@ -146,7 +146,7 @@ def test_the_stage_says_which_estimator_it_used(chain, estimator: str) -> None:
 
 
 def staged(truth, **settings) -> Tree:
-    """fit-joints on a chain of two joints."""
+    """Run fit-joints on a chain of two joints."""
     frames, count = truth.points.shape
     names = [f"M{i:02}" for i in range(count)]
     values = {"x": truth.points.real, "y": truth.points.imag, "z": np.zeros((frames, count))}
@@ -165,5 +165,5 @@ def staged(truth, **settings) -> Tree:
 def test_straight_lines_have_no_circle() -> None:
     base = np.tile([0j, 1 + 0j], (100, 1))
     sliding = np.linspace(0, 1, 100)[:, None] + np.array([0.2j, 0.4j, 0.5 + 0.3j])
-    with pytest.raises(NumericalError, match="segment 1 run on straight lines as seen from segment 0"):
+    with pytest.raises(NumericalError, match="segment 1 move on straight lines relative to segment 0"):
         fit_links(np.concatenate([base, sliding], axis=1), np.array([0, 0, 1, 1, 1]), "circle")

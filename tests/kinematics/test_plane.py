@@ -1,4 +1,4 @@
-"""The plane of motion: exact on planar motion, blind to where markers sit, steady under bursts."""
+"""The plane of motion: exact for planar motion, independent of marker places, robust against bursts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_planar_motion_gives_its_yaw_and_no_out_of_plane_share(yaw: float, seed:
     assert fit.planarity == pytest.approx(0, abs=1e-12)
 
 
-def test_where_the_markers_sit_does_not_matter() -> None:
+def test_marker_places_do_not_matter() -> None:
     motion = planar_motion(0.4, noise=1e-3)
     moved = motion + np.random.default_rng(1).uniform(-5, 5, (1, 8, 3))
     assert fit_plane(moved).yaw == pytest.approx(fit_plane(motion).yaw, abs=1e-12)
@@ -47,7 +47,7 @@ def test_gaps_are_left_out() -> None:
     assert fit_plane(motion).yaw == pytest.approx(-0.7, abs=1e-9)
 
 
-def test_motion_alike_in_every_direction_is_not_planar() -> None:
+def test_isotropic_motion_is_not_planar() -> None:
     motion = np.random.default_rng(0).standard_normal((2000, 4, 3))
     assert fit_plane(motion).planarity == pytest.approx(1 / 3, abs=0.03)
 
@@ -58,7 +58,7 @@ def test_nothing_moves() -> None:
     assert fit_plane(np.full((10, 3, 3), np.nan)).planarity == 0.0
 
 
-def test_window_is_all_where_the_base_is_fixed() -> None:
+def test_window_is_the_whole_recording_with_a_fixed_base() -> None:
     motion = np.concatenate([planar_motion(0.1), np.zeros((300, 2, 3))], axis=1)
     assert propose_window(motion, 30.0) == (0, 300)
 
@@ -87,7 +87,7 @@ def test_steps_are_no_window() -> None:
 
 
 def held_then_waved(frames: int, rate: float, waved: slice) -> np.ndarray:
-    """Two markers at rest that, for a while, swing once a second and so are back where they were a second later."""
+    """Return two still markers that for a while swing with a period of one second."""
     motion = np.zeros((frames, 4, 3))
     motion[:, 2:] = np.linspace(0, 5, frames)[:, None, None]
     swing = 0.2 * np.sin(2 * np.pi * np.arange(frames) / rate)
@@ -95,14 +95,14 @@ def held_then_waved(frames: int, rate: float, waved: slice) -> np.ndarray:
     return motion
 
 
-def test_markers_that_come_back_after_a_second_are_not_still() -> None:
+def test_markers_that_swing_with_a_period_of_a_second_are_not_still() -> None:
     rate = 100.0
     first, stop = propose_window(held_then_waved(1500, rate, slice(0, 1000)), rate)
     assert 1000 <= first <= 1060
     assert stop == 1500
 
 
-def test_stillness_outlasts_gaps_but_not_blindness() -> None:
+def test_short_gaps_are_still_but_unseen_markers_are_not() -> None:
     rate = 100.0
     motion = held_then_waved(1500, rate, slice(0, 900))
     motion[1100:1130, :2] = np.nan

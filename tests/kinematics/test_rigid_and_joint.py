@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocap_id.kinematics.joint import PairJoint, fit_joint
-from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals, still_body
+from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals, still_body
 
 SEEDS = st.integers(0, 1000)
 RADIUS, FRAMES, MARKERS = 0.35, 200, 3
 
 
-def swinging(seed: int, degrees: float, size: float, noise: float) -> tuple[Body, Body]:
-    """A still base, and three markers ``size`` from their centroid, that 350 mm above the joint in the origin."""
+def swinging(seed: int, degrees: float, size: float, noise: float) -> tuple[RigidBody, RigidBody]:
+    """Return a still base and three markers ``size`` from their centroid, 350 mm above a joint in the origin."""
     rng = np.random.default_rng([seed, round(10 * degrees), round(1e6 * size), round(1e6 * noise)])
     angle = np.radians(degrees) * ((np.arange(FRAMES) + 0.5) / FRAMES - 0.5)
     corners = size * np.exp(1j * (2 * np.pi * np.arange(MARKERS) / MARKERS + rng.uniform(0, 6)))
@@ -26,13 +26,13 @@ def swinging(seed: int, degrees: float, size: float, noise: float) -> tuple[Body
 
 
 def bound(degrees: float, size: float, noise: float) -> float:
-    """Standard deviation that the rotation allows along the line to the markers (METHOD, §3), m."""
+    """Return the bound on the standard deviation along the line to the markers, from the rotation, m."""
     lever = np.sqrt(1 + RADIUS**2 / size**2)
     return float(np.sqrt(12) * noise * lever / (np.sqrt(MARKERS * FRAMES) * np.radians(degrees)))
 
 
-def linear(parent: Body, child: Body) -> tuple[complex, complex]:
-    """The oracle: what plain least squares gives with the rotations taken for exact."""
+def linear(parent: RigidBody, child: RigidBody) -> tuple[complex, complex]:
+    """Return the plain least-squares solution, with the rotations taken as exact."""
     r, s = parent.rotation, child.rotation
     design = np.block([[r.real, -r.imag, -s.real, s.imag], [r.imag, r.real, -s.imag, -s.real]])
     design = design.reshape(2, 4, -1).transpose(0, 2, 1).reshape(-1, 4)
@@ -57,12 +57,12 @@ def test_a_rigid_body_is_recovered_exactly_with_gaps(seed: int) -> None:
     assert (known == (np.isfinite(points).sum(axis=1) >= 2)).all()
 
 
-def test_the_residual_is_the_noise_less_the_poses_it_took() -> None:
+def test_the_residual_is_the_noise_not_absorbed_by_the_poses() -> None:
     rng = np.random.default_rng(3)
     place = rng.standard_normal(10) + 1j * rng.standard_normal(10)
     noise = 1e-3 * (rng.standard_normal((3000, 10)) + 1j * rng.standard_normal((3000, 10)))
     body = fit_body(place + noise, np.arange(10))
-    freedom = (2 * 10 - 3) / (2 * 10)  # a pose takes three of the twenty coordinates of a frame
+    freedom = (2 * 10 - 3) / (2 * 10)  # a pose absorbs three of the twenty coordinates of a frame
     assert body.residual == pytest.approx(1e-3 * np.sqrt(2 * freedom), rel=0.01)
 
 
@@ -106,28 +106,28 @@ def test_the_base_is_the_plane_frame(chain) -> None:
     assert np.allclose(base.local(points), points)
 
 
-def test_the_noise_of_an_angle_is_that_of_repetition() -> None:
-    """Bodies of two, three and ten markers: what the pose takes from the residual is given back."""
+def test_the_noise_of_an_angle_matches_repetition() -> None:
+    """Bodies of two, three and ten markers: the share absorbed by the pose is added back."""
     rng = np.random.default_rng(4)
     for markers in (2, 3, 10):
         place = 0.1 * (rng.standard_normal(markers) + 1j * rng.standard_normal(markers))
         noise = 1e-3 * (rng.standard_normal((4000, markers)) + 1j * rng.standard_normal((4000, markers)))
         body = fit_body(place + noise, np.arange(markers))
         spread = np.std(np.angle(body.rotation * np.conj(body.rotation.mean())))
-        assert body.angle_noise == pytest.approx(spread, rel=0.03)  # sd of 4000 is known to 1.1 %
+        assert body.angle_noise == pytest.approx(spread, rel=0.03)  # sampling error of the sd of 4000: 1.1 %
 
 
 @pytest.mark.parametrize("size", [0.132, 0.05])
 @pytest.mark.parametrize("noise", [0.25e-3, 0.5e-3, 1e-3])
-def test_ten_degrees_place_a_joint_at_the_bound(size: float, noise: float) -> None:
+def test_an_arc_of_ten_degrees_reaches_the_bound(size: float, noise: float) -> None:
     """Within 1.3 times; plain least squares needs up to 3.2, most of it bias."""
     error = np.array([fit_joint(*swinging(seed, 10, size, noise)).in_parent.imag for seed in range(150)])
     assert np.sqrt(np.mean(error**2)) < 1.3 * bound(10, size, noise)
-    assert abs(error.mean()) < 0.4 * bound(10, size, noise)  # the mean of 150 is known to 0.08
+    assert abs(error.mean()) < 0.4 * bound(10, size, noise)  # sampling error of the mean of 150: 0.08
 
 
 @given(seed=SEEDS)
-def test_without_noise_it_is_plain_least_squares(seed: int) -> None:
+def test_without_noise_the_fit_is_plain_least_squares(seed: int) -> None:
     for degrees in (3.0, 40.0):
         bodies = swinging(seed, degrees, 0.05, 0.0)
         joint = fit_joint(*bodies)
@@ -135,7 +135,7 @@ def test_without_noise_it_is_plain_least_squares(seed: int) -> None:
 
 
 @given(seed=SEEDS, degrees=st.floats(0.1, 4), size=st.floats(0.02, 0.2), noise=st.floats(1e-5, 3e-3))
-def test_no_noise_makes_the_correction_large(seed: int, degrees: float, size: float, noise: float) -> None:
+def test_the_correction_stays_bounded_for_any_noise(seed: int, degrees: float, size: float, noise: float) -> None:
     """On the line on which plain least squares has the joint from a body's centroid, never more than twice as far.
 
     The fit's ridge, 1e-13 of the problem, moves it by up to some 1e-6 where the body swings by a tenth of a degree.
@@ -147,7 +147,7 @@ def test_no_noise_makes_the_correction_large(seed: int, degrees: float, size: fl
 
 
 def test_more_noise_changes_the_centre_without_a_jump() -> None:
-    """The same disturbance, larger and larger, until nothing of the 2 degrees is left to see."""
+    """The same disturbance grows until it hides the arc of 2 degrees."""
     rng = np.random.default_rng(8)
     rest, body = swinging(0, 2, 0.05, 0.0)
     points = body.position[:, None] + body.rotation[:, None] * body.template
@@ -159,8 +159,8 @@ def test_more_noise_changes_the_centre_without_a_jump() -> None:
     assert np.abs(centre).max() < RADIUS
 
 
-def test_skin_that_slips_is_not_taken_for_noise() -> None:
-    """A slow error leaves a residual and no jitter: the centre stays where plain least squares has it."""
+def test_sliding_skin_does_not_count_as_noise() -> None:
+    """A slow error leaves a residual but no jitter, so the centre stays at the plain least-squares solution."""
     rest, body = swinging(0, 12, 0.05, 0.0)
     points = body.position[:, None] + body.rotation[:, None] * body.template
     slow = np.sin(np.linspace(0, 9, FRAMES))[:, None] * np.array([2e-3, -1e-3j, 1e-3 + 1e-3j])

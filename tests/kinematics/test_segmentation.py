@@ -1,4 +1,4 @@
-"""Count, order and assignment of segments from the motion alone."""
+"""Number, order and markers of segments from the motion alone."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import pytest
 
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Constraints, SegmentationRules, asymmetry, segment_markers
-from mocap_id.kinematics.bodies import find_base
+from mocap_id.kinematics.clusters import find_base
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3, 4])
 @pytest.mark.parametrize("seed", range(5))
-def test_clean_chains_are_found_whole(chain, joints: int, seed: int) -> None:
+def test_clean_chains_are_found_completely(chain, joints: int, seed: int) -> None:
     truth = chain(100 * joints + seed, joints=joints)
     found = segment_markers(truth.points, truth.lateral, SegmentationRules())
     assert found.count == joints + 1
@@ -79,7 +79,7 @@ def test_the_count_can_be_given(chain) -> None:
     ],
     ids=["standing", "walking", "unseen", "one marker"],
 )
-def test_what_is_no_chain_on_a_base_is_refused(points: np.ndarray, code: str) -> None:
+def test_a_recording_without_a_chain_on_a_base_is_refused(points: np.ndarray, code: str) -> None:
     with pytest.raises(Refused) as refused:
         segment_markers(points, np.zeros(points.shape[1]), SegmentationRules())
     assert refused.value.code == code
@@ -95,7 +95,7 @@ def test_a_body_that_flies_past_still_markers_is_refused() -> None:
     assert refused.value.code == "no-chain"
 
 
-def test_sides_that_move_apart_show(chain) -> None:
+def test_asymmetric_sides_are_detected(chain) -> None:
     truth = chain(19)
     points, segment = truth.points.copy(), truth.segment
     lateral = np.where(np.arange(len(segment)) % 2 == 0, 0.15, -0.15)
@@ -109,7 +109,7 @@ def test_sides_that_move_apart_show(chain) -> None:
     assert apart[1:] == pytest.approx(0, abs=1e-4)
 
 
-def test_a_joint_that_hardly_explains_anything_is_unsure(chain) -> None:
+def test_a_joint_that_explains_little_has_low_confidence(chain) -> None:
     truth = chain(23, joints=1, noise=1e-4)
     sure = segment_markers(truth.points, truth.lateral, SegmentationRules())
     assert sure.confidence.value > 0.95
@@ -123,7 +123,7 @@ def test_a_joint_that_hardly_explains_anything_is_unsure(chain) -> None:
 
 
 def about_the_ankle(truth, *follows: float, radius: float = 4e-3) -> np.ndarray:
-    """(F, k) markers by the first axis, each turning with the shank by so much of its angle; 0.1 mm of noise."""
+    """Return markers (F, k) near the first axis that follow a share of the shank's rotation; 0.1 mm of noise."""
     rng = np.random.default_rng(0)
     angle = truth.relative[:, :1]
     marks = truth.centres[0] + radius * np.exp(1j * (0.3 + angle * np.array(follows)))
@@ -133,7 +133,7 @@ def about_the_ankle(truth, *follows: float, radius: float = 4e-3) -> np.ndarray:
 def axis_assignment(
     truth, marks: np.ndarray, sides: list[float], constraints: Constraints | None = None
 ) -> tuple[list[int], float]:
-    """Segments of the markers by the axis, and what their decision takes off the confidence."""
+    """Return the segments of the markers near the axis, and the reduction of the confidence by their decision."""
     points = np.concatenate([truth.points, marks], axis=1)
     found = segment_markers(points, np.append(truth.lateral, sides), SegmentationRules(), constraints)
     count = len(truth.segment)
@@ -142,16 +142,16 @@ def axis_assignment(
 
 
 def test_left_and_right_malleolus_are_judged_together(chain) -> None:
-    """One of them whose skin stays behind goes with the other if it is its counterpart."""
+    """A malleolus with lagging skin follows its counterpart."""
     truth = chain(13, noise=1e-4)
     marks = about_the_ankle(truth, 0.35, 0.9)
     assert axis_assignment(truth, marks, [-0.15, 0.15])[0] == [1, 1]
-    assert axis_assignment(truth, marks, [0.15, 0.15])[0] == [0, 1]  # both on one side: two markers
+    assert axis_assignment(truth, marks, [0.15, 0.15])[0] == [0, 1]  # both on the same side: no pair
     away = marks + np.array([0.05, 0.0])
-    assert axis_assignment(truth, away, [-0.15, 0.15])[0] == [0, 1]  # 5 cm from each other: no counterparts
+    assert axis_assignment(truth, away, [-0.15, 0.15])[0] == [0, 1]  # 5 cm apart: no pair
 
 
-def test_a_close_decision_about_the_axis_is_less_sure(chain) -> None:
+def test_a_close_decision_about_the_axis_reduces_the_confidence(chain) -> None:
     truth = chain(13, noise=1e-4)
     doubts = {}
     for follows in (0.0, 0.2, 0.45, 0.8, 1.0):
@@ -164,7 +164,7 @@ def test_a_close_decision_about_the_axis_is_less_sure(chain) -> None:
 def test_two_markers_stay_with_the_base(chain) -> None:
     truth = chain(13, noise=1e-4)
     marks = about_the_ankle(truth, 1.0, 1.0, 1.0)
-    left = 5  # two of the base's and three by the axis
+    left = 5  # two base markers and three near the axis
     points, lateral = np.concatenate([truth.points, marks], axis=1)[:, 2:], np.append(truth.lateral, [0.0] * 3)[2:]
     for kept in (left, left - 1, left - 2):
         found = segment_markers(points, lateral, SegmentationRules())
@@ -173,7 +173,7 @@ def test_two_markers_stay_with_the_base(chain) -> None:
         points, lateral = points[:, 1:], lateral[1:]
 
 
-def test_who_is_told_apart_from_the_shank_stays_on_the_base(chain) -> None:
+def test_a_marker_kept_apart_from_the_shank_stays_on_the_base(chain) -> None:
     truth = chain(13, noise=1e-4)
     marks, last = about_the_ankle(truth, 1.0, 1.0), len(truth.segment)
     assert axis_assignment(truth, marks, [0.1, 0.1])[0] == [1, 1]

@@ -1,4 +1,4 @@
-"""Labels that are exchanged are found to the frame and exchanged back; what is no exchange is let alone."""
+"""Label swaps are found to the frame and undone, without false alarms."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from mocap_id import recording
-from mocap_id.kinematics import Swap, find_swaps, repair
-from mocap_id.simulation.generate import generate
+from mocap_id.kinematics import Swap, find_swaps, undo_swaps
 from mocap_id.simulation.options import Options
+from mocap_id.simulation.simulated_trial import generate
 
 MANNERS = ("normal", "dynamic", "stable")
 
 
 @pytest.fixture(scope="module")
 def trials():
-    """Simulated sit-to-stands, made once for each set of options."""
+    """Return simulated sit-to-stands, cached by options."""
     made = {}
 
     def trial(seed: int, **options) -> SimpleNamespace:
@@ -35,14 +35,14 @@ def trials():
 
 
 def exchanged(points: np.ndarray, first: int, second: int, start: int, stop: int) -> np.ndarray:
-    """What a file would hold; written without the code under test."""
+    """Return the trajectories of a file with swaps, without the code under test."""
     raw = points.copy()
     raw[start:stop, first], raw[start:stop, second] = points[start:stop, second], points[start:stop, first]
     return raw
 
 
 def pair(rng: np.random.Generator, trial: SimpleNamespace, kind: str) -> tuple[int, int]:
-    """Two columns 3 cm or more apart: neighbours on a segment, left and right, on the plate, or any two."""
+    """Return two columns 3 cm or more apart: neighbours on a segment, left and right, on the plate, or any two."""
     labels = trial.labels
     apart = np.nanmedian(np.linalg.norm(trial.points[::20, :, None] - trial.points[::20, None], axis=-1), axis=0)
     while True:
@@ -62,7 +62,7 @@ def pair(rng: np.random.Generator, trial: SimpleNamespace, kind: str) -> tuple[i
 
 
 def agrees(found: tuple[Swap, ...], raw: np.ndarray, true: Swap) -> bool:
-    """The pair is exact; an end is exact but for frames at which both columns are empty."""
+    """Check the pair exactly, and the ends up to frames in which both columns are empty."""
     if len(found) != 1 or (found[0].first, found[0].second) != (true.first, true.second):
         return False
     unseen = np.isnan(raw[:, [true.first, true.second], 0]).all(axis=1)
@@ -72,7 +72,7 @@ def agrees(found: tuple[Swap, ...], raw: np.ndarray, true: Swap) -> bool:
 
 @pytest.mark.parametrize("kind", ["neighbours", "sides", "plate", "any"])
 def test_both_seen(trials, kind: str) -> None:
-    """Measured: 80 of 80; bit for bit what it was once repaired."""
+    """Measured: 80 of 80 found; the repair is exact to the bit."""
     for seed in range(20):
         trial, rng = trials(seed % 5), np.random.default_rng(seed)
         first, second = pair(rng, trial, kind)
@@ -86,12 +86,12 @@ def test_both_seen(trials, kind: str) -> None:
         raw = exchanged(trial.points, first, second, start, stop)
         found = find_swaps(raw, 100.0)
         assert found == (Swap(first, second, start, stop),)
-        np.testing.assert_array_equal(repair(raw, found), trial.points)
+        np.testing.assert_array_equal(undo_swaps(raw, found), trial.points)
 
 
 @pytest.mark.parametrize("hidden", [1, 2])
 def test_across_a_gap(trials, hidden: int) -> None:
-    """One or both hidden for up to half a second where the labels change, and still hidden or not. Limit: 97 %."""
+    """One or both markers are hidden for up to half a second around the swap. Limit: 97 % found."""
     hits = []
     for seed in range(40):
         trial, rng = trials(seed % 5), np.random.default_rng(100 + seed)
@@ -111,7 +111,7 @@ def test_across_a_gap(trials, hidden: int) -> None:
         found = find_swaps(raw, 100.0)
         hits.append(agrees(found, raw, Swap(first, second, start, stop)))
         if hits[-1]:
-            np.testing.assert_array_equal(repair(raw, found), points)
+            np.testing.assert_array_equal(undo_swaps(raw, found), points)
     assert len(hits) >= 20
     assert np.mean(hits) >= 0.97
 
@@ -168,7 +168,7 @@ def test_three_permute_and_swaps_share_columns(trials) -> None:
     raw = exchanged(raw, 30, 33, 300, 600)
     found = find_swaps(raw, 100.0)
     assert {swap.first for swap in found} | {swap.second for swap in found} == {4, 30, 33, 40}
-    np.testing.assert_array_equal(repair(raw, found), trial.points)
+    np.testing.assert_array_equal(undo_swaps(raw, found), trial.points)
 
 
 def test_many_swaps_at_once(trials) -> None:
@@ -181,14 +181,14 @@ def test_many_swaps_at_once(trials) -> None:
 
 
 def test_no_swaps_no_alarm() -> None:
-    """Measured beside this: 60 trials of 25 to 200 Hz, up to 2 mm of noise, none."""
+    """A larger measurement found none in 60 trials of 25 to 200 Hz with up to 2 mm of noise."""
     for seed in range(500, 515):
         options = Options(seed=seed, strategy=MANNERS[seed % 3], soft_tissue=seed % 3, repetitions=2)
         assert find_swaps(generate("sit-to-stand", options).points, 100.0) == ()
 
 
 @pytest.mark.parametrize("what", ["burst", "jump alone", "merged", "both jump elsewhere", "drop-outs", "gaps"])
-def test_what_is_no_swap(trials, what: str) -> None:
+def test_other_events_are_not_swaps(trials, what: str) -> None:
     for seed in range(5):
         points, rng = trials(seed).points.copy(), np.random.default_rng(seed)
         count, markers = points.shape[:2]
@@ -210,14 +210,14 @@ def test_what_is_no_swap(trials, what: str) -> None:
         assert find_swaps(points, 100.0) == ()
 
 
-def test_too_little_to_judge_by() -> None:
+def test_too_few_markers_give_no_swap() -> None:
     still = np.random.default_rng(0).normal(size=(1, 3, 3)).repeat(50, axis=0)
     assert find_swaps(exchanged(still, 0, 1, 10, 20), 100.0) == ()
     assert find_swaps(np.full((50, 6, 3), np.nan), 100.0) == ()
     assert find_swaps(np.zeros((1, 6, 3)), 100.0) == ()
 
 
-def test_a_gap_in_a_long_stillness_is_no_swap() -> None:
+def test_a_gap_in_a_long_rest_is_not_a_swap() -> None:
     points = np.random.default_rng(0).normal(size=(1, 50, 3)) + np.zeros((17_000, 1, 1))
     points[5000:5100, 7] = np.nan
     assert find_swaps(points, 480.0) == ()
@@ -225,7 +225,7 @@ def test_a_gap_in_a_long_stillness_is_no_swap() -> None:
 
 @pytest.mark.recordings
 def test_recordings(recordings: Path) -> None:
-    """None in those of movements that we treat; in a walk, one frame in which two labels are truly exchanged."""
+    """None in supported movements; one true swap of a single frame in a walk."""
     trials = ("sit-to-stand/STS1.trc", "sit-to-stand/squats1.trc", "c3d/stoop1_t169_f620f800.c3d", "c3d/Gait.c3d")
     for name in (*trials, "simulated/sts-normal/trial.c3d", "simulated/ur5-elbow-fast/trial.c3d"):
         read = recording.read(recordings / name, None)

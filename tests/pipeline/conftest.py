@@ -1,4 +1,4 @@
-"""Whole trials, each run once for all the tests that look at it."""
+"""Whole trials, each run once for all tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mocap_id.store import Folder
 
 @dataclass(frozen=True)
 class Finished:
-    """A trial that has run, and the truth beside its recording where there is one."""
+    """A run trial, and the truth of its recording if there is one."""
 
     outcome: Outcome
     source: Path
@@ -38,7 +38,7 @@ class Finished:
         return pd.read_parquet(self.folder / f"{name}.parquet")
 
     def facts(self, file: str) -> dict[str, Any]:
-        """What an artefact holds beside its data."""
+        """Return the facts of an artefact."""
         return dict(Folder(self.folder).read(file).facts)
 
     def centres(self) -> np.ndarray:
@@ -50,12 +50,12 @@ class Finished:
         return dict(json.loads((self.source / "truth.json").read_text()))
 
     def true(self, key: str, time: np.ndarray) -> np.ndarray:
-        """A true signal at the given times."""
+        """Return a true signal at the given times."""
         with np.load(self.source / "truth.npz") as arrays:
             return np.asarray(CubicSpline(arrays["t"], arrays[key])(time))
 
     def off_seat(self, time: np.ndarray) -> np.ndarray:
-        """Where no chair carries any weight."""
+        """Return the times without load on the chair."""
         inside = [(time >= rep["seat_off"]) & (time <= rep["seat_on"]) for rep in self.truth["reps"]]
         return np.any(inside, axis=0)
 

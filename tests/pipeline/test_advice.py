@@ -1,4 +1,4 @@
-"""`mocap-id advise`: a small part of the check behind docs/excitation.md, and the command from outside."""
+"""`mocap-id advise`: a small part of the check in docs/excitation.md, and the command line."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from mocap_id.config import load
-from mocap_id.dynamics.excitation import standing
+from mocap_id.dynamics.excitation import classify
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.writing import write_c3d
+from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, generate, simulate
 from mocap_id.simulation.subject import draw_subject
-from mocap_id.workflows.advice import Asked, advise, angle_range, as_json, support_range, write
+from mocap_id.workflows.advice import AdviceOptions, advice_output, advise, angle_range, support_range
 from mocap_id_cli.app import build
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -34,7 +34,7 @@ def bodies():
 
 @pytest.fixture(scope="module")
 def weak(bodies, tmp_path_factory):
-    """A robot's joint that hardly moves: case, options and the trial, run."""
+    """A robot's joint that hardly moves: case, options and the run trial."""
     case = bodies.Case("robot", SEED)
     marker, plate = bodies.NOISY["robot"]
     options = Options(seed=SEED, subject=draw_subject(SEED, 1), marker_noise=marker, plate_noise=plate)
@@ -55,30 +55,31 @@ def test_the_present_movement_is_what_was_identified(weak, advised) -> None:
 
 
 def test_an_advised_movement_makes_weak_parameters_known(bodies, weak, advised, tmp_path: Path) -> None:
-    """Simulated, run through the pipeline: as was foreseen, and closer to the truth."""
+    """SimulatedTrial, run through the pipeline: as was foreseen, and closer to the truth."""
     case, options, _, before = weak
-    best = advised.design.made
+    best = advised.design.best_standalone
     assert best is not None
     after = bodies.record(
-        tmp_path / "after", case, options, bodies.carried_out(best.course, advised.design.rest, before)
+        tmp_path / "after", case, options, bodies.make_movement(best.trajectory, advised.design.rest, before)
     )
     size = advised.design.size
-    assert "weak" in {standing(float(sd)) for sd in before.sd / size}
-    assert {standing(float(sd)) for sd in best.foreseen.sd / size} == {"known"}
-    assert {standing(float(sd)) for sd in after.sd / size} == {"known"}
-    assert best.foreseen.condition == pytest.approx(after.condition, rel=0.05)
-    assert np.all(np.abs(np.log(best.foreseen.sd / after.sd)) < np.log(5.0))
+    assert "weak" in {classify(float(sd)) for sd in before.sd / size}
+    assert {classify(float(sd)) for sd in best.predicted.sd / size} == {"known"}
+    assert {classify(float(sd)) for sd in after.sd / size} == {"known"}
+    assert best.predicted.condition == pytest.approx(after.condition, rel=0.05)
+    assert np.all(np.abs(np.log(best.predicted.sd / after.sd)) < np.log(5.0))
     off = [np.linalg.norm(((each.value - each.true) / size)[2:]) for each in (before, after)]
     assert off[1] < 0.2 * off[0]
 
 
 def test_a_run_folder_is_advised_on_as_its_yaml(weak, advised) -> None:
     again = advise(load(weak[2] / "trial.yaml").out)
-    assert as_json(again) == as_json(advised)
+    assert advice_output(again).document == advice_output(advised).document
 
 
 def test_what_is_written(advised, tmp_path: Path) -> None:
-    files = write(advised, tmp_path / "new" / "advice")
+    folder = tmp_path / "new" / "advice"
+    files = [folder / name for name in advice_output(advised).write(folder)]
     assert [file.name for file in files] == ["advice.json", "movement.csv", "movement.svg", "movement.pdf"]
     told = json.loads(files[0].read_text())
     assert told["helps"] is True
@@ -101,25 +102,26 @@ def test_the_command_says_what_to_record(weak) -> None:
 
 
 def test_limits_are_asked_for(weak) -> None:
-    found = advise(weak[2] / "trial.yaml", Asked(angles={"joint": (-10.0, 10.0)}, speed=20.0, acceleration=100.0))
+    options = AdviceOptions(angles={"joint": (-10.0, 10.0)}, speed=20.0, acceleration=100.0)
+    found = advise(weak[2] / "trial.yaml", options)
     np.testing.assert_allclose(np.degrees([found.limits.low[0], found.limits.high[0]]), [-10, 10])
-    assert found.design.made is not None
-    assert np.degrees(np.abs(found.design.made.course.dq)).max() <= 20.0 + 1e-6
+    assert found.design.best_standalone is not None
+    assert np.degrees(np.abs(found.design.best_standalone.trajectory.dq)).max() <= 20.0 + 1e-6
 
 
 def test_a_joint_that_is_not_there(weak) -> None:
     with pytest.raises(ConfigError, match="no joint 'knee'; expected one of joint"):
-        advise(weak[2] / "trial.yaml", Asked(angles={"knee": (0.0, 10.0)}))
+        advise(weak[2] / "trial.yaml", AdviceOptions(angles={"knee": (0.0, 10.0)}))
 
 
 def test_without_a_plate_there_is_nothing_to_foresee(tmp_path: Path) -> None:
-    """The recording's force plate is taken away: the run is fine, the advice says why it is none."""
+    """Without a force plate the run succeeds, and the advice states why there is none."""
     configuration = simulate("robot", tmp_path / "trial", Options(seed=3, repetitions=3))
     made = generate("robot", Options(seed=3, repetitions=3))
     (tmp_path / "trial" / "trial.c3d").unlink()
     write_c3d(tmp_path / "trial" / "trial.c3d", made.scene.markers.labels, made.points, 100.0)
     run_to(load(configuration), "identify-dim")
-    with pytest.raises(RecordingError, match=r"nothing was identified from trial trial.*the ground's wrench"):
+    with pytest.raises(RecordingError, match=r"nothing was identified on trial trial.*the ground's wrench"):
         advise(configuration)
     said = CliRunner().invoke(build(), ["advise", "-q", str(configuration)])
     assert said.exit_code != 0
@@ -131,7 +133,7 @@ def test_without_a_plate_there_is_nothing_to_foresee(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_asked(key: str, value: object) -> None:
     with pytest.raises(ConfigError, match=f"advise: {key} is .*; expected"):
-        Asked(**{key: value})
+        AdviceOptions(**{key: value})
 
 
 @pytest.mark.parametrize("text", ["hip", "hip=10", "=1:2", "hip=a:b", "hip=20:10", "hip=nan:3"])

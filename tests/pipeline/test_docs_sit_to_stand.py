@@ -1,4 +1,4 @@
-"""docs/sit-to-stand.md, followed to the letter on a small simulated cohort."""
+"""All commands of docs/sit-to-stand.md, on a small simulated cohort."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def blocks(kind: str) -> list[str]:
 
 
 def block(kind: str, start: str) -> str:
-    """The one block of a kind that begins like this."""
+    """Return the only block of a kind that begins with this text."""
     found = [text for text in blocks(kind) if text.startswith(start)]
     assert len(found) == 1, found
     return found[0]
@@ -33,7 +33,7 @@ def block(kind: str, start: str) -> str:
 
 @pytest.fixture(autouse=True)
 def logging_as_it_was() -> Iterator[None]:
-    """Commands are called in this process, and set up its logging."""
+    """Restore the logging, which commands set up in this process."""
     loggers = [logging.getLogger(name) for name in (None, "mocap_id", "py.warnings")]
     before = [(logger.level, list(logger.handlers)) for logger in loggers]
     yield
@@ -44,13 +44,13 @@ def logging_as_it_was() -> Iterator[None]:
 
 
 class Terminal:
-    """Types commands into mocap-id."""
+    """Runs commands of mocap-id."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         self._monkeypatch, self._capsys, self.progress = monkeypatch, capsys, ""
 
     def type(self, command: str) -> str:
-        """What it prints; every command of the page succeeds."""
+        """Run a command, which must succeed, and return its output."""
         self._monkeypatch.setattr(sys, "argv", shlex.split(command))
         self._capsys.readouterr()
         with pytest.raises(SystemExit) as left:
@@ -61,7 +61,7 @@ class Terminal:
 
 
 def record(terminal: Terminal) -> None:
-    """The folder of recordings that the page begins with."""
+    """Make the folder of recordings with which the page begins."""
     for name, seed in PEOPLE.items():
         for strategy in STRATEGIES:
             made = Path("simulated") / f"{name}-{strategy}"
@@ -73,7 +73,7 @@ def record(terminal: Terminal) -> None:
 
 
 def fill_in() -> None:
-    """What the page tells to write into the study's file, and the trial's file at its end."""
+    """Make the changes of the study's file and of the trial's file that the page describes."""
     file = Path("study.yaml")
     people = block("yaml", "subjects:").splitlines()[1:]
     text = file.read_text("utf-8")
@@ -104,7 +104,7 @@ def test_the_page_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
 
 
 def _results(said: dict[str, list[str]]) -> None:
-    """What the page says one will find."""
+    """Return the results that the page announces."""
     first, again = said["mocap-id study study.yaml"]
     assert first == again
     assert "4 of 4 trials went through" in first

@@ -1,4 +1,4 @@
-"""A small part of the sweeps behind docs/dynamic-sweep.md and docs/dynamic-sources.md, on seeds of its own."""
+"""Small parts of benchmarks/dynamic_sweep.py and dynamic_sources.py, on other seeds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TRIALS = 6
 
 @pytest.fixture(scope="module")
 def modules():
-    """The benchmarks import each other as scripts in one folder do."""
+    """The benchmarks, which import each other by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
         names = ("dynamic_truth", "dynamic_sweep", "dynamic_sources")
@@ -24,7 +24,7 @@ def modules():
 
 @pytest.fixture(scope="module")
 def clean(modules, tmp_path_factory):
-    """A finished trial without noise."""
+    """An identified trial without noise."""
     sweep = modules["dynamic_sweep"]
     return sweep.run_trial(tmp_path_factory.mktemp("clean") / "trial", replace(sweep.ROWS["clean"], seed=970_001))
 
@@ -35,7 +35,7 @@ def test_the_truth_is_regrouped_as_the_simulator_writes_it_out(modules, clean) -
     regrouped = truth.true_base(clean)
     np.testing.assert_allclose(truth.norms(regrouped), truth.norms(written), rtol=1e-9)
     np.testing.assert_allclose(regrouped[:8], written[:8], atol=1e-9)
-    turn = truth.last_frame_turn(clean)
+    turn = truth.last_frame_turn(clean.truth, clean.chain)
     assert abs(turn) > 0.05
     c, s = np.cos(turn), np.sin(turn)
     np.testing.assert_allclose(np.array([[c, -s], [s, c]]) @ regrouped[8:10], written[8:10], atol=1e-9)
@@ -50,8 +50,8 @@ def test_a_clean_trial_keeps_every_limit(modules, clean) -> None:
     assert (np.abs(result.error[2:]) < 0.02).all()  # frames included: the last one is turned by 12 degrees
 
 
-def test_parameters_are_carried_into_a_turned_and_shifted_frame(modules, clean) -> None:
-    """The same body, its last segment's frame turned by 0.3 rad and moved: carried parameters say the same."""
+def test_parameters_are_transferred_to_a_turned_and_shifted_frame(modules, clean) -> None:
+    """Parameters transferred to a frame turned by 0.3 rad and moved describe the same body."""
     truth = modules["dynamic_truth"]
     turn, shift = np.exp(0.3j), 0.01 - 0.02j
     markers = clean.chain.data["markers"]
@@ -63,7 +63,7 @@ def test_parameters_are_carried_into_a_turned_and_shifted_frame(modules, clean) 
         clean, chain=replace(clean.chain, data={**clean.chain.data, "markers": {**markers, "local": local}})
     )
     full = np.asarray(clean.dynamics.data["full"]["value"])
-    got = truth.carried(clean, other)
+    got = truth.transfer_parameters(clean, other)
     np.testing.assert_allclose(got[:12], full[:12], atol=1e-9)
     mass, first, inertia = full[12], full[13] + 1j * full[14], full[15]
     expected = first * turn + mass * shift
@@ -72,18 +72,18 @@ def test_parameters_are_carried_into_a_turned_and_shifted_frame(modules, clean) 
     assert got[15] == pytest.approx(about_com + abs(expected) ** 2 / mass)
 
 
-def test_with_the_truth_in_every_input_nothing_is_wrong(modules) -> None:
+def test_with_true_inputs_there_is_no_error(modules) -> None:
     sources, sweep = modules["dynamic_sources"], modules["dynamic_sweep"]
     found = sources.measure(replace(sweep.ROWS["ordinary"], seed=970_002))
     rows = dict(zip((*sources.REPLACED, *sources.CHANGED), found, strict=True))
     limits = np.array([0.05, 0.05, 0.05, 0.05, 0.2, 0.1, 0.1, *6 * [0.2], 0.05])
     assert (rows["true states, centres and wrench"] < limits).all()
-    assert not (rows["as it is"] < limits).all()
+    assert not (rows["unchanged"] < limits).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("row", ["ordinary", "hard"])
-def test_most_trials_keep_what_is_asked(modules, row: str) -> None:
+def test_most_trials_meet_the_requirements(modules, row: str) -> None:
     sweep = modules["dynamic_sweep"]
     results = [sweep.measure(replace(sweep.ROWS[row], seed=970_100 + k)) for k in range(TRIALS)]
     values = np.array([np.abs([*r.norms, *r.rms, r.offset]) for r in results])
@@ -92,7 +92,7 @@ def test_most_trials_keep_what_is_asked(modules, row: str) -> None:
 
 
 @pytest.mark.slow
-def test_parameters_hold_for_another_strategy(modules) -> None:
+def test_parameters_are_valid_for_another_strategy(modules) -> None:
     sweep = modules["dynamic_sweep"]
     errors = sweep.transfer(replace(sweep.ROWS["ordinary"], seed=970_200))
     assert errors.shape == (3, 4, 6)

@@ -24,12 +24,12 @@ from mocap_id.store import Folder, Table, Tree
 
 OPTIONS = Options(seed=410, repetitions=3, seat_plate=True, plate_moved=True, plate_bias=1.0, clock_offset=0.012)
 INVARIANT = [0, 4, 7, 10]
-"""Base parameters that do not depend on how a segment's frame is turned: m, I2, I3, I4."""
+"""Base parameters that do not depend on the orientation of a segment's frame: m, I2, I3, I4."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A run folder and the truth beside its recording."""
+    """A run folder and the truth of its recording."""
 
     folder: Path
     source: Path
@@ -51,7 +51,7 @@ class Finished:
 
     @property
     def base(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values and standard deviations."""
+        """Return values and standard deviations."""
         base: Any = self.tree.data["base"]
         return np.asarray(base["value"]), np.asarray(base["sd"])
 
@@ -78,7 +78,7 @@ def finish(yaml: Path) -> Finished:
 
 
 def again(done: Finished, change: Any = None, **settings: Any) -> Finished:
-    """identify-dim on the same artefacts, with other settings or another chair's wrench."""
+    """Run identify-dim on the same artefacts with other settings or another wrench of the chair."""
     folder = Folder(done.folder)
     inputs = {file: folder.read(file) for file in STAGE.inputs}
     if change is not None:
@@ -100,7 +100,7 @@ def gated(seated: Finished) -> Finished:
     return again(seated, seat_plate=False)
 
 
-def test_the_chairs_plate_is_told_and_its_weight_comes_off(seated: Finished) -> None:
+def test_the_chairs_plate_is_found_and_its_weight_subtracted(seated: Finished) -> None:
     wrench = Folder(seated.folder).read("wrench.parquet")
     assert isinstance(wrench, Table)
     assert [plate["use"] for plate in wrench.facts["plates"]] == ["feet", "seat"]
@@ -115,7 +115,7 @@ def test_the_chairs_plate_is_told_and_its_weight_comes_off(seated: Finished) -> 
     np.testing.assert_allclose(found, force, atol=2.0)
 
 
-def test_parameters_and_torques_come_out_right_on_all_samples(seated: Finished) -> None:
+def test_parameters_and_torques_are_right_on_all_samples(seated: Finished) -> None:
     """Measured: torques within 0.6, 0.4 and 0.9 N·m rms of the truth on the chair, parameters within 1.2 %."""
     assert seated.codes == ["seat-measured"]
     assert seated.frame["in_fit"][seated.on_chair].mean() > 0.8
@@ -140,8 +140,8 @@ def test_the_ground_is_the_model_less_the_chair(seated: Finished) -> None:
     np.testing.assert_allclose(seated.frame["Fy_external"][5:-5], chair[5:-5, 1], atol=3.0)
 
 
-def test_what_the_chairs_plate_is_worth(seated: Finished, gated: Finished) -> None:
-    """Without it torques below the chair are wrong by what it carries; deviations fall to 0.69 in the median."""
+def test_the_benefit_of_the_chairs_plate(seated: Finished, gated: Finished) -> None:
+    """Without it, torques below the chair are wrong by its load; with it, the median deviation falls to 0.69."""
     assert gated.frame["in_fit"].sum() < 0.6 * seated.frame["in_fit"].sum()
     off = rms((gated.torques() - gated.true("tau"))[gated.on_chair])
     assert (off[:2] > 20 * rms((seated.torques() - seated.true("tau"))[seated.on_chair])[:2]).all()
@@ -181,17 +181,17 @@ def test_plates_swapped_in_the_configuration_are_caught(seated: Finished, tmp_pa
     wrench = Folder(outcome.folder).read("wrench.parquet")
     doubts = [reason.message for reason in wrench.reasons if reason.code == "plates-doubtful"]
     assert len(doubts) == 2
-    assert "are they swapped?" in doubts[0]
+    assert "Are they swapped in" in doubts[0]
     assert wrench.facts["external"] == []
     assert outcome.summary()["verdict"]["level"] == "caution"
 
 
 RAIL = np.array([-0.35, 1.0, 0.0])
-"""Where the hand holds on, plane frame, m."""
+"""Position of the hand on the rail, plane frame, m."""
 
 
 def on_rail(time: np.ndarray) -> np.ndarray:
-    """Wrench (T, 3) of the rail on the hand: up to 80 N upwards and 25 N along, in every movement another."""
+    """Return the wrench (T, 3) of the rail on the hand: up to 80 N up and 25 N along x, varying between movements."""
     level = 0.5 + 0.5 * np.sin(0.9 * time + 0.4) * np.sin(2.3 * time)
     force = np.column_stack([25 * np.sin(1.7 * time), 80 * level])
     return np.column_stack([force, RAIL[0] * force[:, 1] - RAIL[1] * force[:, 0]])
@@ -199,7 +199,7 @@ def on_rail(time: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def holding(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """The seated person's trial with a hand on a rail, whose sensor logs the hand's force on it, 0.2 s early."""
+    """The seated trial with a hand on a rail, whose sensor logs the force of the hand, 0.2 s early."""
     folder = tmp_path_factory.mktemp("rail") / "trial"
     simulate("sit-to-stand", folder, OPTIONS)
     made = generate("sit-to-stand", OPTIONS)
@@ -221,7 +221,7 @@ def holding(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 
 def test_a_hand_on_a_rail_with_a_sensor(holding: Finished) -> None:
-    """Measured as without the rail; blind to its sensor the mass comes out 4 kg short."""
+    """Errors are as without the rail; without the sensor the mass is 4 kg too small."""
     assert holding.codes == ["seat-measured"]
     value, _ = holding.base
     truth = np.array(holding.truth["base_parameters"]["values"])
@@ -245,7 +245,7 @@ def test_a_hand_on_a_rail_with_a_sensor(holding: Finished) -> None:
     assert blind.base[0][0] < value[0] - 3.0
 
 
-def test_a_sensor_read_with_the_wrong_sense_is_told(holding: Finished) -> None:
+def test_a_sensor_with_the_wrong_sign_is_reported(holding: Finished) -> None:
     def change(frame: pd.DataFrame) -> pd.DataFrame:
         return frame.assign(**{name: -frame[name] for name in frame if name.endswith("_external_1")})
 

@@ -1,4 +1,4 @@
-"""What the user says about markers, through the stages: together, apart, ignore, joint_markers."""
+"""The user's hints about markers, through the stages: together, apart, ignore, joint_markers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context, Files, TrialKeys
-from mocap_id.stages.marker_names import columns
+from mocap_id.stages.marker_names import marker_columns
 from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id_cli.__main__ import main
 
@@ -28,7 +28,7 @@ ANKLES = ["LANK", "RANK"]
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A person's two sit-to-stands on disk."""
+    """A recording of two sit-to-stands."""
     folder = tmp_path_factory.mktemp("hints") / "person"
     simulate("sit-to-stand", folder, Options(seed=4, repetitions=2))
     return folder
@@ -36,7 +36,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def planar(source: Path) -> LongTable:
-    """They in the plane."""
+    """The recording in the plane."""
     table = Folder(run(load(source / "trial.yaml"), [PLANARISE]).folder).read("planar.parquet")
     assert isinstance(table, LongTable)
     return table
@@ -48,7 +48,7 @@ def plain(planar: LongTable) -> Table:
 
 
 def segmented(planar: LongTable, **settings: Any) -> Table:
-    """Segments under some settings."""
+    """Return the segments for some settings."""
     (table,) = SEGMENT.function(Context(KEYS, SEGMENT.settings(**settings), {"planar.parquet": planar}))
     assert isinstance(table, Table)
     return table
@@ -62,7 +62,7 @@ def fitted(planar: LongTable, segments: Table, **settings: Any) -> Tree:
 
 
 def where(segments: Table) -> dict[str, int | None]:
-    """Segment of each marker by name."""
+    """Return the segment of each marker by label."""
     frame = segments.frame
     numbers = frame["segment"].astype(object).where(frame["segment"].notna(), None)
     return dict(zip(frame["marker"].astype(str), numbers, strict=True))
@@ -73,12 +73,12 @@ def reason(segments: Table, marker: str) -> str:
     return str(frame.loc[frame["marker"].astype(str) == marker, "reason"].item())
 
 
-def test_left_alone_it_is_right(source: Path, plain: Table) -> None:
+def test_without_hints_the_segments_are_right(source: Path, plain: Table) -> None:
     assert where(plain) == json.loads((source / "truth.json").read_text())["assignment"]
 
 
 def test_apart_takes_the_ankles_off_one_segment(planar: LongTable, plain: Table) -> None:
-    """The two malleoli are both on the shank; told that they are not, one of them goes, and nothing else does."""
+    """Both malleoli are on the shank; with this hint one of them is removed, and nothing else changes."""
     assert [where(plain)[name] for name in ANKLES] == [1, 1]
     told = where(segmented(planar, apart=[ANKLES]))
     assert sorted(str(told[name]) for name in ANKLES) in (["0", "1"], ["1", "None"])
@@ -105,14 +105,14 @@ def test_together_takes_a_marker_along(planar: LongTable, plain: Table) -> None:
 
 
 def test_the_whole_truth_as_a_hint_changes_nothing(planar: LongTable, plain: Table) -> None:
-    """Also where the whole base is one group, and no still marker is left to ask for its axis."""
+    """Also if the whole base is one group, so that no other still marker can be on the axis."""
     groups = [["LFHD", "RFHD", "C7", "T10", "CLAV"], ["?THI*"], ["?TIB*", "?ANK"], FEET]
     told = segmented(planar, together=groups, apart=[["C7", "LTHI", "LTIB", "LHEE"]])
     assert where(told) == where(plain)
     assert told.facts["count"] == 4
 
 
-def test_what_is_ignored_is_on_no_segment_and_says_why(planar: LongTable, plain: Table) -> None:
+def test_ignored_markers_are_on_no_segment_and_have_a_reason(planar: LongTable, plain: Table) -> None:
     told = segmented(planar, ignore=["LWR*", "RTHI2"])
     out = {"LWRA", "LWRB", "RTHI2"}
     assert {name for name, k in where(told).items() if k is None} == out
@@ -138,7 +138,7 @@ def test_what_is_ignored_is_on_no_segment_and_says_why(planar: LongTable, plain:
         ({"joint_markers": {"ankle": ["LANKLE"]}}, "segment: joint_markers: ankle", "did you mean LANK?"),
     ],
 )
-def test_a_name_that_is_none_is_named_with_its_key(planar: LongTable, settings: Any, key: str, near: str) -> None:
+def test_an_unknown_marker_is_reported_with_its_key(planar: LongTable, settings: Any, key: str, near: str) -> None:
     with pytest.raises(ConfigError) as caught:
         segmented(planar, **settings)
     assert str(caught.value).startswith(key)
@@ -154,13 +154,13 @@ def test_a_contradiction_is_a_mistake_of_the_configuration(planar: LongTable) ->
     assert one.value.exit_code == 2
 
 
-def test_a_joint_that_is_none_is_a_mistake_of_the_configuration(planar: LongTable) -> None:
+def test_an_unknown_joint_is_a_mistake_of_the_configuration(planar: LongTable) -> None:
     with pytest.raises(ConfigError, match="there is no joint ancle; found were ankle, knee, hip"):
         segmented(planar, joint_markers={"ancle": ANKLES})
 
 
-def test_markers_about_a_joint_pull_it(planar: LongTable, plain: Table) -> None:
-    """Their mean, more the larger lambda_a; the segments are the same, and the user is told."""
+def test_markers_around_a_joint_attract_it(planar: LongTable, plain: Table) -> None:
+    """Their mean attracts it, more with a larger lambda_a; the segments stay the same, and a note says so."""
     about = segmented(planar, joint_markers={"ankle": ["?ANK"]})
     assert about.facts["joint_markers"] == {"ankle": ANKLES}
     assert where(about) == where(plain)
@@ -178,13 +178,13 @@ def test_markers_about_a_joint_pull_it(planar: LongTable, plain: Table) -> None:
         assert "the ankle is pulled towards the middle of LANK, RANK" in note.message
 
 
-def test_only_the_whole_chain_can_be_pulled(planar: LongTable) -> None:
+def test_only_the_fit_of_the_whole_chain_uses_joint_markers(planar: LongTable) -> None:
     about = segmented(planar, joint_markers={"ankle": ANKLES})
     with pytest.raises(ConfigError, match=r"joint_markers: `fit-joints: \{estimator: circle\}` uses none"):
         fitted(planar, about, estimator="circle")
 
 
-def test_markers_that_are_ignored_may_still_pull(planar: LongTable) -> None:
+def test_ignored_markers_may_be_joint_markers(planar: LongTable) -> None:
     about = segmented(planar, ignore=ANKLES, joint_markers={"ankle": ANKLES})
     tree = fitted(planar, about, lambda_a=1e5)
     assert not set(ANKLES) & set(tree.data["markers"]["name"])
@@ -214,24 +214,24 @@ def test_a_mistake_within_a_stage_names_trial_and_stage(
 
 def test_names_and_patterns() -> None:
     labels = ("LTHI", "LTHI2", "RTHI", "C7", "Bob:LWRA")
-    assert columns(labels, (), "key") == ()
-    assert columns(labels, ("LTHI",), "key") == (0,)  # a name is no beginning of one
-    assert columns(labels, ("RTHI", "LTHI"), "key") == (0, 2)
-    assert columns(labels, ("LTHI*",), "key") == (0, 1)
-    assert columns(labels, ("?THI", "LTHI*"), "key") == (0, 1, 2)
-    assert columns(labels, ("*:LWR?",), "key") == (4,)
+    assert marker_columns(labels, (), "key") == ()
+    assert marker_columns(labels, ("LTHI",), "key") == (0,)  # a name is no beginning of one
+    assert marker_columns(labels, ("RTHI", "LTHI"), "key") == (0, 2)
+    assert marker_columns(labels, ("LTHI*",), "key") == (0, 1)
+    assert marker_columns(labels, ("?THI", "LTHI*"), "key") == (0, 1, 2)
+    assert marker_columns(labels, ("*:LWR?",), "key") == (4,)
     with pytest.raises(ConfigError, match="key: no marker is called c7"):
-        columns(labels, ("C7", "c7"), "key")
+        marker_columns(labels, ("C7", "c7"), "key")
 
 
 @pytest.mark.parametrize("label", ["*12", "M[1]", "what?"])
-def test_a_name_with_a_sign_of_a_pattern_in_it_means_itself(label: str) -> None:
-    """Cameras call what nobody has labelled ``*12``."""
+def test_a_label_that_looks_like_a_pattern_selects_itself(label: str) -> None:
+    """Cameras call unlabelled markers ``*12``."""
     labels = ("M1", "A*12", label, "whatX")
-    assert columns(labels, (label,), "key") == (2,)
+    assert marker_columns(labels, (label,), "key") == (2,)
 
 
-def test_what_is_ignored_stays_so_where_it_belongs_to_others(planar: LongTable, plain: Table) -> None:
+def test_a_marker_ignored_and_in_a_group_stays_ignored(planar: LongTable, plain: Table) -> None:
     told = segmented(planar, together=[["LTHI*"]], ignore=["LTHI2"])
     expected = {**where(plain), "LTHI2": None}
     assert where(told) == expected

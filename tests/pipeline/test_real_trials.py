@@ -1,4 +1,4 @@
-"""Whole real trials: against another program's joint angles, the plates' own mass, the authors' projection."""
+"""Real trials compared with joint angles of another program, the mass by the plates, and the authors' plane."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def against_reference(done, recordings, ours: list[str], theirs: dict[str, float
 
 
 def marker_distance(recordings, name: str, first: str, second: str) -> float:
-    """Mean distance of two markers of the file, virtual ones included, m."""
+    """Return the mean distance of two markers of the file, including virtual ones, m."""
     lines = (recordings / "sit-to-stand" / f"{name}.trc").read_text().splitlines()
     labels = [label for label in lines[3].split("\t")[2:] if label]
     rows = [line.split("\t") for line in lines[5:] if line.strip()]
@@ -77,7 +77,7 @@ def test_lengths_are_near_the_distances_of_the_joints_markers(trial, recordings,
 
 
 def test_a_torso_that_is_asked_for_is_pelvis_and_trunk(trial) -> None:
-    """Cut off at the pelvis, 60 % of the mass hung on its markers, and the table's body was 19 cm off."""
+    """With a pelvis only, 60 % of the mass would hang on its markers, and the reference body be wrong by 19 cm."""
     done = trial("sit-to-stand/STS1.trc", **STS, segment={"count": 4})
     segments = done.summary["segments"]
     assert segments["names"] == ["foot", "shank", "thigh", "torso"]
@@ -119,8 +119,8 @@ def test_both_trials_of_a_session_have_one_clock_offset(trial) -> None:
 
 
 @pytest.mark.parametrize("name", ["STS1", "squats1"])
-def test_stated_deviations_hold_the_left_out_wrench(trial, name: str) -> None:
-    """Of the samples as they were measured, with no low-pass: the columns' own deviations."""
+def test_stated_deviations_cover_the_left_out_wrench(trial, name: str) -> None:
+    """For unfiltered samples, with the standard deviations of the columns."""
     frame = trial(f"sit-to-stand/{name}.trc", **STS).table("dynamics")
     known = np.isfinite(frame["Fy_held_out"])
     for series in ("Fx", "Fy", "tauz", "cop_x"):
@@ -129,7 +129,7 @@ def test_stated_deviations_hold_the_left_out_wrench(trial, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["STS1", "squats1"])
-def test_a_hip_that_gives_way_is_said_and_the_chain_can_be_asked_for(trial, name: str) -> None:
+def test_a_hip_that_gives_way_is_reported_and_the_chain_can_be_chosen(trial, name: str) -> None:
     done = trial(f"sit-to-stand/{name}.trc", **STS)
     verdict = done.summary["verdict"]
     notes = {note["code"]: note["message"] for note in verdict["notes"]}
@@ -142,7 +142,7 @@ def test_a_hip_that_gives_way_is_said_and_the_chain_can_be_asked_for(trial, name
 
 @pytest.mark.parametrize("name", ["STS1", "squats1"])
 def test_the_ankles_torque_is_the_plates_wrench_moved_there(trial, name: str) -> None:
-    """Asked is 4 N·m: the model's torque against the measured wrench about the ankle less the foot's share."""
+    """Required: 4 N·m between the model's torque and the measured wrench about the ankle without the foot's share."""
     done = trial(f"sit-to-stand/{name}.trc", **STS)
     frame, chain = done.table("dynamics"), done.summary["joints"][0]
     known = np.isfinite(frame["Fy_held_out"])
@@ -189,7 +189,7 @@ def test_standing_is_refused_with_what_the_plates_show(trial, name: str, mass: f
 
 
 def in_plane_distances(done) -> tuple[np.ndarray, np.ndarray]:
-    """Mean distance (M, M) of every two markers in the plane, and how far apart they are across it, m."""
+    """Return the mean distance (M, M) of every two markers in the plane, and their distance across it, m."""
     planar = done.table("planar")
     count = planar["marker"].nunique()
     points = planar[["x", "y", "z"]].to_numpy().reshape(-1, count, 3)
@@ -199,7 +199,7 @@ def in_plane_distances(done) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_plane_of_a_stoop_is_nearly_the_authors(trial) -> None:
-    """They dropped the lab's Y; the bodies turn about an axis 1.5 degrees from it, and so does our plane."""
+    """They projected along the lab's Y; the axis of rotation, and our plane, differ from it by 1.5 degrees."""
     ours, across = in_plane_distances(trial("c3d/stoop1_t169_f620f800.c3d", protocol="free"))
     theirs, _ = in_plane_distances(trial("c3d/stoop1_t169_f620f800_2D.c3d", protocol="free"))
     long = np.triu(theirs > 0.1)
@@ -227,7 +227,7 @@ def marker_height(recordings, name: str, labels: tuple[str, ...]) -> tuple[np.nd
 
 @pytest.mark.parametrize("name", ["STS1", "squats1"])
 def test_five_repetitions_agree_with_the_pelvis_markers(trial, recordings, name: str) -> None:
-    """Nothing of the pipeline makes these heights: events are read off the joint angles."""
+    """These heights are independent of the pipeline, which finds events from joint angles."""
     done = trial(f"sit-to-stand/{name}.trc", **STS)
     events = done.table("events")
     assert len(events) == 5

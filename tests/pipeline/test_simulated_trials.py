@@ -1,4 +1,4 @@
-"""Whole trials against exact truth: what was measured stands in the comments, the limits are the product's targets."""
+"""Whole trials compared with exact truth: measured errors are in comments, the limits are the targets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMES = ("sts-normal-clean", "sts-normal", "sts-dynamic", "sts-stable-rotated-pl
 
 
 def angle_errors(done) -> np.ndarray:
-    """(F, n) degrees, after the constant by which a segment frame may be turned."""
+    """Return angle errors (F, n), degrees, without the constant rotation of a segment frame."""
     states = done.table("states")
     time = states["time"].to_numpy()
     true = done.true("q", time)
@@ -29,7 +29,7 @@ def length_errors(done) -> dict[str, float]:
 
 
 def cop_error(done) -> float:
-    """rms of the model's centre of pressure off the seat, mm."""
+    """Return the rms error of the model's centre of pressure off the seat, mm."""
     dynamics = done.table("dynamics")
     time = dynamics["time"].to_numpy()
     wrench = done.true("wrench", time)
@@ -101,7 +101,7 @@ def test_rotated_plate_after_identification(trial) -> None:
 
 
 def plate_bias(truth) -> np.ndarray:
-    """(Fx, Fy, tauz) in the plane frame that the plate's channels hold too much of, from their recorded biases."""
+    """Return the wrench (Fx, Fy, tauz) of the recorded channel biases, plane frame."""
     plate, plane = truth["plate"], truth["plane"]
     channels = np.array(plate["bias_channels_N_Nmm"])
     sense = -1 if plate["sense"] == "action" else 1

@@ -1,4 +1,4 @@
-"""A recording in which two markers are swapped, through the first stage and through all of them."""
+"""A recording with two swapped markers, through the first stage and through all stages."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id.simulation.generate import generate
 from mocap_id.simulation.options import Options
+from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.store import LongTable
@@ -24,7 +24,7 @@ SWAPPED = ("LTHI", "LTIB2")
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The same trial with its labels right, and with two of them exchanged for five seconds."""
+    """The same trial with correct labels, and with two labels swapped for five seconds."""
     one = generate("sit-to-stand", Options(seed=4, repetitions=3))
     labels = list(one.scene.markers.labels)
     columns = [labels.index(name) for name in SWAPPED]
@@ -62,7 +62,7 @@ def test_a_swap_is_a_caution_that_names_it(files: tuple[Path, Path]) -> None:
         assert part in reason.message
 
 
-def test_repaired_it_is_the_trial_that_was_never_swapped(files: tuple[Path, Path]) -> None:
+def test_the_repaired_trial_equals_the_original(files: tuple[Path, Path]) -> None:
     right, swapped = files
     before = swapped.read_bytes()
     clean, planar = planarised(right), planarised(swapped, repair_swaps=True)
@@ -71,7 +71,7 @@ def test_repaired_it_is_the_trial_that_was_never_swapped(files: tuple[Path, Path
     assert [swap["repaired"] for swap in planar.facts["swaps"]] == [True]
     (reason,) = (reason for reason in planar.reasons if reason.code == "marker-swap")
     assert reason.level == "ok"
-    assert "exchanged back" in reason.message
+    assert "were corrected" in reason.message
 
 
 def test_the_verdict_of_the_whole_trial_says_so(files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Torques of a simulated person whose hip gives way, identified on the bodies' measured poses, against exact truth."""
+"""Torques of a simulated person with a loose hip, identified with measured poses, compared with exact truth."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, People, simulate
+from mocap_id.simulation import Options, PersonOptions, simulate
 from mocap_id.store import Folder
 
-OPTIONS = Options(seed=4, repetitions=3, rate=100.0, analog_rate=500.0, people=People(hip_gap_mm=10))
+OPTIONS = Options(seed=4, repetitions=3, rate=100.0, analog_rate=500.0, people=PersonOptions(hip_gap_mm=10))
 JOINTS = (1, 2, 3)
 BOUNDS = {"ankle": 1.1, "knee": 1.5, "hip": 2.4}
-"""N·m rms off the seat: 0.61, 0.82 and 1.68 were measured."""
+"""Limits of the rms error off the seat, N·m; measured: 0.61, 0.82 and 1.68."""
 
 Identified = tuple[dict[str, Any], np.ndarray, np.ndarray]
 
 
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Identified]:
-    """The person's trial with settings of the dynamics: facts, errors and standard deviations (T, 3) off the seat."""
+    """Run the trial with some settings; return facts, errors and standard deviations (T, 3) off the seat."""
     folder = tmp_path_factory.mktemp("loose")
     trial = Path(simulate("sit-to-stand", folder, OPTIONS))
     truth = json.loads((folder / "truth.json").read_text())
@@ -54,11 +54,11 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Identi
 
 
 def rms(values: np.ndarray) -> np.ndarray:
-    """Of every column."""
+    """Return the rms of every column."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def test_torques_are_the_simulators_off_the_seat(identified: Callable[..., Identified]) -> None:
+def test_torques_off_the_seat_equal_the_simulators(identified: Callable[..., Identified]) -> None:
     facts, error, _ = identified("chosen")
     assert facts["motion"]["source"] == "segments"
     assert len(error) > 900
@@ -66,14 +66,14 @@ def test_torques_are_the_simulators_off_the_seat(identified: Callable[..., Ident
     assert {joint: value for joint, value in found.items() if value > BOUNDS[joint]} == {}
 
 
-def test_their_standard_deviations_hold_the_errors(identified: Callable[..., Identified]) -> None:
+def test_their_standard_deviations_cover_the_errors(identified: Callable[..., Identified]) -> None:
     _, error, sd = identified("chosen")
     assert (rms(error / sd) < 1.5).all()
     assert (rms(sd) < [3.0, 3.0, 6.0]).all(), "and are no larger than a hip needs whose centre is known to a centimetre"
 
 
-def test_pins_would_cost_more_at_every_joint(identified: Callable[..., Identified]) -> None:
-    """The same recording on the pinned chain: 6.9, 2.6 and 3.2 N·m were measured."""
+def test_the_pinned_chain_is_worse_at_every_joint(identified: Callable[..., Identified]) -> None:
+    """Measured for the same recording with the pinned chain: 6.9, 2.6 and 3.2 N·m."""
     facts, error, _ = identified("chain")
     assert facts["motion"]["source"] == "chain"
     assert (rms(error) > 1.5 * rms(identified("chosen")[1])).all()

@@ -1,4 +1,4 @@
-"""The body of one trial on others of the same person: close to the truth, and never silently on someone else."""
+"""Transfer of a body to other trials of the same person, and warnings for another person."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.interpolate import CubicSpline
 
-from mocap_id.dynamics.carry import carry, register
-from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_parameters
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
 from mocap_id.simulation import Options, Strategy, simulate
-from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.followed_bodies import followed
-from mocap_id.workflows.transfer import SERIES, Applied, Transfer, apply, rms, transfer
-from mocap_id.workflows.transfer_table import as_frame, as_json, write
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.matched_bodies import match_bodies
+from mocap_id.workflows.transfer import SERIES, Transfer, TrialTransfer, apply_model, rms_error, transfer
+from mocap_id.workflows.transfer.table import as_frame, as_json, write
 from mocap_id_cli.__main__ import main
 
 SHORT = Options(repetitions=2, analog_rate=100)
@@ -33,7 +33,7 @@ SHORT = Options(repetitions=2, analog_rate=100)
 
 @pytest.fixture(autouse=True)
 def logging_as_it_was() -> Iterator[None]:
-    """The command is called in this process, and sets up its logging."""
+    """Restore the logging, which the command sets up in this process."""
     loggers = [logging.getLogger(name) for name in (None, "mocap_id", "py.warnings")]
     before = [(logger.level, list(logger.handlers)) for logger in loggers]
     yield
@@ -45,7 +45,7 @@ def logging_as_it_was() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, Strategy], Path]:
-    """Makes a person's trial by a strategy, once: its YAML file."""
+    """Return the YAML file of a person's trial with a strategy, made once."""
     made: dict[tuple[int, Strategy], Path] = {}
 
     def trial(seed: int, strategy: Strategy) -> Path:
@@ -58,30 +58,30 @@ def subject(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, Strategy
 
 
 @pytest.fixture(scope="module")
-def normal(subject) -> Finished:
-    return finished(subject(21, "normal"))
+def normal(subject) -> IdentifiedTrial:
+    return open_identified_trial(subject(21, "normal"))
 
 
 @pytest.fixture(scope="module")
-def dynamic(subject) -> Finished:
-    return finished(subject(21, "dynamic"))
+def dynamic(subject) -> IdentifiedTrial:
+    return open_identified_trial(subject(21, "dynamic"))
 
 
-def body(trial: Applied, name: str) -> dict[str, float]:
+def body(trial: TrialTransfer, name: str) -> dict[str, float]:
     """rms error of each series."""
     errors = next(body.errors for body in trial.bodies if body.name == name)
-    return {series: rms(errors[series]) for series in SERIES}
+    return {series: rms_error(errors[series]) for series in SERIES}
 
 
-def with_skeleton(trial: Finished, **changes: object) -> Finished:
-    """The trial with another skeleton of its chain, on which it was identified."""
+def with_skeleton(trial: IdentifiedTrial, **changes: object) -> IdentifiedTrial:
+    """Return the trial with another skeleton of its chain."""
     assert trial.measured is None
     return replace(trial, chain=replace(trial.chain, skeleton=replace(trial.chain.skeleton, **changes)))
 
 
-def cop_off_truth(source: Finished, target: Finished) -> float:
-    """rms of the carried body's centre of pressure off the seat, against the truth, mm."""
-    full = carry(source.parameters, register(source.skeleton, target.skeleton))
+def cop_off_truth(source: IdentifiedTrial, target: IdentifiedTrial) -> float:
+    """Return the rms error of the transferred body's centre of pressure off the seat, mm."""
+    full = transfer_parameters(source.parameters, register_bodies(source.skeleton, target.skeleton))
     time = target.dynamics["time"].to_numpy()
     truth = json.loads((target.source.parent / "truth.json").read_text())
     with np.load(target.source.parent / "truth.npz") as arrays:
@@ -105,14 +105,14 @@ def test_the_centre_of_pressure_of_another_strategy(subject) -> None:
     """Measured on ten subjects and every pair of strategies in docs/transfer.md: 1.5 mm on the median."""
     errors = []
     for seed in (21, 22, 23):
-        trials = [finished(subject(seed, strategy)) for strategy in ("normal", "dynamic")]
+        trials = [open_identified_trial(subject(seed, strategy)) for strategy in ("normal", "dynamic")]
         errors += [cop_off_truth(*trials), cop_off_truth(*trials[::-1])]
     assert np.median(errors) <= 5
     assert max(errors) <= 8
 
 
-def test_a_carried_body_is_as_good_as_the_own_one_and_better_than_the_table(normal, dynamic) -> None:
-    found = apply(normal, dynamic)
+def test_a_transferred_body_is_as_good_as_the_own_one_and_better_than_the_table(normal, dynamic) -> None:
+    found = apply_model(normal, dynamic)
     own, carried, table = (body(found, name) for name in ("own", "transferred", "winter"))
     for series in SERIES:
         assert carried[series] < 1.1 * own[series]
@@ -124,22 +124,22 @@ def test_a_carried_body_is_as_good_as_the_own_one_and_better_than_the_table(norm
     assert torques["own"] == torques["own, held out"] == ()
     for ours, theirs in zip(torques["transferred"], torques["winter"], strict=True):
         assert ours is not None and theirs is not None
-        assert rms(ours) < 0.5 * rms(theirs)
+        assert rms_error(ours) < 0.5 * rms_error(theirs)
     assert found.reasons == ()
     assert found.supported is True
 
 
 def test_on_its_own_trial_a_body_is_the_own_model(dynamic) -> None:
-    found = apply(dynamic, dynamic)
+    found = apply_model(dynamic, dynamic)
     own, carried = body(found, "own"), body(found, "transferred")
     assert carried == pytest.approx(own, rel=1e-3)
     np.testing.assert_allclose(found.registration.residual, 0.0, atol=1e-12)
     torques = next(each.torques for each in found.bodies if each.name == "transferred")
-    assert max(rms(each) for each in torques) < 0.05
+    assert max(rms_error(each) for each in torques) < 0.05
 
 
 def test_errors_are_model_less_measurement(normal, dynamic) -> None:
-    found, frame = apply(normal, dynamic), dynamic.dynamics
+    found, frame = apply_model(normal, dynamic), dynamic.dynamics
     used = frame[frame["in_fit"]]
     for name, suffix in (("own", "_model"), ("winter", "_reference")):
         errors = next(each.errors for each in found.bodies if each.name == name)
@@ -152,8 +152,8 @@ def test_errors_are_model_less_measurement(normal, dynamic) -> None:
 
 
 def test_another_person_is_noticed(normal, subject) -> None:
-    other = finished(subject(22, "dynamic"))
-    found = apply(normal, other)
+    other = open_identified_trial(subject(22, "dynamic"))
+    found = apply_model(normal, other)
     assert "transfer-mass" in {reason.code for reason in found.reasons}
     assert {reason.code for reason in found.reasons} <= set(EXPLANATIONS)
 
@@ -161,35 +161,37 @@ def test_another_person_is_noticed(normal, subject) -> None:
 def test_markers_that_were_placed_anew_are_noticed(normal, dynamic) -> None:
     scattered = dynamic.skeleton.local + np.random.default_rng(0).normal(scale=0.03, size=dynamic.skeleton.local.shape)
     moved = with_skeleton(dynamic, local=scattered)
-    (reason,) = [reason for reason in apply(normal, moved).reasons if reason.code == "transfer-markers"]
+    (reason,) = [reason for reason in apply_model(normal, moved).reasons if reason.code == "transfer-markers"]
     assert reason.value > reason.limit == 0.025
 
 
-def test_a_body_worse_than_the_table_is_said(normal, dynamic) -> None:
+def test_a_body_worse_than_the_table_is_reported(normal, dynamic) -> None:
     wrong = replace(normal, parameters=normal.parameters * np.tile([1.0, 1.0, 1.3, 1.5], 4))
-    (reason,) = [reason for reason in apply(wrong, dynamic).reasons if reason.code == "transfer-worse"]
+    (reason,) = [reason for reason in apply_model(wrong, dynamic).reasons if reason.code == "transfer-worse"]
     assert reason.value > 1
     assert "cop_x" in reason.message
 
 
 def test_a_body_without_markers_in_the_other_trial_is_refused_by_name(normal, dynamic) -> None:
-    """Another number of segments: the bodies are followed by their markers, whose labels must be known there."""
+    """With another number of segments, the bodies are matched by their markers, whose labels must exist."""
     more = with_skeleton(dynamic, segments=(*dynamic.skeleton.segments, "head"))
-    assert apply(normal, more).registration.markers.min() >= 2
+    assert apply_model(normal, more).registration.markers.min() >= 2
     labels = [f"X{k}" if dynamic.skeleton.segment[k] == 2 else label for k, label in enumerate(normal.skeleton.markers)]
     with pytest.raises(ConfigError, match=r"does not show how the thigh of trial .* 0 of that body's") as raised:
-        apply(with_skeleton(normal, markers=tuple(labels)), more)
+        apply_model(with_skeleton(normal, markers=tuple(labels)), more)
     assert raised.value.exit_code == 2
 
 
-def test_a_model_followed_by_markers_predicts_as_the_one_on_the_chain(normal, dynamic) -> None:
-    """Exact places of markers, whose poses need no joint: the same body, within what skin and filters leave."""
-    moving = followed(normal, dynamic)
-    registration = register(normal.skeleton, moving.skeleton)
+def test_a_model_matched_by_markers_predicts_like_the_one_on_the_chain(normal, dynamic) -> None:
+    """With exact marker places both give the same body, except for errors by skin and filters."""
+    moving = match_bodies(normal, dynamic)
+    registration = register_bodies(normal.skeleton, moving.skeleton)
     np.testing.assert_allclose(registration.angle, 0.0, atol=0.02)
-    carried = carry(normal.parameters, registration)
+    carried = transfer_parameters(normal.parameters, registration)
     wrench = moving.regressor @ carried
-    on_chain = dynamic.regressor() @ carry(normal.parameters, register(normal.skeleton, dynamic.skeleton))
+    on_chain = dynamic.regressor() @ transfer_parameters(
+        normal.parameters, register_bodies(normal.skeleton, dynamic.skeleton)
+    )
     off = (wrench - on_chain)[dynamic.dynamics["in_fit"]]
     assert np.sqrt(np.nanmean(off[:, 1] ** 2)) < 15.0
     assert np.sqrt(np.nanmean(off[:, 2] ** 2)) < 5.0
@@ -198,7 +200,7 @@ def test_a_model_followed_by_markers_predicts_as_the_one_on_the_chain(normal, dy
 def test_markers_of_another_protocol_are_refused(normal, dynamic) -> None:
     renamed = tuple(f"X{label}" for label in dynamic.skeleton.markers)
     with pytest.raises(ConfigError, match="0 markers in common on the shank"):
-        apply(normal, with_skeleton(dynamic, markers=renamed))
+        apply_model(normal, with_skeleton(dynamic, markers=renamed))
 
 
 def test_markers_in_one_spot_are_refused(normal, dynamic) -> None:
@@ -215,22 +217,22 @@ def test_markers_in_one_spot_are_refused(normal, dynamic) -> None:
         local=skeleton.local[kept],
     )
     with pytest.raises(ConfigError, match="2 markers in common on the torso, spread by"):
-        apply(with_skeleton(normal, local=near), replace(dynamic, chain=replace(dynamic.chain, skeleton=few)))
+        apply_model(with_skeleton(normal, local=near), replace(dynamic, chain=replace(dynamic.chain, skeleton=few)))
 
 
 def test_a_person_who_faces_the_other_way_is_refused(normal, dynamic) -> None:
     turned = replace(dynamic.skeleton, local=dynamic.skeleton.local * [-1.0, 1.0])
-    with pytest.raises(ConfigError, match="faces the other way"):
-        apply(normal, replace(dynamic, chain=replace(dynamic.chain, skeleton=turned)))
+    with pytest.raises(ConfigError, match="faces the other direction"):
+        apply_model(normal, replace(dynamic, chain=replace(dynamic.chain, skeleton=turned)))
 
 
 def test_a_trial_without_an_identified_body_is_no_model(subject, tmp_path) -> None:
-    """States without parameters: nothing to carry over from, and nothing to compare on."""
+    """With states but without parameters there is nothing to transfer or compare."""
     source = subject(21, "dynamic").parent
     blind = tmp_path / "blind.yaml"
     keys = {"trial": "blind", "recording": str(source / "trial.c3d"), "protocol": "sit-to-stand"}
     blind.write_text(json.dumps(keys | {"identify-dim": {"still_arc_deg": 200.0}}))
-    with pytest.raises(RecordingError, match="no body to carry over from trial blind") as raised:
+    with pytest.raises(RecordingError, match="no body to transfer from trial blind") as raised:
         transfer(blind, [source / "trial.yaml"])
     assert raised.value.exit_code == 3
     (found,) = transfer(source / "trial.yaml", [blind]).trials
@@ -246,15 +248,15 @@ def test_a_trial_without_an_identified_body_is_no_model(subject, tmp_path) -> No
 
 def test_a_run_folder_is_taken_as_it_is(subject, normal, tmp_path) -> None:
     folder = subject(21, "normal").parent / "runs" / "s21-normal"
-    assert finished(folder).parameters == pytest.approx(normal.parameters)
-    assert finished(folder).name == "s21-normal"
+    assert open_identified_trial(folder).parameters == pytest.approx(normal.parameters)
+    assert open_identified_trial(folder).name == "s21-normal"
     part = tmp_path / "part"
     shutil.copytree(folder, part)
     (part / "dynamics.h5").unlink()
     with pytest.raises(StoreError, match=r"dynamics\.h5 is missing"):
-        finished(part)
+        open_identified_trial(part)
     with pytest.raises(StoreError, match="is missing"):
-        finished(tmp_path)
+        open_identified_trial(tmp_path)
 
 
 def test_a_run_folder_of_two_runs_is_refused(subject, normal, dynamic, tmp_path) -> None:
@@ -262,14 +264,14 @@ def test_a_run_folder_of_two_runs_is_refused(subject, normal, dynamic, tmp_path)
     shutil.copytree(subject(21, "normal").parent / "runs" / "s21-normal", mixed)
     shutil.copy(subject(21, "dynamic").parent / "runs" / "s21-dynamic" / "chain.h5", mixed / "chain.h5")
     with pytest.raises(StoreError, match=r"chain\.h5 is damaged or was edited") as raised:
-        finished(mixed)
+        open_identified_trial(mixed)
     assert raised.value.exit_code == 6
     shutil.rmtree(mixed / ".mocap-id")  # the files alone still tell what they were made from
     with pytest.raises(StoreError, match=r"another planar\.parquet"):
-        finished(mixed)
+        open_identified_trial(mixed)
 
 
-def test_what_is_out_of_date_is_computed_and_nothing_else(subject, tmp_path) -> None:
+def test_only_outdated_stages_are_computed(subject, tmp_path) -> None:
     shutil.copytree(subject(21, "normal").parent, tmp_path / "trial")
     yaml = tmp_path / "trial" / "trial.yaml"
     steps: list[tuple[str, str]] = []
@@ -278,11 +280,11 @@ def test_what_is_out_of_date_is_computed_and_nothing_else(subject, tmp_path) -> 
         if step.action != "begun":
             steps.append((step.stage, step.action))
 
-    finished(yaml, note)
+    open_identified_trial(yaml, note)
     assert [stage for stage, _ in steps] == ["planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim"]
     yaml.write_text(yaml.read_text() + "\nidentify-dim: {reference: de-leva}\n")
     steps.clear()
-    assert finished(yaml, note).facts["reference_table"] == "de-leva"
+    assert open_identified_trial(yaml, note).facts["reference_table"] == "de-leva"
     assert [action for _, action in steps] == ["reused"] * 4 + ["computed"]
     assert not (tmp_path / "trial" / "runs" / "s21-normal" / "report.html").exists()
 
@@ -345,7 +347,7 @@ def test_json_and_files_hold_the_same_numbers(cli, subject, normal, dynamic, tmp
 
 
 def test_the_table_is_written_whole_or_not_at_all(normal, dynamic, tmp_path) -> None:
-    found = Transfer("m", normal.skeleton.segments, (apply(normal, dynamic),))
+    found = Transfer("m", normal.skeleton.segments, (apply_model(normal, dynamic),))
     (tmp_path / "in-the-way").write_text("a file")
     with pytest.raises(StoreError, match="cannot be written"):
         write(found, tmp_path / "in-the-way" / "t.csv")

@@ -1,4 +1,4 @@
-"""Whether a transfer is supported: known without the other trial's forces, and borne out by them."""
+"""Support of a transfer: known without the other trial's forces, and confirmed by them."""
 
 from __future__ import annotations
 
@@ -9,46 +9,46 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.carry import carry, carry_covariance, register
-from mocap_id.dynamics.pressure import centre_of_pressure
-from mocap_id.dynamics.reference_term import Prior
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_covariance, transfer_parameters
+from mocap_id.dynamics.reference_prior import ReferencePrior
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.simulation import Options, simulate
-from mocap_id.workflows.finished import Finished, finished
-from mocap_id.workflows.transfer import CARRIED, SERIES, Applied, apply, rms
-from mocap_id.workflows.transfer_support import Carried, inside, stated_sd, support, worse_than_stated
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.transfer import SERIES, TRANSFERRED, TrialTransfer, apply_model, rms_error
+from mocap_id.workflows.transfer.support import TransferredBody, inside, stated_sd, support, worse_than_stated
 
 STS = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}}
 
 
 @pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Finished, Finished]:
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[IdentifiedTrial, IdentifiedTrial]:
     """Two strategies of one simulated person."""
     folder = tmp_path_factory.mktemp("person")
     options = Options(repetitions=2, analog_rate=100, seed=41)
     made = [
-        finished(simulate("sit-to-stand", folder / strategy, replace(options, strategy=strategy)))
+        open_identified_trial(simulate("sit-to-stand", folder / strategy, replace(options, strategy=strategy)))
         for strategy in ("normal", "dynamic")
     ]
     return made[0], made[1]
 
 
-def on(source: Finished, target: Finished) -> Carried:
-    """The source's body on the target's chain."""
-    return Carried.of(source, target.chain, register(source.skeleton, target.chain.skeleton))
+def on(source: IdentifiedTrial, target: IdentifiedTrial) -> TransferredBody:
+    """Return the source's body on the target's chain."""
+    return TransferredBody.of(source, target.chain, register_bodies(source.skeleton, target.chain.skeleton))
 
 
-def codes(found: Applied) -> set[str]:
+def codes(found: TrialTransfer) -> set[str]:
     assert {reason.code for reason in found.reasons} <= set(EXPLANATIONS)
     return {reason.code for reason in found.reasons}
 
 
-def test_the_covariance_of_full_parameters_keeps_that_of_the_base_parameters() -> None:
-    """And in what these leave open it is the prior's, as draws conditioned on the base parameters show."""
+def test_the_full_covariance_contains_that_of_the_base_parameters() -> None:
+    """In undetermined directions it is the prior's, as samples conditioned on the base parameters show."""
     rng = np.random.default_rng(0)
     regrouping, root = rng.normal(size=(5, 8)), rng.normal(size=(5, 5))
-    prior, known = Prior(rng.normal(size=8), rng.uniform(0.5, 2.0, 8)), root @ root.T
+    prior, known = ReferencePrior(rng.normal(size=8), rng.uniform(0.5, 2.0, 8)), root @ root.T
     full = prior.completed(known, regrouping)
     np.testing.assert_allclose(regrouping @ full @ regrouping.T, known, atol=1e-10)
     half = np.diag(prior.sd)
@@ -58,27 +58,27 @@ def test_the_covariance_of_full_parameters_keeps_that_of_the_base_parameters() -
     np.testing.assert_allclose(np.cov(other), full, atol=0.02 * np.max(np.diag(full)))
 
 
-def test_the_carried_covariance_is_that_of_carried_draws(pair) -> None:
+def test_the_transferred_covariance_is_that_of_transferred_samples(pair) -> None:
     source, target = pair
-    registration = register(source.skeleton, target.skeleton)
+    registration = register_bodies(source.skeleton, target.skeleton)
     registration = replace(
         registration, angle=registration.angle + 0.3, shift=registration.shift + np.array([0.1, -0.05])
     )
     rng = np.random.default_rng(1)
     root = rng.normal(size=(16, 16))
     draws = root @ rng.normal(size=(16, 1000))
-    moved = np.column_stack([carry(one, registration) for one in draws.T])
-    expected = carry_covariance(np.cov(draws), registration)
+    moved = np.column_stack([transfer_parameters(one, registration) for one in draws.T])
+    expected = transfer_covariance(np.cov(draws), registration)
     np.testing.assert_allclose(np.cov(moved), expected, atol=1e-9 * np.max(np.abs(expected)))
 
 
-def test_no_force_of_the_other_trial_takes_part(pair) -> None:
+def test_no_force_of_the_other_trial_is_used(pair) -> None:
     source, target = pair
     blind = target.dynamics.assign(**dict.fromkeys(("Fx", "Fy", "tauz", "cop_x"), np.nan), in_fit=False)
     unseen = replace(target, dynamics=blind, parameters=np.full(16, np.nan))
     carried = on(source, target)
     assert support(source, unseen, carried) == support(source, target, carried)
-    found = apply(source, unseen)
+    found = apply_model(source, unseen)
     assert codes(found) == {"transfer-nothing"}
     assert found.supported is None
 
@@ -86,11 +86,11 @@ def test_no_force_of_the_other_trial_takes_part(pair) -> None:
 def test_without_a_table_nothing_is_shown(pair) -> None:
     source, target = pair
     bare = replace(target, reference=np.full(16, np.nan), facts={**target.facts, "reference_table": None})
-    found = apply(source, bare)
+    found = apply_model(source, bare)
     assert (found.support, found.reasons, found.supported) == (None, (), None)
 
 
-def test_what_is_apart_is_the_difference_of_two_predictions(pair) -> None:
+def test_the_difference_is_that_of_two_predictions(pair) -> None:
     source, target = pair
     carried = on(source, target)
     found = support(source, target, carried)
@@ -101,19 +101,19 @@ def test_what_is_apart_is_the_difference_of_two_predictions(pair) -> None:
     assert found.apart["tauz"] == pytest.approx(np.sqrt(np.mean((ours - table)[:, 2] ** 2)))
 
 
-def test_a_body_that_is_hardly_known_is_not_told_from_the_table(pair) -> None:
+def test_a_hardly_known_body_cannot_be_distinguished_from_the_table(pair) -> None:
     source, target = pair
     vague = replace(source, covariance=source.covariance * 400)
-    found = apply(vague, target)
+    found = apply_model(vague, target)
     assert codes(found) == {"transfer-not-told-apart"}
     assert found.supported is False
 
 
-def test_a_body_no_better_than_the_table_at_home_is_not_carried(pair) -> None:
+def test_a_body_no_better_than_the_table_in_its_own_trial_is_not_transferred(pair) -> None:
     source, target = pair
     held_out = source.facts["held_out"]
     swapped = {**held_out, "model": held_out["reference"], "reference": held_out["model"]}
-    found = apply(replace(source, facts={**source.facts, "held_out": swapped}), target)
+    found = apply_model(replace(source, facts={**source.facts, "held_out": swapped}), target)
     assert codes(found) == {"transfer-not-at-home"}
     (reason,) = found.reasons
     assert reason.value == pytest.approx(
@@ -125,21 +125,21 @@ def test_a_body_no_better_than_the_table_at_home_is_not_carried(pair) -> None:
     )
 
 
-def test_a_joint_in_two_places_is_told(pair) -> None:
+def test_a_joint_at_two_places_is_reported(pair) -> None:
     source, target = pair
     centres = source.skeleton.centres + np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.04]])
     placed = replace(source.chain, skeleton=replace(source.skeleton, centres=centres))
-    found = apply(replace(source, chain=placed), target)
+    found = apply_model(replace(source, chain=placed), target)
     (reason,) = [reason for reason in found.reasons if reason.code == "transfer-joints"]
     assert "between thigh and torso" in reason.message
     assert reason.value == pytest.approx(0.04, abs=0.005)
 
 
-def errors(found: Applied, name: str, series: str) -> float:
-    return next(rms(body.errors[series]) for body in found.bodies if body.name == name)
+def errors(found: TrialTransfer, name: str, series: str) -> float:
+    return next(rms_error(body.errors[series]) for body in found.bodies if body.name == name)
 
 
-def test_the_stated_deviation_holds_parameters_and_the_error_at_home(pair) -> None:
+def test_the_stated_deviation_covers_parameters_and_the_own_error(pair) -> None:
     source, target = pair
     carried = on(source, target)
     known = stated_sd(
@@ -153,7 +153,7 @@ def test_the_stated_deviation_holds_parameters_and_the_error_at_home(pair) -> No
     assert (wider[both] >= known[both]).all()
 
 
-def test_intervals_that_hold_too_few_samples_are_told() -> None:
+def test_intervals_with_too_few_samples_inside_are_reported() -> None:
     rng = np.random.default_rng(3)
     ours, samples = np.zeros((20_000, 4)), np.arange(20_000) % 3 > 0
     measured = rng.normal(size=(20_000, 4)) * [1.0, 1.0, 2.0, 1.0]
@@ -165,28 +165,28 @@ def test_intervals_that_hold_too_few_samples_are_told() -> None:
     (reason,) = worse_than_stated(shares)
     assert reason.code == "transfer-worse-than-stated"
     assert reason.value == shares["tauz"] < reason.limit == 0.8
-    assert "tauz (67 % of the samples)" in reason.message
+    assert "tauz (67 %)" in reason.message
 
 
 def test_a_body_worse_than_stated_is_not_supported(pair) -> None:
     source, target = pair
     off = target.dynamics.assign(tauz=target.dynamics["tauz"] + 60.0)
-    found = apply(source, replace(target, dynamics=off))
+    found = apply_model(source, replace(target, dynamics=off))
     assert "transfer-worse-than-stated" in codes(found)
     assert found.supported is False
 
 
 @pytest.mark.recordings
-def test_real_sit_to_stand_and_squats_carry_over(trial) -> None:
-    """Five segments in one, four in the other, and shoulders that count with the torso in one alone."""
-    sts = finished(Path(trial("sit-to-stand/STS1.trc", **STS).folder))
-    squats = finished(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
+def test_transfer_between_real_sit_to_stand_and_squats(trial) -> None:
+    """Five segments in one trial, four in the other, and shoulders on the torso in only one of them."""
+    sts = open_identified_trial(Path(trial("sit-to-stand/STS1.trc", **STS).folder))
+    squats = open_identified_trial(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
     assert len(sts.chain.skeleton.segments) == 5
     assert len(squats.chain.skeleton.segments) == 4
     for source, target, limit in ((sts, squats, 0.012), (squats, sts, 0.015)):
-        found = apply(source, target)
-        assert errors(found, CARRIED, "cop_x") <= limit
-        assert errors(found, CARRIED, "cop_x") < errors(found, "winter", "cop_x")
+        found = apply_model(source, target)
+        assert errors(found, TRANSFERRED, "cop_x") <= limit
+        assert errors(found, TRANSFERRED, "cop_x") < errors(found, "winter", "cop_x")
         assert "transfer-markers" not in codes(found), "arms change their shape"
         assert min(found.inside.values()) > 0.8
         json.dumps([reason.as_dict() for reason in found.reasons], allow_nan=False)
@@ -194,22 +194,22 @@ def test_real_sit_to_stand_and_squats_carry_over(trial) -> None:
 
 @pytest.mark.recordings
 def test_a_real_body_without_markers_is_refused_by_name(trial) -> None:
-    sts = finished(Path(trial("sit-to-stand/STS1.trc", **STS).folder))
-    squats = finished(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
+    sts = open_identified_trial(Path(trial("sit-to-stand/STS1.trc", **STS).folder))
+    squats = open_identified_trial(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
     assert sts.measured is not None
     skeleton = sts.measured.skeleton
     torso = skeleton.segments.index("torso")
     labels = [f"X{label}" if k == torso else label for label, k in zip(skeleton.markers, skeleton.segment, strict=True)]
     renamed = replace(sts, measured=replace(sts.measured, skeleton=replace(skeleton, markers=tuple(labels))))
     with pytest.raises(ConfigError, match="does not show how the torso of trial"):
-        apply(renamed, squats)
+        apply_model(renamed, squats)
 
 
 @pytest.mark.recordings
-def test_on_its_own_trial_a_followed_body_is_the_own_model(trial) -> None:
-    """There the markers lie where they lay: the registration is none, and the wrench is the same."""
-    squats = finished(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
-    found = apply(squats, squats)
+def test_on_its_own_trial_a_matched_body_is_the_own_model(trial) -> None:
+    """The markers have the same places, so the registration is the identity and the wrench the same."""
+    squats = open_identified_trial(Path(trial("sit-to-stand/squats1.trc", **STS).folder))
+    found = apply_model(squats, squats)
     np.testing.assert_allclose(found.registration.angle, 0.0, atol=0.01)
-    assert errors(found, CARRIED, "cop_x") == pytest.approx(errors(found, "own", "cop_x"), rel=0.1)
+    assert errors(found, TRANSFERRED, "cop_x") == pytest.approx(errors(found, "own", "cop_x"), rel=0.1)
     assert found.reasons == ()

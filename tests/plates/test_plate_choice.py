@@ -1,4 +1,4 @@
-"""Feet, seat, unloaded: told by which load survives standing; and the mass."""
+"""Classification of plates as feet, seat or unloaded, and the mass of the person."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.plates import choose_plates, standing_mass
 from mocap_id.recording import Plate, PlateSamples
-from mocap_id.recording.posture import upright
+from mocap_id.recording.marker_posture import upright
 
 RATE = 50.0
 TIME = np.arange(0, 20, 1 / RATE)
 RISE = np.clip(3 * np.sin(2 * np.pi * TIME / 10), -1, 1) / 2 + 0.5
-"""0 seated, 1 standing; twice."""
+"""0 is seated, 1 is standing; two repetitions."""
 
 WEIGHT = 70 * 9.81
 
 
 def person(rise: np.ndarray = RISE) -> np.ndarray:
-    """Feet that stay, a trunk that rises by 0.4 m: (F, M, 3)."""
+    """Return markers (F, M, 3) of resting feet and a trunk that rises by 0.4 m."""
     heights = np.array([0.02, 0.05, 0.08, 0.9, 1.1, 1.4])
     moving = heights > 0.5
     return np.stack(
@@ -49,7 +49,7 @@ FEET = WEIGHT * (0.25 + 0.75 * RISE)
 CHAIR = 60 + WEIGHT * 0.75 * (1 - RISE)
 
 
-def test_a_chair_is_told_from_feet() -> None:
+def test_a_chair_is_distinguished_from_feet() -> None:
     assert choose(CHAIR, FEET, np.zeros(len(TIME))) == ("seat", "feet", "unloaded")
 
 
@@ -57,28 +57,28 @@ def test_one_plate_for_each_foot() -> None:
     assert choose(FEET / 2, FEET / 2) == ("feet", "feet")
 
 
-def test_small_loads_are_noise() -> None:
+def test_small_loads_are_unloaded() -> None:
     assert choose(FEET, np.full(len(TIME), 15.0)) == ("feet", "unloaded")
     assert choose(FEET, np.full(len(TIME), -30.0)) == ("feet", "unloaded")  # an offset, 4 % of the weight
 
 
-def test_without_a_change_of_height_every_load_is_the_feets() -> None:
+def test_without_a_change_of_height_every_load_is_from_the_feet() -> None:
     noise = np.random.default_rng(0).normal(size=len(TIME))
     made = [carrying(1, WEIGHT + noise), carrying(2, 50.0 + noise)]
     choice = choose_plates([p for p, _ in made], [s for _, s in made], person(np.ones(len(TIME))))
     assert choice.uses == ("feet", "feet")
 
 
-def test_where_no_load_survives_standing_there_is_no_chair() -> None:
-    """A jump: both plates are empty when the body is highest."""
+def test_if_no_plate_stays_loaded_there_is_no_chair() -> None:
+    """In a jump, both plates are unloaded when the body is highest."""
     assert choose(WEIGHT / 2 * (1 - RISE), WEIGHT / 2 * (1 - RISE)) == ("feet", "feet")
 
 
-def test_the_configuration_overrules() -> None:
+def test_the_configuration_has_priority() -> None:
     assert choose(CHAIR, FEET, FEET, feet=(1,), seat=(2,)) == ("feet", "seat", "ignored")
     with pytest.raises(ConfigError, match=r"\[4\]"):
         choose(FEET, feet=(4,))
-    with pytest.raises(ConfigError, match="as feet and as seat"):
+    with pytest.raises(ConfigError, match="under both `feet` and `seat`"):
         choose(FEET, feet=(1,), seat=(1,))
 
 
@@ -108,7 +108,7 @@ def test_no_mass_without_standing_still() -> None:
     assert standing_mass(person(), RATE, np.full(len(TIME), np.nan))[0] is None
 
 
-def test_markers_that_come_and_go_do_not_change_the_posture() -> None:
+def test_markers_with_gaps_do_not_change_the_posture() -> None:
     positions = person()
     tall, low = upright(positions)
     positions[100:200, 5] = np.nan

@@ -1,4 +1,4 @@
-"""What a plate did not measure: saturation, a file that ends early, a cable that comes off; and feet on two plates."""
+"""Missing plate data: saturation, short files, drop-outs; and feet on two plates."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import pytest
 from recording_cases import ORIGIN, signals
 
 from mocap_id import recording
-from mocap_id.plates.dropout import dropped_out
+from mocap_id.plates.dropout import find_dropouts
 from mocap_id.recording import PlateSignals
+from mocap_id.recording.marker_posture import upright
 from mocap_id.recording.plate_types import plate_axes, surface_wrench
-from mocap_id.recording.posture import upright
-from mocap_id.recording.saturation import clipped
+from mocap_id.recording.saturation import find_clipped
 from mocap_id.simulation import Options
-from mocap_id.simulation.generate import Simulated, generate
+from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.store import Table
@@ -28,7 +28,7 @@ RATE = 100.0
 
 
 @cache
-def simulated() -> Simulated:
+def simulated() -> SimulatedTrial:
     return generate("sit-to-stand", Options(seed=31, repetitions=2))
 
 
@@ -44,7 +44,7 @@ def planarised(markers: Path, forces: Path | None = None) -> Table:
 
 
 def with_channels(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """The trial with its plate's channels changed."""
+    """Return the trial with changed plate channels."""
     made = simulated()
     plate = replace(made.signals, channels=change(made.signals.channels.copy()))
     recording.write_c3d(folder / "t.c3d", list(made.scene.markers.labels), made.points, RATE, plates=[plate])
@@ -62,8 +62,8 @@ def test_a_good_plate_loses_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [1.0, 0.9, 0.7])
-def test_a_clipped_load_is_left_out_and_said(tmp_path: Path, share: float) -> None:
-    """However long it is clipped: every frame at the limit, and hardly any other."""
+def test_a_clipped_load_is_not_used_and_reported(tmp_path: Path, share: float) -> None:
+    """All frames at the limit are found and hardly any other, however long the clipping lasts."""
     limit = share * weight()
     wrench = with_channels(tmp_path, lambda channels: np.maximum(channels, -limit))
     reason = doubts(wrench)["plate-saturated"]
@@ -74,19 +74,19 @@ def test_a_clipped_load_is_left_out_and_said(tmp_path: Path, share: float) -> No
     assert wrench.frame["plate_ok"][frames == 0].mean() > 0.95
 
 
-def test_a_load_that_is_clipped_throughout_is_no_load(tmp_path: Path) -> None:
+def test_a_load_that_is_always_clipped_is_ignored(tmp_path: Path) -> None:
     wrench = with_channels(tmp_path, lambda channels: np.maximum(channels, [-9e9, -9e9, -100.0, -9e9, -9e9, -9e9]))
     assert "reads the same 100 N throughout" in doubts(wrench)["no-plate"].message
 
 
-def test_clipping_is_told_from_rest() -> None:
+def test_clipping_is_distinguished_from_rest() -> None:
     rng = np.random.default_rng(0)
     load = 700 * np.sin(np.linspace(0, 9, 3000)) ** 2 + rng.normal(size=3000)
-    assert clipped(np.minimum(load, 500.0)).tolist() == (load >= 500.0).tolist()
-    assert not clipped(load).any()
-    assert not clipped(np.maximum(load - 300, 0.0)).any()  # an unloaded plate of a processed file reads exactly zero
-    assert not clipped(np.round(np.minimum(load, 500.0) / 50) * 50).any()  # coarse channels repeat everywhere
-    assert not clipped(np.full(100, 3.0)).any()
+    assert find_clipped(np.minimum(load, 500.0)).tolist() == (load >= 500.0).tolist()
+    assert not find_clipped(load).any()
+    assert not find_clipped(np.maximum(load - 300, 0.0)).any()  # an unloaded plate reads exactly zero
+    assert not find_clipped(np.round(np.minimum(load, 500.0) / 50) * 50).any()  # coarse channels repeat everywhere
+    assert not find_clipped(np.full(100, 3.0)).any()
 
 
 @pytest.mark.parametrize(
@@ -100,14 +100,14 @@ def test_clipping_is_told_from_rest() -> None:
     ],
     ids=["zeros", "an offset", "a large offset", "not a number", "noise"],
 )
-def test_an_unplugged_plate_is_no_plate(tmp_path: Path, unplugged: Callable[[np.ndarray], np.ndarray]) -> None:
+def test_an_unplugged_plate_is_ignored(tmp_path: Path, unplugged: Callable[[np.ndarray], np.ndarray]) -> None:
     wrench = with_channels(tmp_path, unplugged)
     assert list(doubts(wrench)) == ["no-plate"]
     assert not wrench.frame["plate_ok"].any()
     assert wrench.facts["mass_kg"] is None
 
 
-def test_a_cable_that_comes_off_costs_the_rest_and_nothing_else(tmp_path: Path) -> None:
+def test_after_a_loose_cable_only_the_rest_is_missing(tmp_path: Path) -> None:
     samples = len(simulated().signals.channels)
     off = np.arange(samples) > 0.5 * samples
     wrench = with_channels(tmp_path, lambda channels: np.where(off[:, None], 0.0, channels))
@@ -117,22 +117,22 @@ def test_a_cable_that_comes_off_costs_the_rest_and_nothing_else(tmp_path: Path) 
     assert wrench.frame["plate_ok"][~frames.any(axis=1)].mean() > 0.99
 
 
-def test_a_chair_that_carries_all_is_no_dropout() -> None:
-    """Seated with the feet off the plates; and a jump."""
+def test_a_chair_that_carries_all_the_weight_is_not_a_dropout() -> None:
+    """A seated person with lifted feet, and a jump."""
     time = np.arange(0, 10, 1 / RATE)
     rise = np.clip(2 * np.sin(2 * np.pi * time / 5), -1, 1) / 2 + 0.5
     positions = np.zeros((len(time), 4, 3))
     positions[:, :, 2] = np.array([0.05, 0.5, 1.0, 1.4]) + np.array([0, 0.1, 0.4, 0.4]) * rise[:, None]
     tall, seated = upright(positions)[0], 700 * (rise > 0.1)
-    assert not dropped_out(seated, tall, RATE, 700.0).any()
+    assert not find_dropouts(seated, tall, RATE, 700.0).any()
     flight = np.where((time > 1.0) & (time < 1.5), 0.0, 700.0)
-    assert not dropped_out(flight, tall, RATE, 700.0).any()
+    assert not find_dropouts(flight, tall, RATE, 700.0).any()
     lost = np.where(time > 5.6, 0.0, 700.0)
-    np.testing.assert_array_equal(dropped_out(lost, tall, RATE, 700.0), time > 5.6)
+    np.testing.assert_array_equal(find_dropouts(lost, tall, RATE, 700.0), time > 5.6)
 
 
 @pytest.mark.parametrize(("share", "level"), [(1.0, None), (0.97, "ok"), (0.6, "caution")])
-def test_forces_that_end_before_the_markers_are_said(tmp_path: Path, share: float, level: str | None) -> None:
+def test_forces_that_end_before_the_markers_are_reported(tmp_path: Path, share: float, level: str | None) -> None:
     made = simulated()
     recording.write_trc(tmp_path / "t.trc", list(made.scene.markers.labels), made.points, RATE)
     write_mot(tmp_path / "t.mot", made.signals, round(share * len(made.points)))
@@ -142,8 +142,8 @@ def test_forces_that_end_before_the_markers_are_said(tmp_path: Path, share: floa
     assert wrench.frame["plate_ok"].mean() == pytest.approx(share, abs=0.01)
 
 
-def test_one_foot_on_each_of_two_plates_is_as_both_on_one(tmp_path: Path) -> None:
-    """The plates' sum, at another origin: each foot pushes inwards and carries another share of the weight."""
+def test_one_foot_on_each_plate_equals_both_feet_on_one(tmp_path: Path) -> None:
+    """The sum of the plates agrees, about another origin, although each foot pushes inwards with another share."""
     made = simulated()
     labels = list(made.scene.markers.labels)
     feet = [
@@ -174,7 +174,7 @@ def test_one_foot_on_each_of_two_plates_is_as_both_on_one(tmp_path: Path) -> Non
 
 
 def in_lab(plate: PlateSignals) -> tuple[np.ndarray, np.ndarray]:
-    """Force and moment about the lab's origin."""
+    """Return force and moment about the lab's origin."""
     force, moment = surface_wrench(plate)
     axes = plate_axes(plate.corners)
     force, moment = force @ axes.T, moment @ axes.T
@@ -182,7 +182,7 @@ def in_lab(plate: PlateSignals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_mot(path: Path, plate: PlateSignals, frames: int) -> None:
-    """The plate at the markers' times as OpenSim has it, Y up."""
+    """Return the plate at the marker times in OpenSim's axes, Y up."""
     force, moment = in_lab(plate)
     point = np.column_stack([-moment[:, 1], moment[:, 0], 0 * moment[:, 0]]) / np.maximum(force[:, 2:], 20.0)
     free = moment - np.cross(point, force)

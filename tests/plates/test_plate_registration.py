@@ -1,4 +1,4 @@
-"""Whether a plate is where the file has it: laws of the check, and displaced plates in copies of good recordings."""
+"""Checks of the position of plates: their laws, and moved plates in copies of good recordings."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mocap_id import recording
+from mocap_id import plates, recording
 from mocap_id.kinematics import propose_window
-from mocap_id.plates.direction import turned
-from mocap_id.plates.feet import outside, standing_feet
-from mocap_id.plates.registration import register, standing_lean
+from mocap_id.plates.direction import compare_directions
+from mocap_id.plates.feet import distance_outside, find_standing_feet
+from mocap_id.plates.placement import compare_with_feet, standing_lean
 from mocap_id.recording import Plate, Recording
 from mocap_id.recording.plate_types import plate_axes
 from mocap_id.simulation import Options
-from mocap_id.simulation.generate import generate
+from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.planarise.plate_registration import Checked, check
+from mocap_id.stages.planarise.plate_registration import PlateCheck, check
 
 SEEDS = (21, 22)
 GOOD = ("sit-to-stand/STS1.trc", "sit-to-stand/squats1.trc", "sit-to-stand/static1.trc", "c3d/Sample_Static.c3d",
@@ -32,13 +32,13 @@ GOOD = ("sit-to-stand/STS1.trc", "sit-to-stand/squats1.trc", "sit-to-stand/stati
 
 @cache
 def simulated(seed: int) -> tuple[tuple[str, ...], np.ndarray, recording.PlateSignals]:
-    """Labels, positions and plate of a person on a plate with ordinary errors and biases."""
+    """Return labels, positions and plate of a person on a plate with usual errors and biases."""
     made = generate("sit-to-stand", Options(seed=seed, repetitions=2, plate_moved=True, plate_bias=1.0))
     return made.scene.markers.labels, made.points, made.signals
 
 
 def written(folder: Path, seed: int, move: Callable[[np.ndarray], np.ndarray]) -> Path:
-    """The trial as a file, with the plate's corners moved in it and nothing else."""
+    """Write the trial to a file in which only the corners of the plate are moved."""
     labels, points, plate = simulated(seed)
     path = folder / "trial.c3d"
     recording.write_c3d(path, list(labels), points, 100.0, plates=[replace(plate, corners=move(plate.corners))])
@@ -58,21 +58,21 @@ def about_centre(axis: str, degrees: float) -> Callable[[np.ndarray], np.ndarray
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_plate_in_its_place_is_not_doubted(tmp_path: Path, seed: int) -> None:
+def test_a_plate_in_the_right_position_has_no_caution(tmp_path: Path, seed: int) -> None:
     assert codes_of_file(written(tmp_path, seed, lambda corners: corners)) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("direction", range(0, 360, 60))
-def test_a_plate_that_is_displaced_far_is_found_wherever_it_goes(tmp_path: Path, seed: int, direction: int) -> None:
-    """25 cm take the centre of pressure of two feet beyond their outline in every direction."""
+def test_a_far_displacement_is_found_in_every_direction(tmp_path: Path, seed: int, direction: int) -> None:
+    """25 cm move the centre of pressure of two feet outside their outline in every direction."""
     way = np.array([np.cos(np.radians(direction)), np.sin(np.radians(direction)), 0.0])
     assert "plate-misplaced" in codes_of_file(written(tmp_path, seed, lambda corners: corners + 0.25 * way))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_limit_is_a_distance_from_the_outline(tmp_path: Path, seed: int) -> None:
-    """The alarm comes where the outline is left by the margin, and says by how much."""
+    """The caution appears when the distance from the outline exceeds the limit, and gives the distance."""
     path = written(tmp_path, seed, lambda corners: corners)
     source = recording.read(path)
     distances = []
@@ -83,7 +83,7 @@ def test_the_limit_is_a_distance_from_the_outline(tmp_path: Path, seed: int) -> 
         assert bool(told) == (fact["cop_off_feet_m"] > fact["cop_off_feet_limit_m"])
         distances.append(fact["cop_off_feet_m"])
     assert distances[0] < 0.0 < distances[-1]
-    np.testing.assert_allclose(np.diff(distances)[-3:], 0.02, atol=0.006)  # outside, it grows as the plate moves
+    np.testing.assert_allclose(np.diff(distances)[-3:], 0.02, atol=0.006)  # outside the feet
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -109,7 +109,7 @@ def test_a_tilted_plate_with_level_corners_is_found_by_the_stance(tmp_path: Path
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_plate_that_is_inclined_and_says_so_is_a_note(tmp_path: Path, seed: int) -> None:
+def test_a_plate_with_inclined_corners_and_force_is_a_note(tmp_path: Path, seed: int) -> None:
     source = recording.read(written(tmp_path, seed, lambda corners: corners))
     found = checked(source, lambda plate: replace(plate, corners=about_centre("y", 3.0)(plate.corners)))
     assert [(reason.code, reason.level) for reason in found.reasons] == [("plate-tilted", "ok")]
@@ -121,7 +121,7 @@ def test_a_plate_above_the_feet_is_found(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_good_recordings_are_not_doubted(recordings: Path, name: str) -> None:
+def test_good_recordings_have_no_caution(recordings: Path, name: str) -> None:
     found = checked(read(recordings, name))
     assert found.reasons == ()
     assert all(fact["cop_off_feet_m"] is not None for fact in found.facts["plates"])
@@ -139,10 +139,8 @@ def test_good_recordings_are_not_doubted(recordings: Path, name: str) -> None:
         ("c3d/Sample_Static.c3d", 0, 0.26),
     ],
 )
-def test_a_plate_of_a_real_recording_is_found_once_it_is_beside_the_foot(
-    recordings: Path, name: str, plate: int, shift: float
-) -> None:
-    """With one foot a plate much sooner than with both feet on one."""
+def test_a_moved_plate_of_a_real_recording_is_found(recordings: Path, name: str, plate: int, shift: float) -> None:
+    """Smaller displacements are found with one foot per plate than with both feet on one plate."""
     source = read(recordings, name)
     for direction in range(0, 360, 45):
         way = shift * np.array([np.cos(np.radians(direction)), np.sin(np.radians(direction)), 0.0])
@@ -150,7 +148,7 @@ def test_a_plate_of_a_real_recording_is_found_once_it_is_beside_the_foot(
         assert "plate-misplaced" in [reason.code for reason in found.reasons], direction
 
 
-def test_a_robot_has_no_feet_but_a_direction(recordings: Path) -> None:
+def test_only_the_direction_is_checked_for_a_robot(recordings: Path) -> None:
     source = read(recordings, "simulated/ur5-elbow-fast/trial.c3d")
     assert checked(source, person=False).reasons == ()
     turned_ = checked(source, lambda plate: moved(plate, axis="z", degrees=180.0), person=False)
@@ -158,35 +156,35 @@ def test_a_robot_has_no_feet_but_a_direction(recordings: Path) -> None:
     assert turned_.facts["plates"] == []
 
 
-def test_walkers_stand_nowhere(recordings: Path) -> None:
-    """No foot stays where it is: nothing is checked, nothing doubted."""
+def test_walking_is_not_checked(recordings: Path) -> None:
+    """In walking no foot stands still, so nothing is checked."""
     found = checked(read(recordings, "c3d/walking5.c3d"))
     assert found.reasons == ()
     assert all(fact["cop_off_feet_m"] is None for fact in found.facts["plates"])
 
 
 def test_the_distance_from_a_hull() -> None:
-    """Against the distance to a circle, which its points approach."""
+    """Agrees with the distance to a circle that the points approximate."""
     circle = np.stack([np.cos(np.linspace(0, 2 * np.pi, 400)), np.sin(np.linspace(0, 2 * np.pi, 400))], axis=1)
     points = np.random.default_rng(0).normal(size=(50, 2)) * 2
-    np.testing.assert_allclose(outside(points, circle), np.linalg.norm(points, axis=1) - 1, atol=2e-3)
+    np.testing.assert_allclose(distance_outside(points, circle), np.linalg.norm(points, axis=1) - 1, atol=2e-3)
     line = np.array([[0.0, 0.0], [1.0, 0.0]])
-    np.testing.assert_allclose(outside(np.array([[0.5, 0.3], [1.4, 0.3]]), line), [0.3, 0.5], atol=1e-3)
+    np.testing.assert_allclose(distance_outside(np.array([[0.5, 0.3], [1.4, 0.3]]), line), [0.3, 0.5], atol=1e-3)
 
 
-def test_markers_on_plate_and_floor_are_no_feet() -> None:
+def test_markers_on_plate_and_floor_are_not_feet() -> None:
     foot = np.array([[0.0, 0.0, 0.03], [0.1, 0.0, 0.04], [0.2, 0.02, 0.03]])
     leg = np.array([[0.05, 0.0, 0.3], [0.05, 0.0, 0.45]])
     plate = np.array([[-0.2, -0.2, 0.004], [0.2, 0.3, 0.004]])
     floor = np.array([[2.0, 2.0, 0.03], [2.1, 2.0, 0.03]])
     positions = np.tile(np.concatenate([foot, leg, plate, floor]), (50, 1, 1))
-    (found,) = standing_feet(positions, np.ones(50, bool), 0.0, 1)
+    (found,) = find_standing_feet(positions, np.ones(50, bool), 0.0, 1)
     np.testing.assert_allclose(found[np.argsort(found[:, 0])], foot)
-    assert standing_feet(positions[:, 3:], np.ones(50, bool), 0.0, 1) == []
+    assert find_standing_feet(positions[:, 3:], np.ones(50, bool), 0.0, 1) == []
 
 
-def test_the_force_that_moves_a_body_points_along_its_acceleration() -> None:
-    """Newton's law at any turn of the plate, with the wrong masses for the parts."""
+def test_the_force_points_along_the_acceleration() -> None:
+    """Holds for any rotation of the plate, even with wrong masses of the parts."""
     time = np.arange(0, 10, 0.01)
     low, high = 0.02 * np.sin(3 * time), 0.3 * np.sin(2 * time + 0.4)
     positions = np.zeros((len(time), 4, 3))
@@ -196,17 +194,17 @@ def test_the_force_that_moves_a_body_points_along_its_acceleration() -> None:
     for degrees in (-170, -35, 0, 60, 180):
         angle = np.radians(degrees)
         force = np.stack([along * np.cos(angle), along * np.sin(angle), np.full_like(along, 700.0)], axis=1)
-        found = turned(force, positions, 100.0)
+        found = compare_directions(force, positions, 100.0)
         assert np.degrees(found.angle) == pytest.approx(degrees)
         assert found.coherence > 0.999
 
 
-def test_what_cannot_be_told_is_not() -> None:
+def test_without_enough_data_there_is_no_result() -> None:
     positions, force = np.zeros((300, 3, 3)), np.full((300, 3), np.nan)
-    assert turned(force, positions, 100.0) is None
+    assert compare_directions(force, positions, 100.0) is None
     assert standing_lean(force, positions, 100.0) is None
-    assert register([], [], positions) == []
-    assert check([], [], positions, 100.0, person=True) == Checked({}, ())
+    assert compare_with_feet([], [], positions) == []
+    assert check([], [], positions, 100.0, person=True) == PlateCheck({}, ())
 
 
 @cache
@@ -216,7 +214,7 @@ def read(recordings: Path, name: str) -> Recording:
 
 
 def moved(plate: Plate, shift: tuple[float, float, float] = (0, 0, 0), axis: str = "z", degrees: float = 0.0) -> Plate:
-    """What the reader makes of a plate whose corners are turned about their centre and shifted in the file."""
+    """Return the plate as read from a file with rotated and shifted corners."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
     rotation = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
     force = plate.force @ rotation.T
@@ -225,8 +223,8 @@ def moved(plate: Plate, shift: tuple[float, float, float] = (0, 0, 0), axis: str
     return replace(plate, force=force, moment=about + np.cross(centre + shift, force), corners=corners)
 
 
-def test_moving_a_plate_is_moving_its_corners(tmp_path: Path) -> None:
-    """The helper above is what the reader does with a file."""
+def test_moving_a_plate_equals_moving_its_corners(tmp_path: Path) -> None:
+    """The helper above agrees with reading a changed file."""
     plain = recording.read(written(tmp_path, 21, lambda corners: corners)).plates[0]
     turn = about_centre("z", 30.0)
     (plate,) = recording.read(written(tmp_path, 21, lambda corners: turn(corners) + np.array([0.1, 0, 0]))).plates
@@ -238,16 +236,14 @@ def test_moving_a_plate_is_moving_its_corners(tmp_path: Path) -> None:
 
 def checked(
     source: Recording, move: Callable[[Plate], Plate] = lambda plate: plate, *, only: int = -1, person: bool = True
-) -> Checked:
-    """The check of a recording with one of its feet's plates moved, or all of them."""
+) -> PlateCheck:
+    """Check a recording with one or all of the plates under the feet moved."""
     first, stop = propose_window(source.positions, source.rate)
     part = slice(first, stop, max(1, round(source.rate / 120)))
     positions, time = source.positions[part], source.time[part]
     rate = 1.0 / float(np.median(np.diff(time)))
-    use = recording.choose_plates(
+    use = plates.choose_plates(
         source.plates, [recording.decimate(plate, time, rate) for plate in source.plates], positions
     )
-    plates = [
-        move(source.plates[i]) if only in (-1, k) else source.plates[i] for k, i in enumerate(use.indexes("feet"))
-    ]
-    return check(plates, [recording.decimate(plate, time, rate) for plate in plates], positions, rate, person=person)
+    moved = [move(source.plates[i]) if only in (-1, k) else source.plates[i] for k, i in enumerate(use.indices("feet"))]
+    return check(moved, [recording.decimate(plate, time, rate) for plate in moved], positions, rate, person=person)

@@ -1,4 +1,4 @@
-"""A chair's own plate: its empty reading comes off, and a plate that is no chair's is seen."""
+"""The plate under a chair: its empty reading is subtracted, and contradictions are found."""
 
 from __future__ import annotations
 
@@ -6,51 +6,51 @@ import numpy as np
 import pytest
 from test_plate_choice import CHAIR, FEET, RATE, RISE, TIME, WEIGHT, carrying, choose, person
 
-from mocap_id.geometry.plane import PlaneFrame
-from mocap_id.plates import PlateChoice, choose_plates, doubtful, empty_chair
-from mocap_id.recording import Look, PlateSamples
-from mocap_id.stages.planarise.external_wrenches import Measured, Seen, measure_seat
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.plates import PlateChoice, choose_plates, find_contradictions, measure_empty_chair
+from mocap_id.recording import PlateSamples, ThinnedFrames
+from mocap_id.stages.planarise.external_wrenches import ExternalWrenches, UsedFrames, measure_seat
 
 ON_CHAIR = 0.75 * WEIGHT * np.clip(1 - RISE / 0.6, 0, 1)
 EMPTY = np.array([3.0, 60.0, 24.0])
 
 
 def reading(load: np.ndarray) -> np.ndarray:
-    """A chair 0.4 m behind the origin that weighs 60 N and carries a load, on a plate with errors: (F, 3)."""
+    """Return the wrench (F, 3) of a chair of 60 N, 0.4 m behind the origin, with a load and plate errors."""
     noise = np.random.default_rng(1).normal(size=(len(load), 3)) * 0.3
     return np.column_stack([0.05 * load, load, 0.4 * load]) + EMPTY + noise
 
 
-def test_what_the_plate_reads_without_the_person_is_found() -> None:
+def test_the_reading_of_the_empty_chair_is_found() -> None:
     wrench, ok = reading(ON_CHAIR), np.ones(len(TIME), dtype=bool)
     ok[10:30] = False
-    empty = empty_chair(wrench, ok, person(), RATE, "standing")
+    empty = measure_empty_chair(wrench, ok, person(), RATE, "standing")
     np.testing.assert_allclose(empty.reading, EMPTY, atol=0.1)
     np.testing.assert_allclose(empty.spread, 0.3, atol=0.05)
 
 
 def test_without_standing_it_is_unknown() -> None:
     wrench, ok = reading(np.full(len(TIME), 400.0)), np.ones(len(TIME), dtype=bool)
-    assert empty_chair(wrench, ok, person(np.zeros(len(TIME))), RATE, "standing").reading is None
+    assert measure_empty_chair(wrench, ok, person(np.zeros(len(TIME))), RATE, "standing").reading is None
 
 
-def seated(rise: np.ndarray = RISE, rule: str = "standing", every: int = 1) -> tuple[np.ndarray, Measured]:
-    """What the chair's plate reads in the plane, (F, 3), half of it known; and what is told of it."""
+def seated(rise: np.ndarray = RISE, rule: str = "standing", every: int = 1) -> tuple[np.ndarray, ExternalWrenches]:
+    """Return the chair's wrench (F, 3) in the plane, with half of the samples known, and its reasons."""
     found = reading(ON_CHAIR)
     force, moment = np.zeros((2, len(TIME), 3))
     force[:, [0, 2]], moment[:, 1] = found[:, :2], -found[:, 2]
     ok = np.arange(len(TIME)) % 200 >= 100
     samples, positions = PlateSamples(force, moment, ok), person(rise)
     looked = PlateSamples(force[::every], moment[::every], ok[::every])
-    look = Look(every, positions[::every], TIME[::every], RATE / every, (looked,))
-    seen = Seen([], positions, TIME, look, PlaneFrame(0.0))
+    thinned = ThinnedFrames(every, positions[::every], TIME[::every], RATE / every, (looked,))
+    seen = UsedFrames([], positions, TIME, thinned, PlaneFrame(0.0))
     choice = PlateChoice(("seat",), (500.0,), ("it is one",))
     assert rule in ("standing", "none")
     return found, measure_seat(seen, [samples], choice, rule)
 
 
 @pytest.mark.parametrize("every", [1, 4])
-def test_the_empty_reading_comes_off_every_known_frame(every: int) -> None:
+def test_the_empty_reading_is_subtracted_from_every_known_frame(every: int) -> None:
     _, measured = seated(every=every)
     wrench = np.stack(list(measured.columns.values()), axis=1)
     known = np.arange(len(TIME)) % 200 >= 100
@@ -59,7 +59,7 @@ def test_the_empty_reading_comes_off_every_known_frame(every: int) -> None:
     assert np.isnan(wrench[~known]).all()
 
 
-def test_a_reading_is_taken_as_it_is_where_nobody_stands_or_the_plate_was_zeroed_with_the_chair() -> None:
+def test_nothing_is_subtracted_without_standing_or_if_zeroed_with_the_chair() -> None:
     known = np.arange(len(TIME)) % 200 >= 100
     for rise, rule, codes in ((np.zeros(len(TIME)), "standing", ["seat-zero-unknown"]), (RISE, "none", [])):
         found, measured = seated(rise, rule)
@@ -72,10 +72,10 @@ def doubts(*loads: np.ndarray, **uses: tuple[int, ...]) -> dict[int, str]:
     made = [carrying(i, load) for i, load in enumerate(loads, start=1)]
     samples = [each for _, each in made]
     choice: PlateChoice = choose_plates([plate for plate, _ in made], samples, person(), **uses)
-    return doubtful(samples, choice, person())
+    return find_contradictions(samples, choice, person())
 
 
-def test_plates_that_are_swapped_are_both_doubted() -> None:
+def test_swapped_plates_are_both_contradictions() -> None:
     found = doubts(FEET, CHAIR, feet=(2,), seat=(1,))
     assert set(found) == {0, 1}
     assert "684 N while the person stands and up to 468 N before" in found[0]
@@ -83,7 +83,7 @@ def test_plates_that_are_swapped_are_both_doubted() -> None:
 
 
 @pytest.mark.parametrize("uses", [{}, {"feet": (1,), "seat": (2,)}, {"seat": (2,)}])
-def test_right_plates_are_not_doubted(uses: dict[str, tuple[int, ...]]) -> None:
+def test_right_plates_are_no_contradiction(uses: dict[str, tuple[int, ...]]) -> None:
     assert doubts(FEET, CHAIR, **uses) == {}
 
 
@@ -91,14 +91,14 @@ def test_a_heavy_chair_may_be_named() -> None:
     assert doubts(FEET, CHAIR + 300, feet=(1,), seat=(2,)) == {}
 
 
-def test_a_heavy_chair_is_told_by_the_steadiness_of_its_weight() -> None:
-    """A chair of 70 kg keeps more than half of its load; feet that shift their weight never rest like that."""
+def test_a_heavy_chair_is_recognised_by_its_constant_weight() -> None:
+    """A chair of 70 kg keeps more than half of the load, but unlike under feet it is constant."""
     heavy = ON_CHAIR + 700 + np.random.default_rng(2).normal(size=len(TIME))
     assert choose(FEET, heavy) == ("feet", "seat")
     assert choose(FEET, ON_CHAIR + 700 + 40 * np.sin(6 * TIME)) == ("feet", "feet")
 
 
-def test_a_chair_named_as_the_feets_is_doubted_and_a_jump_is_not() -> None:
+def test_a_chair_named_as_feet_is_a_contradiction_and_a_jump_is_not() -> None:
     assert set(doubts(FEET, CHAIR, feet=(1, 2))) == {1}
     airborne = np.where(RISE < 0.5, WEIGHT, 0.0)
     assert doubts(airborne) == {}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.workspace import Subject, subject
+from mocap_id.workflows.workspace import SubjectArm, read_arm
 
 
 @pytest.fixture(scope="session")
@@ -16,6 +16,6 @@ def reaching_arm(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     recording = recordings / "simulated" / "arm-reach" / "trial.c3d"
     file = folder / "trial.yaml"
     file.write_text(f"trial: arm\nrecording: {recording}\nprotocol: free\n", "utf-8")
-    found: Subject = subject(file)
+    found: SubjectArm = read_arm(file)
     assert found.arm.joints == 2
     return file

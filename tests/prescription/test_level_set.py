@@ -8,9 +8,16 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
 
 from mocap_id.config.prescription import SearchGrid
-from mocap_id.prescription.level_set import Dynamics, Grid, Scheme, reach, reached_and_held, solve
+from mocap_id.prescription.level_set import (
+    JointDynamics,
+    Scheme,
+    StateGrid,
+    compute_reachable_set,
+    reached_holdable_angles,
+    solve_level_set,
+)
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.workflows.prescribe.searching import KEPT, search
+from mocap_id.workflows.prescribe.spring_map import KEPT, map_springs
 
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, float(np.radians(210))
 SECOND, FIRST = Scheme(second_order=True, grows_only=False), Scheme(second_order=False, grows_only=False)
@@ -21,8 +28,8 @@ def weak_arm(strength: float = 0.2) -> OneJoint:
     return OneJoint(WEIGHT, 0.0, low, high, -strength * WEIGHT, strength * WEIGHT)
 
 
-def arm() -> Dynamics:
-    return Dynamics(weak_arm(), INERTIA, STIFFNESS, REST)
+def arm() -> JointDynamics:
+    return JointDynamics(weak_arm(), INERTIA, STIFFNESS, REST)
 
 
 def radius_needed(states: np.ndarray, time: float) -> np.ndarray:
@@ -42,10 +49,10 @@ def radius_needed(states: np.ndarray, time: float) -> np.ndarray:
 
 def double_integrator_error(scheme: Scheme, nodes: int) -> float:
     """Mean error of χ = |x|² - ¼ after 0.6 s."""
-    free = Dynamics(OneJoint(1e-12, 0.0, -3.0, 3.0, -1.0, 1.0), 1.0)
-    grid = Grid(np.linspace(-3, 3, nodes), np.linspace(-3, 3, nodes))
+    free = JointDynamics(OneJoint(1e-12, 0.0, -3.0, 3.0, -1.0, 1.0), 1.0)
+    grid = StateGrid(np.linspace(-3, 3, nodes), np.linspace(-3, 3, nodes))
     first = grid.angle[:, None] ** 2 + grid.velocity**2 - 0.25
-    found = solve(free, grid, first, np.full_like(first, -np.inf), (0.6,), scheme).values[-1]
+    found = solve_level_set(free, grid, first, np.full_like(first, -np.inf), (0.6,), scheme).values[-1]
     states = np.stack(np.meshgrid(grid.angle, grid.velocity, indexing="ij"), axis=-1).reshape(-1, 2)
     near = np.all(np.abs(states) <= 1.6, axis=1)
     radius = radius_needed(states[near], 0.6)
@@ -62,7 +69,7 @@ def test_the_error_falls_at_the_order_of_the_scheme(second: bool, order: float, 
     assert fine < (0.004 if second else 0.06)
 
 
-def extremes(dynamics: Dynamics, time: float, size: tuple[float, float]) -> np.ndarray:
+def extremes(dynamics: JointDynamics, time: float, size: tuple[float, float]) -> np.ndarray:
     """Ends (K, 2) of trajectories that push as Pontryagin's principle says, from an ellipse about the equilibrium."""
     at, strength = dynamics.equilibrium(), dynamics.joint.torque_high
     assert at is not None
@@ -86,9 +93,9 @@ def test_the_front_is_where_bang_bang_trajectories_end() -> None:
 
     def distance(scheme: Scheme, nodes: int) -> float:
         """Median distance of the front from the ends, rad, velocities by 5 rad/s."""
-        grid = Grid(np.linspace(*np.radians([-60.0, 180.0]), nodes), np.linspace(-6, 6, nodes))
+        grid = StateGrid(np.linspace(*np.radians([-60.0, 180.0]), nodes), np.linspace(-6, 6, nodes))
         first = np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1]) - 1
-        values = solve(dynamics, grid, first, np.full_like(first, -np.inf), (time,), scheme).values[-1]
+        values = solve_level_set(dynamics, grid, first, np.full_like(first, -np.inf), (time,), scheme).values[-1]
         slopes = np.gradient(values, grid.angle, grid.velocity)
         here, by_angle, by_velocity = (
             RegularGridInterpolator((grid.angle, grid.velocity), each)(ends) for each in (values, *slopes)
@@ -104,9 +111,9 @@ def test_the_front_is_where_bang_bang_trajectories_end() -> None:
 
 def test_table_7_2() -> None:
     dynamics, times = arm(), (1.0, 2.0, 3.0, 4.0)
-    reached = reach(dynamics, times, Scheme(81, 81))
+    reached = compute_reachable_set(dynamics, times, Scheme(81, 81))
     held = dynamics.joint.held(STIFFNESS, REST)
-    bounds = [reached_and_held(dynamics, reached, k) for k in range(len(times))]
+    bounds = [reached_holdable_angles(dynamics, reached, k) for k in range(len(times))]
     lower, upper = np.degrees([part[0][0] for part in bounds]), np.degrees([part[-1][1] for part in bounds])
     static = np.degrees([held[0][0], held[-1][1]])
     assert lower == pytest.approx(static[0], abs=0.1)
@@ -117,7 +124,7 @@ def test_table_7_2() -> None:
 
 
 def test_what_was_reached_stays_and_the_limits_hold() -> None:
-    reached = reach(arm(), (0.5, 1.0, 2.0), Scheme(61, 61))
+    reached = compute_reachable_set(arm(), (0.5, 1.0, 2.0), Scheme(61, 61))
     assert np.all(np.diff(reached.values, axis=0) <= 1e-12)
     known = np.isfinite(reached.arrival)
     assert known.sum() == (reached.values[-1] <= 0).sum()
@@ -131,17 +138,17 @@ def test_a_stronger_person_reaches_more(friedrichs: bool) -> None:
     scheme = Scheme(61, 61, second_order=False, friedrichs=friedrichs)
     sizes = []
     for strength in (0.1, 0.2, 0.4):
-        dynamics = Dynamics(weak_arm(strength), INERTIA, STIFFNESS, REST)
-        found = reach(dynamics, (1.0,), scheme)
+        dynamics = JointDynamics(weak_arm(strength), INERTIA, STIFFNESS, REST)
+        found = compute_reachable_set(dynamics, (1.0,), scheme)
         sizes.append((found.values[-1] <= 0).sum() * np.prod(found.grid.steps))
     assert sizes[0] < sizes[1] < sizes[2]
 
 
 def test_a_damper_slows_the_front() -> None:
-    free, damped = (Dynamics(weak_arm(), INERTIA, STIFFNESS, REST, damping=d) for d in (0.0, 2.0))
+    free, damped = (JointDynamics(weak_arm(), INERTIA, STIFFNESS, REST, damping=d) for d in (0.0, 2.0))
     sizes = []
     for dynamics in (free, damped):
-        found = reach(dynamics, (1.0,), Scheme(61, 61))
+        found = compute_reachable_set(dynamics, (1.0,), Scheme(61, 61))
         sizes.append((found.values[-1] <= 0).sum() * np.prod(found.grid.steps))
     assert sizes[1] < 0.8 * sizes[0]
 
@@ -152,7 +159,7 @@ def test_a_damper_slows_the_front() -> None:
 )
 def test_dynamics_that_cannot_be(changed: dict[str, float], told: str) -> None:
     with pytest.raises(ValueError, match=told):
-        Dynamics(weak_arm(), **({"inertia": 1.0} | changed))
+        JointDynamics(weak_arm(), **({"inertia": 1.0} | changed))
 
 
 def test_a_map_resumes_where_it_was_left(tmp_path) -> None:  # type: ignore[no-untyped-def]
@@ -167,12 +174,12 @@ def test_a_map_resumes_where_it_was_left(tmp_path) -> None:  # type: ignore[no-u
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search(weak_arm(), INERTIA, grid, tmp_path, stopped)
+        map_springs(weak_arm(), INERTIA, grid, tmp_path, stopped)
     assert (tmp_path / KEPT).is_file()
-    again = search(weak_arm(), INERTIA, grid, tmp_path, told.append)
+    again = map_springs(weak_arm(), INERTIA, grid, tmp_path, told.append)
     assert len(told) == 3
-    whole = search(weak_arm(), INERTIA, grid, None, lambda line: None)
+    whole = map_springs(weak_arm(), INERTIA, grid, None, lambda line: None)
     np.testing.assert_array_equal(again.width, whole.width)
     assert np.nanmax(whole.width - whole.static) <= 1e-9
-    other = search(weak_arm(0.3), INERTIA, grid, tmp_path, lambda line: None)
+    other = map_springs(weak_arm(0.3), INERTIA, grid, tmp_path, lambda line: None)
     assert np.nansum(other.static) > np.nansum(whole.static)

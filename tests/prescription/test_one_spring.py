@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.prescription.least_spring import least_spring
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.one_spring import Prescription, Wishes, prescribe
+from mocap_id.prescription.one_spring import Prescription, SpringRequirements, prescribe_spring
 
 LOWER, UPPER = np.radians([-60.0, 180.0])
 
@@ -40,7 +40,7 @@ def searched(one: OneJoint, required: tuple[float, ...] = ()) -> tuple[float, fl
 
 
 def test_a_fifth_of_the_strength() -> None:
-    found = prescribe(joint(-0.2, 0.2))
+    found = prescribe_spring(joint(-0.2, 0.2))
     assert found.helps
     assert found.stiffness == pytest.approx(0.445, rel=0.01)
     assert degrees(found) == pytest.approx([206.0, 64.3, 179.8], abs=0.5)
@@ -48,14 +48,14 @@ def test_a_fifth_of_the_strength() -> None:
 
 
 def test_half_the_strength() -> None:
-    found = prescribe(joint(-0.5, 0.5))
+    found = prescribe_spring(joint(-0.5, 0.5))
     assert found.stiffness == pytest.approx(0.11, abs=0.005)
     assert np.degrees(found.range) == pytest.approx([9.4, 180.0], abs=0.5)
     assert np.ptp(found.range) >= np.radians(180.0 - 9.4)  # the grid that gave 9.4 at 354° is one degree wide
 
 
 def test_the_healthy_need_no_spring() -> None:
-    found = prescribe(joint(-1.0, 1.0))
+    found = prescribe_spring(joint(-1.0, 1.0))
     assert (found.stiffness, found.helps) == (0.0, False)
     assert np.degrees(found.range) == pytest.approx([-60.0, 180.0])
 
@@ -71,7 +71,7 @@ def test_what_the_thesis_prints_is_held_with_its_own_weight() -> None:
 @pytest.mark.parametrize(("low", "high"), [(-0.1, 0.1), (-0.2, 0.2), (-0.5, 0.5), (-0.2, 0.6), (-0.6, 0.2)])
 def test_no_spring_of_a_grid_is_better(low: float, high: float) -> None:
     one = joint(low, high)
-    found, (width, _, _) = prescribe(one), searched(one)
+    found, (width, _, _) = prescribe_spring(one), searched(one)
     mine = np.ptp(found.range)
     assert mine >= width - 1e-9
     assert mine <= width + np.radians(8.0)  # the grid is coarse, but not that coarse
@@ -81,7 +81,7 @@ def test_no_spring_of_a_grid_is_better(low: float, high: float) -> None:
 @pytest.mark.parametrize("required", [(30.0,), (0.0,), (60.0, 100.0)])
 def test_required_angles_are_held(required: tuple[float, ...]) -> None:
     one, angles = joint(-0.2, 0.2), tuple(np.radians(required).tolist())
-    found = prescribe(one, Wishes(required=angles))
+    found = prescribe_spring(one, SpringRequirements(required=angles))
     assert all(found.range[0] - 1e-6 <= angle <= found.range[1] + 1e-6 for angle in angles)
     width, _, _ = searched(one, angles)
     assert np.ptp(found.range) >= width - np.radians(0.3)
@@ -92,14 +92,16 @@ def test_required_angles_are_held(required: tuple[float, ...]) -> None:
 )
 def test_required_angles_that_cannot_be(required: tuple[float, ...], told: str) -> None:
     with pytest.raises(ValueError, match=told):
-        prescribe(joint(-0.2, 0.2), Wishes(required=tuple(np.radians(required).tolist())))
+        prescribe_spring(joint(-0.2, 0.2), SpringRequirements(required=tuple(np.radians(required).tolist())))
 
 
 @pytest.mark.parametrize("weight", [0.01, 250.0])
 def test_the_result_goes_with_the_weight_and_the_zero_of_the_angle(weight: float) -> None:
-    plain, other = prescribe(joint(-0.2, 0.2)), prescribe(joint(-0.2, 0.2, weight, turned=0.0))
+    plain, other = prescribe_spring(joint(-0.2, 0.2)), prescribe_spring(joint(-0.2, 0.2, weight, turned=0.0))
     assert other.stiffness == pytest.approx(weight * plain.stiffness, rel=1e-3)
-    turned = prescribe(joint(-0.2, 0.2, weight, turned=0.7), Wishes(rest=(-2 * np.pi + 0.7, 2 * np.pi + 0.7)))
+    turned = prescribe_spring(
+        joint(-0.2, 0.2, weight, turned=0.7), SpringRequirements(rest=(-2 * np.pi + 0.7, 2 * np.pi + 0.7))
+    )
     assert turned.stiffness == pytest.approx(other.stiffness, rel=1e-3)
     assert np.subtract(turned.range, 0.7) == pytest.approx(other.range, abs=1e-3)
 
@@ -107,7 +109,7 @@ def test_the_result_goes_with_the_weight_and_the_zero_of_the_angle(weight: float
 def test_the_whole_range_is_within_the_limits() -> None:
     for low, high in ((-0.2, 0.2), (-0.05, 0.3), (-0.5, 0.5)):
         one = joint(low, high)
-        found = prescribe(one)
+        found = prescribe_spring(one)
         torque = one.torque(np.linspace(*found.range, 20_001), found.stiffness, found.rest)
         assert torque.min() >= low - 1e-6
         assert torque.max() <= high + 1e-6
@@ -129,7 +131,7 @@ def test_turning_points_are_where_the_torque_turns() -> None:
     [
         ({"lower": 1.0, "upper": 1.0}, "limits of the angle are crossed"),
         ({"torque_low": 2.0}, "limits of the torque are crossed"),
-        ({"sine": 0.0}, "nothing to hold"),
+        ({"sine": 0.0}, "no moment of gravity"),
     ],
 )
 def test_joints_that_cannot_be(changed: dict[str, float], told: str) -> None:

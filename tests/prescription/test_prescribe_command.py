@@ -126,12 +126,12 @@ def test_without_springs_it_tells_what_can_be_held(body: str, tmp_path: Path) ->
 
 
 MISTAKES = {
-    "crossed limits": (ARM + "joints: [{limits_deg: [180, -60], strength_share: 0.2}]\n", "line 3.*crossed"),
+    "crossed limits": (ARM + "joints: [{limits_deg: [180, -60], strength_share: 0.2}]\n", "line 3.*is not below the upper"),
     "missing limits": (ARM + "joints: [{strength_share: 0.2}]\n", "`limits_deg` of joint 1 is missing"),
     "no strength": (ARM + "joints: [{limits_deg: [0, 90]}]\n", "strength_Nm"),
     "crossed strength": (
         ARM + "joints: [{limits_deg: [0, 90], strength_Nm: [1, -1]}]\n",
-        "strength of joint 1 is crossed",
+        "the lower strength of joint 1",
     ),
     "zero mass": (ARM.replace("mass_kg: 1", "mass_kg: 0") + JOINTS, "mass_kg.*greater than 0"),
     "negative stiffness": (
@@ -144,7 +144,7 @@ MISTAKES = {
     "point of one joint": (ARM + JOINTS + "required_m: [[0, 0]]\n", "`required_m` is for several joints"),
     "angle outside": (ARM + JOINTS + "required_deg: [200]\n", "outside the joint's limits"),
     "angle not to be held": (ARM + JOINTS + "required_deg: [-50, 170]\n", "no spring lets the person hold"),
-    "point outside": (CHAIN + "required_m: [[2, 2]]\n", "outside every reach"),
+    "point outside": (CHAIN + "required_m: [[2, 2]]\n", "cannot be reached"),
     "task outside": (ARM + JOINTS + "tasks: [{name: far, angles_deg: [170, 190]}]\n", "beyond the joint's limits"),
     "task without place": (ARM + JOINTS + "tasks: [{name: far, point_m: [0, 1]}]\n", "needs `angles_deg`"),
 }
@@ -173,7 +173,7 @@ def test_a_chain_in_yaml_has_a_volume(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        (("[-30, 110]", "[110, -30]"), "limits are crossed"),
+        (("[-30, 110]", "[110, -30]"), "is not below the second"),
         (("limits_deg: [-30, 110]", "unit: 3"), "`joints\\[0\\].limits_deg` is missing"),
         (("axis: y, at", "axis: [0, 0, 0], at"), "is zero"),
         (("tip: [0.0, -0.26, 0.0]", "tip: [0.0, -0.26]"), "tip"),

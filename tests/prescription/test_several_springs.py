@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
-from mocap_id.prescription.gravity import Weights
-from mocap_id.prescription.limits import Limits
-from mocap_id.prescription.reach import PlanarArm
-from mocap_id.prescription.several_springs import holds, prescribe_several
-from mocap_id.prescription.springs import Place, postures
-from mocap_id.prescription.sub_workspaces import Node, graph
+from mocap_id.prescription.arms import PlanarArm
+from mocap_id.prescription.gravity_torques import ChainMasses
+from mocap_id.prescription.joint_limits import JointLimits
+from mocap_id.prescription.postures import SpringPlace, sample_postures
+from mocap_id.prescription.several_springs import holdable_postures, prescribe_several
+from mocap_id.prescription.sub_workspaces import SubWorkspace, build_graph
 
 CENTRES = np.array([[0.0, 1.5], [0.0, 0.31]])
 MASSES = np.array([[2.0, 0.0, 0.27], [1.57, 0.0, 0.30]])
-ARM, WEIGHTS = PlanarArm.exact(CENTRES, np.array([0.0, 0.28])), Weights(CENTRES, MASSES)
-LIMITS = Limits.given(np.radians([90.0, -130.0]), np.radians([270.0, 0.0]))
+ARM, WEIGHTS = PlanarArm.exact(CENTRES, np.array([0.0, 0.28])), ChainMasses(CENTRES, MASSES)
+LIMITS = JointLimits.given(np.radians([90.0, -130.0]), np.radians([270.0, 0.0]))
 STRENGTH = np.array([[-4.0, 4.0], [-2.0, 2.0]])
 NOWHERE = np.zeros((0, 2))
 
@@ -28,7 +28,7 @@ def test_gravity_is_that_of_the_identification() -> None:
     still = np.zeros_like(q)
     regressor = planar_torque_regressor(centres, q, planar_regressor(centres, q, still, still, 9.5))
     full = np.concatenate([np.zeros(4), masses.ravel()])
-    ours = Weights(centres, masses[:, :3], 9.5).torques(q)
+    ours = ChainMasses(centres, masses[:, :3], 9.5).torques(q)
     np.testing.assert_allclose(ours, regressor @ full, atol=1e-11)
 
 
@@ -42,8 +42,8 @@ def test_one_joint_of_a_chain_is_the_chain_with_the_others_kept() -> None:
 
 
 def test_a_search_in_two_numbers_finds_what_trying_everything_finds() -> None:
-    places = [Place((0,), 8.0)]
-    sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
+    places = [SpringPlace((0,), 8.0)]
+    sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
     found = prescribe_several(sampled, places, STRENGTH)
     most = 0
     for stiffness in np.linspace(0, 8, 41):
@@ -58,10 +58,10 @@ def test_a_search_in_two_numbers_finds_what_trying_everything_finds() -> None:
 
 
 def test_the_area_is_counted_from_what_the_springs_hold() -> None:
-    places = [Place((0,), 15.0), Place((1,), 6.0)]
-    sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
+    places = [SpringPlace((0,), 15.0), SpringPlace((1,), 6.0)]
+    sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
     found = prescribe_several(sampled, places, STRENGTH, boxes=3000)
-    held = holds(sampled, places, STRENGTH, found)
+    held = holdable_postures(sampled, places, STRENGTH, found)
     assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=1e-12)
     assert found.without < found.area <= found.reachable
     assert found.area + found.gap <= found.reachable + 0.01
@@ -69,10 +69,10 @@ def test_the_area_is_counted_from_what_the_springs_hold() -> None:
 
 
 def test_a_spring_that_is_soft_beside_the_stiffest_allowed_is_told_and_counted() -> None:
-    places = [Place((0,), 8000.0)]
-    sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=512)
+    places = [SpringPlace((0,), 8000.0)]
+    sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=512)
     found = prescribe_several(sampled, places, STRENGTH, boxes=8000)
-    held = holds(sampled, places, STRENGTH, found)
+    held = holdable_postures(sampled, places, STRENGTH, found)
     assert found.helps
     assert 0 < found.stiffness[0] < 8.0
     assert np.isfinite(found.rest).all()
@@ -80,17 +80,17 @@ def test_a_spring_that_is_soft_beside_the_stiffest_allowed_is_told_and_counted()
 
 
 def test_two_springs_are_worth_at_least_as_much_as_one() -> None:
-    one, two = [Place((0,), 8.0)], [Place((0,), 8.0), Place((0, 1), 4.0)]
+    one, two = [SpringPlace((0,), 8.0)], [SpringPlace((0,), 8.0), SpringPlace((0, 1), 4.0)]
     areas = []
     for places in (one, two):
-        sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
+        sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
         areas.append(prescribe_several(sampled, places, STRENGTH, boxes=4000).area)
     assert areas[1] >= areas[0]
 
 
 def test_the_strong_need_no_springs() -> None:
-    places = [Place((0,), 15.0), Place((1,), 6.0)]
-    sampled = postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=512)
+    places = [SpringPlace((0,), 15.0), SpringPlace((1,), 6.0)]
+    sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=512)
     found = prescribe_several(sampled, places, 50 * STRENGTH)
     assert not found.helps
     assert found.area == pytest.approx(found.reachable)
@@ -98,33 +98,33 @@ def test_the_strong_need_no_springs() -> None:
 
 
 def test_a_required_point_is_held_or_refused() -> None:
-    places, point = [Place((0,), 15.0), Place((1,), 6.0)], np.array([[-0.45, 1.3]])
-    sampled = postures(ARM, WEIGHTS, LIMITS, places, point, count=1024)
+    places, point = [SpringPlace((0,), 15.0), SpringPlace((1,), 6.0)], np.array([[-0.45, 1.3]])
+    sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, point, count=1024)
     there = sampled.cell >= sampled.cells
     np.testing.assert_allclose(sampled.tips[there], np.tile(point, (there.sum(), 1)), atol=2e-4)
     found = prescribe_several(sampled, places, STRENGTH, boxes=4000)
-    assert holds(sampled, places, STRENGTH, found)[there].any()
+    assert holdable_postures(sampled, places, STRENGTH, found)[there].any()
     with pytest.raises(ValueError, match="no springs"):
         prescribe_several(sampled, places, 1e-3 * STRENGTH, boxes=200)
-    with pytest.raises(ValueError, match="outside every reach"):
-        postures(ARM, WEIGHTS, LIMITS, places, np.array([[2.0, 1.0]]))
+    with pytest.raises(ValueError, match="cannot be reached"):
+        sample_postures(ARM, WEIGHTS, LIMITS, places, np.array([[2.0, 1.0]]))
 
 
 def test_masses_that_cannot_be() -> None:
     with pytest.raises(ValueError, match="zero"):
-        Weights(CENTRES, np.zeros((2, 3)))
+        ChainMasses(CENTRES, np.zeros((2, 3)))
     with pytest.raises(ValueError, match="not known"):
-        Weights(CENTRES, np.full((2, 3), np.nan))
+        ChainMasses(CENTRES, np.full((2, 3), np.nan))
 
 
 def test_ways_go_through_overlaps_alone() -> None:
     angle = np.linspace(0, 1, 101)[:, None]
 
-    def node(name: str, low: float, high: float) -> Node:
+    def node(name: str, low: float, high: float) -> SubWorkspace:
         held = (angle[:, 0] >= low) & (angle[:, 0] <= high)
-        return Node(name, (name,), np.ones(1), np.zeros(1), held)
+        return SubWorkspace(name, (name,), np.ones(1), np.zeros(1), held)
 
-    found = graph([node("a", 0, 0.4), node("b", 0.3, 0.7), node("c", 0.6, 0.8), node("d", 0.9, 1.0)], angle)
+    found = build_graph([node("a", 0, 0.4), node("b", 0.3, 0.7), node("c", 0.6, 0.8), node("d", 0.9, 1.0)], angle)
     assert {switch.between for switch in found.switches} == {(0, 1), (1, 2)}
     assert angle[found.switches[0].posture, 0] == pytest.approx(0.35, abs=0.011)
     assert found.way(0, 2) == (0, 1, 2)

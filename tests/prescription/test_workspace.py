@@ -15,14 +15,14 @@ from mocap_id.config import load
 from mocap_id.errors import StoreError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.prescription.alpha_shape import alpha_shape, enclosed
-from mocap_id.prescription.limits import Limits, observed_limits
-from mocap_id.prescription.overlay import overlay
-from mocap_id.prescription.reach import PlanarArm, SpatialArm
+from mocap_id.prescription.arms import PlanarArm, SpatialArm
+from mocap_id.prescription.joint_limits import JointLimits, observed_limits
+from mocap_id.prescription.overlay import overlay_workspaces
 from mocap_id.prescription.sampling import sample_box, sobol
-from mocap_id.prescription.workspace import reachable
+from mocap_id.prescription.workspace import compute_workspace
 from mocap_id.store import Folder, Tree
 from mocap_id.store.hdf5 import encode
-from mocap_id.workflows.workspace import measure, subject
+from mocap_id.workflows.workspace import measure, read_arm
 
 UPPER, FORE = 0.31, 0.28
 LOWER_LIMITS, UPPER_LIMITS = np.array([0.98, -2.0]), np.array([3.05, -0.1])
@@ -39,7 +39,7 @@ def exact_area(lower: np.ndarray, upper: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_area_of_a_two_link_arm_is_the_exact_one(seed: int) -> None:
-    found = reachable(arm(), Limits.given(LOWER_LIMITS, UPPER_LIMITS), seed=seed)
+    found = compute_workspace(arm(), JointLimits.given(LOWER_LIMITS, UPPER_LIMITS), seed=seed)
     exact = exact_area(LOWER_LIMITS, UPPER_LIMITS)
     assert found.measure == pytest.approx(exact, rel=5e-4)
     errors = [abs(value - exact) for _, _, value in found.convergence]
@@ -48,9 +48,9 @@ def test_the_area_of_a_two_link_arm_is_the_exact_one(seed: int) -> None:
 
 def test_the_interval_is_that_of_drawn_limits_and_dimensions() -> None:
     sd = np.array([0.004, 0.006])
-    limits = Limits(LOWER_LIMITS, UPPER_LIMITS, sd, sd)
+    limits = JointLimits(LOWER_LIMITS, UPPER_LIMITS, sd, sd)
     uncertain = PlanarArm(arm().centres, arm().tip, np.stack([np.eye(2)] * 2) * 0.002**2, np.eye(2) * 0.001**2)
-    found = reachable(uncertain, limits, samples=4000)
+    found = compute_workspace(uncertain, limits, samples=4000)
     random = np.random.default_rng(4)
     drawn = []
     for _ in range(20_000):
@@ -70,8 +70,8 @@ def test_the_volume_of_a_shoulder_that_turns_every_way_is_a_shell() -> None:
     elbow[1, 3] = -UPPER
     chain = Chain((Revolute((0, 1, 0)), Revolute((1, 0, 0)), Revolute((1, 0, 0))), np.stack([still, still, elbow]))
     bent = np.radians(120.0)
-    limits = Limits.given(np.array([-np.pi, -np.pi, 0.0]), np.array([np.pi, np.pi, bent]))
-    found = reachable(SpatialArm(chain, np.array([0.0, -FORE, 0.0])), limits)
+    limits = JointLimits.given(np.array([-np.pi, -np.pi, 0.0]), np.array([np.pi, np.pi, bent]))
+    found = compute_workspace(SpatialArm(chain, np.array([0.0, -FORE, 0.0])), limits)
     inner = np.sqrt(UPPER**2 + FORE**2 + 2 * UPPER * FORE * np.cos(bent))
     exact = 4 / 3 * np.pi * ((UPPER + FORE) ** 3 - inner**3)
     assert found.measure == pytest.approx(exact, rel=0.03)
@@ -103,7 +103,7 @@ def test_points_on_a_line_have_no_area() -> None:
 
 def test_samples_fill_the_box_and_each_of_its_faces() -> None:
     q = sample_box(LOWER_LIMITS, UPPER_LIMITS, 2000, 0, 2)
-    assert Limits.given(LOWER_LIMITS, UPPER_LIMITS).contains(q).all()
+    assert JointLimits.given(LOWER_LIMITS, UPPER_LIMITS).contains(q).all()
     assert len(np.unique(q, axis=0)) > 1990
     for joint in range(2):
         for end in (LOWER_LIMITS, UPPER_LIMITS):
@@ -142,13 +142,13 @@ def test_a_quantile_is_not_moved_by_a_few_wild_samples() -> None:
 @pytest.mark.parametrize(("lower", "upper"), [(1.0, 1.0), (2.0, 1.0), (np.nan, 1.0)])
 def test_limits_that_are_crossed_or_unknown_are_refused(lower: float, upper: float) -> None:
     with pytest.raises(ValueError, match="joint 1"):
-        Limits.given(np.array([lower]), np.array([upper]))
+        JointLimits.given(np.array([lower]), np.array([upper]))
 
 
 def test_gained_and_lost_areas_of_two_squares() -> None:
     grid = np.stack(np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41)), axis=-1).reshape(-1, 2)
     square = alpha_shape(grid + 1e-6 * sobol(len(grid), 2, 0), 0.05)
-    found = overlay(square, square, np.array([0.25, 0.0]))
+    found = overlay_workspaces(square, square, np.array([0.25, 0.0]))
     assert [found.gained, found.lost, found.kept] == pytest.approx([0.25, 0.25, 0.75], abs=4 * found.sd)
 
 
@@ -165,7 +165,7 @@ def test_the_planar_arm_is_the_spatial_one_in_its_plane() -> None:
 def test_the_area_of_arm_reach_from_its_recording(reaching_arm: Path, recordings: Path) -> None:
     truth = json.loads((recordings / "simulated" / "arm-reach" / "truth.json").read_text())["reach"]["area_m2"]
     for chosen in ("WRST", None):
-        reach = measure(subject(reaching_arm, chosen))
+        reach = measure(read_arm(reaching_arm, chosen))
         assert reach.subject.tip == "WRST"
         assert reach.workspace.measure == pytest.approx(truth, rel=0.01)
         low, high = reach.workspace.interval
@@ -185,7 +185,7 @@ def test_artefacts_of_two_runs_in_one_folder_are_refused(reaching_arm: Path, tmp
     origin = replace(folder.provenance("chain.h5").origin, key="of another run")
     (mixed / "chain.h5").write_bytes(encode(other, origin))
     with pytest.raises(StoreError, match=r"chain.h5 is damaged or was edited"):
-        subject(mixed)
+        read_arm(mixed)
     shutil.rmtree(mixed / ".mocap-id")  # the files alone still tell what they were made from
     with pytest.raises(StoreError, match=r"states.parquet was made from another chain.h5"):
-        subject(mixed)
+        read_arm(mixed)

@@ -1,4 +1,4 @@
-"""A person who gets up and sits down, or squats, with a chair that unloads and loads smoothly."""
+"""Synthetic sit-to-stand and squat trials with smooth unloading and loading of the chair."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.dynamics.prepare import Recorded
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
 
@@ -44,11 +44,11 @@ def sit_to_stand(
     seed: int = 0,
     heights: tuple[float, ...] | None = None,
     attempt: tuple[float, float] | None = None,
-) -> tuple[Recorded, Truth]:
-    """Rises and descents of 2 s each, from a pose to a flexed trunk and up; the chair is off half-way through.
+) -> tuple[TrialData, Truth]:
+    """Make a trial with rises and descents of 2 s each; the chair is released halfway through a rise.
 
-    Where the trial ``begins_upright`` it also ends so. ``heights`` are how far each rise goes, of the way to standing;
-    an ``attempt`` at a time, s, goes so far and falls back within 1.2 s.
+    With ``begins_upright`` the trial also ends upright. ``heights`` are the heights of the rises as shares of a full
+    rise. ``attempt`` is the time, s, and height of a failed attempt that lasts 1.2 s.
     """
     cycle = PAUSE + RISE + STAND + SIT
     time = np.arange(0, repetitions * cycle + PAUSE, 1 / RATE)
@@ -77,5 +77,5 @@ def sit_to_stand(
         wrench = wrench - np.column_stack([0 * force, force, origin[:, 3, 0] * force])
     wrench = wrench + noise * np.random.default_rng(seed).normal(size=wrench.shape) * [1, 1, 0.3]
     observed = np.ones(len(time), dtype=bool)
-    recorded = Recorded(time, q, dq, ddq, np.zeros_like(q), observed, wrench, CENTRES)
+    recorded = TrialData(time, q, dq, ddq, np.zeros_like(q), observed, wrench, CENTRES)
     return recorded, Truth(*(list(map(float, x)) for x in (start, off, top, on, down + SIT)))

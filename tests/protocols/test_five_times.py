@@ -1,4 +1,4 @@
-"""The five-times-sit-to-stand test: both stop rules, from what was recorded; and how the feet share the load."""
+"""Five-times-sit-to-stand test by both stop rules, and load shares of the feet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id.protocols.load_share import load_share, sides
 from mocap_id.protocols.posture import posture
 from mocap_id.protocols.published_times import PUBLISHED
 from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise import Rise
+from mocap_id.protocols.rise_details import RiseDetails
 
 
 def repetitions(count: int, cycle: float = 2.5) -> tuple[Repetition, ...]:
@@ -23,8 +23,8 @@ def repetitions(count: int, cycle: float = 2.5) -> tuple[Repetition, ...]:
     )
 
 
-def rises(count: int, **of_each: float) -> tuple[Rise, ...]:
-    return (Rise(reached=1.0, **of_each),) * count
+def rises(count: int, **of_each: float) -> tuple[RiseDetails, ...]:
+    return (RiseDetails(reached=1.0, **of_each),) * count
 
 
 @pytest.mark.parametrize("count", [5, 6, 9])
@@ -45,15 +45,15 @@ def test_fewer_than_five_have_no_time_and_say_why(count: int) -> None:
     assert (found.mean_cycle is None) == (count < 2)
 
 
-def test_a_rise_that_does_not_come_to_standing_is_not_counted() -> None:
-    low = (*rises(2), Rise(reached=0.7), *rises(3, attempts=1))
+def test_a_rise_that_does_not_reach_standing_is_not_counted() -> None:
+    low = (*rises(2), RiseDetails(reached=0.7), *rises(3, attempts=1))
     found = five_times(repetitions(6), low, chair=True)
     assert found.repetitions == 5
     assert found.to_fifth_stand == pytest.approx(5 * 2.5 + 1.1)
     assert found.attempts == 3
 
 
-def test_what_the_recording_cuts_off_is_null_with_a_why() -> None:
+def test_events_outside_the_recording_are_null_with_a_reason() -> None:
     made = repetitions(5)
     begun = (replace(made[0], start=np.nan, why="the recording begins upright"), *made[1:])
     found = five_times(begun, rises(5), chair=True)
@@ -66,7 +66,7 @@ def test_what_the_recording_cuts_off_is_null_with_a_why() -> None:
     assert "ends upright" in found.why
 
 
-def test_squats_are_no_such_test() -> None:
+def test_squats_have_no_test_times() -> None:
     found = five_times(repetitions(5), rises(5), chair=False)
     assert found.to_fifth_stand is None
     assert "squats" in found.why
@@ -80,8 +80,8 @@ def test_every_published_time_names_its_source_and_its_stop_rule() -> None:
         assert any(str(year) in one.source for year in range(1990, 2026))
 
 
-def test_left_is_where_z_points_for_who_faces_minus_x() -> None:
-    """With y up, the left of who looks along f is y × f; along -x that is +z."""
+def test_z_points_to_the_left_if_the_subject_faces_minus_x() -> None:
+    """With y up, the left of a subject facing f is y × f; facing -x, it is +z."""
     assert np.cross([0, 1, 0], [-1, 0, 0]).tolist() == [0, 0, 1]
     assert sides([(1, 0.2), (2, -0.1)], -1) == (1, 2)
     assert sides([(1, 0.2), (2, -0.1)], 1) == (2, 1)
@@ -90,7 +90,7 @@ def test_left_is_where_z_points_for_who_faces_minus_x() -> None:
     assert "side by side" in sides([(1, float("nan")), (2, 0.0)], -1)
 
 
-def test_the_left_foot_s_share_is_told_for_each_phase() -> None:
+def test_the_share_of_the_left_foot_is_given_for_each_phase() -> None:
     recorded, truth = sit_to_stand(3)
     body = posture(recorded.q, recorded.dq, CENTRES)
     made = tuple(

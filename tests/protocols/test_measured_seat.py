@@ -1,4 +1,4 @@
-"""A chair on its own plate: its contact is read, not searched for, and nothing stays out."""
+"""A chair on its own plate: contact is measured, and all samples are used."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from protocol_cases import WEIGHT, sit_to_stand
 
-from mocap_id.dynamics.external import SEAT, External
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
+from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.protocols.movement import Movement, read_movement
 
 
-def seated(repetitions: int, **options: bool) -> tuple[Recorded, list[float], list[float]]:
-    """The sit-to-stand of the other tests with what the feet lack on the chair's plate."""
+def seated(repetitions: int, **options: bool) -> tuple[TrialData, list[float], list[float]]:
+    """The sit-to-stand of the other tests, with the force missing under the feet on the chair's plate."""
     recorded, truth = sit_to_stand(repetitions, noise=0.0, **options)
     free, _ = sit_to_stand(repetitions, chair=False, noise=0.0, **options)
     noise = np.random.default_rng(2).normal(size=(2, *free.wrench.shape)) * [0.5, 0.5, 0.15]
-    chair = External(SEAT, 2, free.wrench - recorded.wrench + noise[0], True)
+    chair = ExternalWrench(SEAT, 2, free.wrench - recorded.wrench + noise[0], True)
     return replace(recorded, wrench=recorded.wrench + noise[1], external=(chair,)), truth.seat_off, truth.seat_on
 
 
-def read(recorded: Recorded) -> Movement:
+def read(recorded: TrialData) -> Movement:
     prepared = prepare(recorded, FitSettings())
     return read_movement("sit-to-stand", recorded, prepared, "seat-force", weight_share=0.7, knee_bend=0.8, stands=True)
 
@@ -41,10 +41,10 @@ def test_events_come_from_the_plate_and_every_sample_is_free(repetitions: int) -
     assert all(rep.complete for rep in movement.repetitions)
 
 
-def test_a_chair_that_nobody_uses_is_no_chair() -> None:
+def test_an_unused_chair_is_not_a_chair() -> None:
     recorded, *_ = seated(3, begins_upright=True)
     free, _ = sit_to_stand(3, chair=False, begins_upright=True)
-    empty = External(SEAT, 2, np.random.default_rng(1).normal(size=free.wrench.shape) * 0.3, True)
+    empty = ExternalWrench(SEAT, 2, np.random.default_rng(1).normal(size=free.wrench.shape) * 0.3, True)
     movement = read(replace(recorded, wrench=free.wrench, external=(empty,)))
     assert movement.contact.chair is False
     assert [reason.code for reason in movement.reasons] == ["no-chair"]

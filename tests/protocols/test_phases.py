@@ -1,4 +1,4 @@
-"""Averages over repetitions, and another system's angles: against curves whose answer is known."""
+"""Averages over repetitions and comparison with other angles, on curves with a known result."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def signal(scale: Mapping[int, float]) -> np.ndarray:
     return out
 
 
-def test_repetitions_of_other_lengths_come_to_lie_on_each_other() -> None:
+def test_repetitions_of_different_lengths_are_aligned() -> None:
     found = average(on_grid(TIME, signal({0: 1.0, 1: 2.0, 2: 3.0}), BOUNDS))
     np.testing.assert_allclose(found.mean, 2.0 * shape(GRID), atol=2e-3)
     np.testing.assert_allclose(found.sd, 1.0 * shape(GRID), atol=2e-3)
     assert (found.count == 3).all()
 
 
-def test_what_is_unknown_in_one_repetition_is_averaged_over_the_others() -> None:
+def test_unknown_samples_are_averaged_over_the_other_repetitions() -> None:
     values = signal({0: 1.0, 1: 1.0, 2: 1.0})
     values[(TIME > 7.0) & (TIME < 7.5)] = np.nan
     found = average(on_grid(TIME, values, BOUNDS))
@@ -52,7 +52,7 @@ def test_what_is_unknown_in_one_repetition_is_averaged_over_the_others() -> None
     assert np.isnan(average(np.full((2, 101), np.nan)).mean).all()
 
 
-def test_agreement_knows_sign_constant_and_noise() -> None:
+def test_agreement_finds_sign_offset_and_noise() -> None:
     ours = signal({0: 1.0, 1: 1.0, 2: 1.0})
     noise = 0.01 * np.random.default_rng(0).normal(size=len(ours))
     found = agreement(ours, ours + 0.3 + noise)
@@ -86,7 +86,7 @@ def run(compare: Compare | None, complete: bool = True) -> Table:
     )
 
 
-def test_the_table_holds_every_signal_and_says_where_there_are_no_repetitions() -> None:
+def test_the_table_contains_every_signal_and_reports_missing_repetitions() -> None:
     frame = run(None).frame
     assert set(frame["span"]) == {"repetition"}  # no stand, so no rise
     torque = frame[frame["quantity"] == "tau_1"]
@@ -99,7 +99,7 @@ def test_the_table_holds_every_signal_and_says_where_there_are_no_repetitions() 
 
 
 def written(folder: Path, name: str, degrees: bool) -> Path:
-    """The same angle, 0.2 rad more, at 50 Hz, in another file's unit and form."""
+    """The same angle plus 0.2 rad, at 50 Hz, in the unit and format of another file."""
     time = np.arange(0.5, 19.0, 0.02)
     angle = np.interp(time, TIME, signal({0: 1.0, 1: 1.2, 2: 1.4})) + 0.2
     values = np.degrees(angle) if degrees else angle
@@ -134,7 +134,7 @@ def test_other_angles_are_read_in_their_unit_and_resampled(tmp_path: Path, name:
     assert turned.facts["compared"][0]["r"] == pytest.approx(-1.0, abs=1e-4)
 
 
-def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+def test_missing_columns_and_times_are_named(tmp_path: Path) -> None:
     file = written(tmp_path, "a.mot", degrees=False)
     with pytest.raises(ConfigError, match=r"no joint 'elbow'.*knee"):
         run(Compare(angles=file, columns={"elbow": "k"}))
@@ -145,7 +145,7 @@ def test_what_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="_deg or _rad"):
         read_angles(unitless, ["knee"])
     unitless.write_text("time_s,knee_deg\n1,1\n0,2\n")
-    with pytest.raises(RecordingError, match="increase"):
+    with pytest.raises(RecordingError, match="increasing"):
         read_angles(unitless, ["knee_deg"])
     unitless.write_text("t,knee_deg\n1,1\n2,2\n")
     with pytest.raises(RecordingError, match="time_s"):

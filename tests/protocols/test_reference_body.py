@@ -1,4 +1,4 @@
-"""The reference body says what it had to assume."""
+"""The reference body reports its assumptions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_known_subject_needs_no_assumption() -> None:
         ({"sex": None}, "de-leva", "the mean of the female and the male table"),
     ],
 )
-def test_what_is_missing_is_estimated_and_said(missing, name, said) -> None:
+def test_missing_values_are_estimated_and_reported(missing, name, said) -> None:
     found = body(name=name, **missing)
     (reason,) = found.reasons
     assert reason.level == "ok"
@@ -52,7 +52,7 @@ def test_the_sex_does_not_matter_to_winter() -> None:
     ("centres", "changes", "said"),
     [(CENTRES[:2], {}, "4 or 5 segments"), (CENTRES, {"mass": None, "plate_mass": None}, "mass")],
 )
-def test_where_no_reference_applies_it_says_why(centres, changes, said) -> None:
+def test_a_missing_reference_has_a_reason(centres, changes, said) -> None:
     found = body(centres, **changes)
     assert found.table is None
     assert found.height is None
@@ -64,7 +64,7 @@ def test_where_no_reference_applies_it_says_why(centres, changes, said) -> None:
     assert said in reason.message
 
 
-def test_all_can_be_missing_but_the_mass() -> None:
+def test_only_the_mass_is_required() -> None:
     found = body(height=None, mass=None, sex=None, name="de-leva")
     assert len(found.assumed) == 3
     assert found.mass == 71.0
@@ -72,7 +72,7 @@ def test_all_can_be_missing_but_the_mass() -> None:
     assert all(assumption in reason.message for assumption in found.assumed)
 
 
-def test_segments_stand_as_in_the_upright_pauses() -> None:
+def test_standing_angles_are_those_of_upright_pauses() -> None:
     recorded, _ = sit_to_stand(3)
     q = recorded.q.copy()
     q[100:130] = np.nan
@@ -81,7 +81,7 @@ def test_segments_stand_as_in_the_upright_pauses() -> None:
     assert standing_angles(np.full_like(q, np.nan), body_posture) is None
 
 
-def test_where_nobody_rises_every_sample_stands() -> None:
+def test_without_a_rise_every_sample_counts_as_standing() -> None:
     recorded, _ = sit_to_stand(2)
     q = 0.02 * recorded.q + 0.1
     still = posture(q, 0.02 * recorded.dq, CENTRES)
@@ -89,7 +89,7 @@ def test_where_nobody_rises_every_sample_stands() -> None:
     np.testing.assert_allclose(standing_angles(q, still), np.median(np.cumsum(q, axis=1), axis=0))
 
 
-def test_a_turned_frame_of_the_trunk_is_no_other_trunk() -> None:
+def test_a_rotated_trunk_frame_gives_the_same_trunk() -> None:
     upright = body(standing=np.array([0.0, 0.0, 0.0])).parameters.reshape(-1, 4)
     turned = body(standing=np.array([0.0, 0.0, 0.3])).parameters.reshape(-1, 4)
     np.testing.assert_array_equal(turned[:3], upright[:3])

@@ -1,4 +1,4 @@
-"""When a chair's force vanishes: against courses whose end is known exactly."""
+"""Instant of zero chair force, on curves with an exactly known end."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import betainc
 
-from mocap_id.protocols.contact import until_zero
+from mocap_id.protocols.contact_rules import extend_to_release
 from mocap_id.protocols.release import release
 
 RATE, END, FULL, NOISE = 100.0, 2.0, 450.0, 0.8
@@ -14,7 +14,7 @@ TIME = np.arange(0.0, 4.0, 1 / RATE)
 
 
 def unloading(lasts: float, first: float, last: float) -> np.ndarray:
-    """A chair that is fully loaded until ``lasts`` s before the end, with a smooth course in between."""
+    """Force of a chair that is fully loaded until ``lasts`` s before the end, with a smooth decrease."""
     return FULL * betainc(last, first, np.clip((END - TIME) / lasts, 0.0, 1.0))
 
 
@@ -22,7 +22,7 @@ COURSES = [(0.25, 5, 5), (0.4, 5, 5), (0.6, 5, 5), (0.4, 2, 3), (0.4, 3, 2), (0.
 
 
 @pytest.mark.parametrize(("lasts", "first", "last"), COURSES)
-def test_the_end_is_found_beyond_where_the_force_is_seen(lasts: float, first: float, last: float) -> None:
+def test_the_release_is_extrapolated_beyond_the_visible_force(lasts: float, first: float, last: float) -> None:
     rng, late, seen = np.random.default_rng(0), [], []
     for _ in range(20):
         force = unloading(lasts, first, last) + NOISE * rng.normal(size=len(TIME))
@@ -47,12 +47,12 @@ def test_a_sudden_release_is_found_within_its_sample() -> None:
 def test_a_touch_is_a_release_in_reverse() -> None:
     force = unloading(0.4, 5, 5)
     there = force > 4 * NOISE
-    mirrored = until_zero(TIME, there[::-1].copy(), force[::-1].copy())
-    np.testing.assert_array_equal(mirrored, until_zero(TIME, there, force)[::-1])
-    assert until_zero(TIME, there, force).sum() > there.sum()
+    mirrored = extend_to_release(TIME, there[::-1].copy(), force[::-1].copy())
+    np.testing.assert_array_equal(mirrored, extend_to_release(TIME, there, force)[::-1])
+    assert extend_to_release(TIME, there, force).sum() > there.sum()
 
 
-def test_what_is_not_known_changes_nothing() -> None:
+def test_unknown_samples_do_not_matter() -> None:
     force = np.full(len(TIME), np.nan)
     there = TIME < 2.0
-    np.testing.assert_array_equal(until_zero(TIME, there, force), there)
+    np.testing.assert_array_equal(extend_to_release(TIME, there, force), there)

@@ -1,4 +1,4 @@
-"""Cycles of a robot's joint."""
+"""Cycles of a robot joint."""
 
 from __future__ import annotations
 

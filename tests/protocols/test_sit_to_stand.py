@@ -1,4 +1,4 @@
-"""Sit-to-stand: every repetition, whatever their number; the chair is where it is, and squats have none."""
+"""Sit-to-stand: all repetitions and the chair contact are found, and squats have no chair."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from protocol_cases import BODY, CENTRES, WEIGHT, sit_to_stand
 
-from mocap_id.dynamics.lowpass import runs
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
-from mocap_id.protocols import sit_to_stand as protocol
-from mocap_id.protocols.contact import standing_weight, touching, uses_chair
+from mocap_id.arrays import find_runs
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
+from mocap_id.protocols import chair_contact as protocol
+from mocap_id.protocols.contact_rules import contact_in_low_phases, standing_weight, uses_chair
 from mocap_id.protocols.movement import Movement, facing, read_movement
 from mocap_id.protocols.posture import Posture, posture
 
 RULES = {"weight_share": 0.72, "knee_bend": 0.8}
 
 
-def read(recorded: Recorded, rule: str = "seat-force", *, plate: bool = True, stands: bool = True, **fit) -> Movement:
+def read(recorded: TrialData, rule: str = "seat-force", *, plate: bool = True, stands: bool = True, **fit) -> Movement:
     prepared = prepare(recorded, FitSettings(**fit)) if plate else None
     return read_movement("sit-to-stand", recorded, prepared, rule, **RULES, stands=stands)
 
@@ -36,19 +36,19 @@ def test_every_repetition_is_found(count: int) -> None:
         assert rep.start < rep.seat_off < rep.stand < rep.seat_on < rep.end
 
 
-def test_no_sample_with_the_chair_is_identified_on() -> None:
+def test_no_sample_with_chair_contact_is_used() -> None:
     recorded, truth = sit_to_stand(4)
     movement = read(recorded)
     off_chair = np.zeros(len(recorded.time), dtype=bool)
     for off, on in zip(truth.seat_off, truth.seat_on, strict=True):
         off_chair |= (recorded.time >= off) & (recorded.time <= on)
     assert (movement.free & off_chair).sum() > 0.95 * off_chair.sum()
-    # what is let through beyond is the foot of the unloading, under half a per cent of the weight
+    # the remaining samples are the end of the unloading, below half a per cent of the weight
     assert (movement.free & ~off_chair).sum() < 0.12 * off_chair.sum()
     assert movement.contact.threshold == pytest.approx(0.005 * WEIGHT, rel=0.01)
 
 
-def test_the_seat_force_keeps_more_than_the_knee_and_lets_less_through_than_the_weight() -> None:
+def test_seat_force_keeps_more_samples_than_knee_and_misses_less_contact_than_weight() -> None:
     recorded, truth = sit_to_stand(4)
     found = {rule: read(recorded, rule) for rule in ("seat-force", "weight", "knee")}
     assert found["knee"].free.sum() < 0.8 * found["seat-force"].free.sum()
@@ -72,13 +72,13 @@ def test_squats_have_no_chair_and_use_every_sample() -> None:
         assert rep.start < rep.stand == rep.end
 
 
-def test_a_trial_that_begins_and_ends_upright_says_what_is_missing() -> None:
+def test_a_trial_that_begins_and_ends_upright_reports_missing_events() -> None:
     recorded, truth = sit_to_stand(3)
     cut = slice(int(2.9 * 100), int(15.5 * 100))  # upright to upright
     whole = {
         name: value[cut] for name, value in recorded.__dict__.items() if name not in ("centres", "averaged", "measured")
     }
-    found = read(Recorded(**whole, centres=CENTRES)).repetitions
+    found = read(TrialData(**whole, centres=CENTRES)).repetitions
     assert [rep.complete for rep in found] == [False, True, False]
     assert found[0].why == "the recording begins upright"
     assert np.isnan([found[0].start, found[0].seat_off]).all()
@@ -87,7 +87,7 @@ def test_a_trial_that_begins_and_ends_upright_says_what_is_missing() -> None:
     assert np.isnan([found[2].seat_on, found[2].end]).all()
 
 
-def test_without_a_plate_the_posture_still_tells_the_repetitions() -> None:
+def test_without_a_plate_the_posture_gives_the_repetitions() -> None:
     recorded, truth = sit_to_stand(2)
     found = read(recorded, plate=False).repetitions
     assert len(found) == 2
@@ -100,31 +100,31 @@ def test_gaps_in_the_angles_do_not_add_repetitions() -> None:
     recorded, _ = sit_to_stand(3)
     q, dq = recorded.q.copy(), recorded.dq.copy()
     q[900:930], dq[900:930] = np.nan, np.nan
-    assert len(read(Recorded(**{**recorded.__dict__, "q": q, "dq": dq})).repetitions) == 3
+    assert len(read(TrialData(**{**recorded.__dict__, "q": q, "dq": dq})).repetitions) == 3
 
 
 @pytest.mark.parametrize("stands", [True, False])
-def test_somebody_who_only_sways_does_not_rise(stands: bool) -> None:
-    """And is identified on only if shown to stand: a seated person sways as well."""
+def test_swaying_is_not_a_rise(stands: bool) -> None:
+    """Samples are used only if the person is known to stand, because a seated person sways too."""
     recorded, _ = sit_to_stand(2)
     still = {name: 0.05 * getattr(recorded, name) for name in ("q", "dq", "ddq")}
-    movement = read(Recorded(**{**recorded.__dict__, **still}), stands=stands)
+    movement = read(TrialData(**{**recorded.__dict__, **still}), stands=stands)
     assert movement.repetitions == ()
     assert [reason.code for reason in movement.reasons] == ["no-repetitions"]
     assert movement.free.all() == stands
     assert movement.free.any() == stands
 
 
-def without_plate(recorded: Recorded, upright: bool) -> Recorded:
+def without_plate(recorded: TrialData, upright: bool) -> TrialData:
     """The plate has no reading in the upright, or in the low, phases."""
     body = posture(recorded.q, recorded.dq, CENTRES)
     wrench = recorded.wrench.copy()
     wrench[body.upright == upright] = np.nan
-    return Recorded(**{**recorded.__dict__, "wrench": wrench})
+    return TrialData(**{**recorded.__dict__, "wrench": wrench})
 
 
 @pytest.mark.parametrize("upright", [True, False])
-def test_without_the_plate_in_a_phase_the_chair_is_unknown_and_not_absent(upright: bool) -> None:
+def test_without_plate_readings_in_a_phase_the_chair_is_unknown(upright: bool) -> None:
     recorded, _ = sit_to_stand(4)
     movement = read(without_plate(recorded, upright))
     assert movement.contact.chair is None
@@ -144,7 +144,7 @@ def test_without_Fy_in_the_fit_the_seat_force_is_not_used() -> None:
     assert [reason.code for reason in movement.reasons] == ["contact-rule"]
 
 
-def test_contact_settles_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_contact_converges(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
     settled = read(recorded)
     assert settled.contact.converged is True
@@ -153,39 +153,41 @@ def test_contact_settles_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     cut = read(recorded)
     assert cut.contact.converged is False
     assert [reason.code for reason in cut.reasons] == ["contact-unsettled"]
-    assert cut.free.sum() < settled.free.sum()  # both rounds' contact is out: it errs on the side of the chair
+    assert cut.free.sum() < settled.free.sum()  # the contact of both rounds is excluded
 
 
-def test_contact_that_flickers_is_left_out_either_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_alternating_contact_is_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
-    steady, thresholds = protocol.contact.seat_force_threshold, iter([1.0, 60.0] * 10)
-    monkeypatch.setattr(protocol.contact, "seat_force_threshold", lambda *given: next(thresholds) * steady(*given))
+    steady, thresholds = protocol.contact_rules.seat_force_threshold, iter([1.0, 60.0] * 10)
+    monkeypatch.setattr(
+        protocol.contact_rules, "seat_force_threshold", lambda *given: next(thresholds) * steady(*given)
+    )
     flickering = read(recorded)
     assert flickering.contact.converged is False
-    monkeypatch.setattr(protocol.contact, "seat_force_threshold", steady)
+    monkeypatch.setattr(protocol.contact_rules, "seat_force_threshold", steady)
     assert np.mean(flickering.free & ~read(recorded).free) < 0.005
 
 
-def test_a_round_that_leaves_too_little_keeps_the_contact_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_round_with_too_few_samples_keeps_the_previous_contact(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
     before = read(recorded, "weight").contact
-    rules = iter([protocol.contact.touching, lambda body, signs: np.ones(len(signs), dtype=bool)])
+    rules = iter([protocol.contact_rules.contact_in_low_phases, lambda body, signs: np.ones(len(signs), dtype=bool)])
 
     def in_turn(body: Posture, signs: np.ndarray) -> np.ndarray:
         return next(rules)(body, signs)
 
-    monkeypatch.setattr(protocol.contact, "touching", in_turn)
+    monkeypatch.setattr(protocol.contact_rules, "contact_in_low_phases", in_turn)
     found = read(recorded).contact
     assert found.converged is False
     assert found.free.sum() > 100
     assert not (found.free & before.touching).any()
 
 
-def test_too_little_off_the_chair_falls_back_to_the_weight_and_says_so() -> None:
+def test_too_few_samples_off_the_chair_fall_back_to_the_weight_rule() -> None:
     recorded, _ = sit_to_stand(1)
     wrench = recorded.wrench.copy()
     wrench[200:340] = wrench[380:520] = np.nan  # the plate fails while the person moves
-    movement = read(Recorded(**{**recorded.__dict__, "wrench": wrench}))
+    movement = read(TrialData(**{**recorded.__dict__, "wrench": wrench}))
     assert movement.contact.rule == "weight"
     assert [reason.code for reason in movement.reasons] == ["contact-rule"]
 
@@ -203,16 +205,16 @@ def test_standing_weight_and_chair() -> None:
     assert uses_chair(body, unknown, weight) is None
 
 
-def test_contact_is_one_stretch_a_low_phase_and_lasts_to_the_recording_s_ends() -> None:
+def test_contact_is_one_interval_per_low_phase_and_extends_to_the_ends() -> None:
     recorded, _ = sit_to_stand(2)
     body = posture(recorded.q, recorded.dq, CENTRES)
     signs = np.zeros(len(recorded.time), dtype=bool)
-    lows = runs(~body.upright)
+    lows = find_runs(~body.upright)
     assert len(lows) == 3
     for low in lows:  # flickering signs
         signs[low.start + 60 : low.stop - 60 : 7] = True
     signs[body.height > 0.9] = True  # something else
-    found = runs(touching(body, signs))
+    found = find_runs(contact_in_low_phases(body, signs))
     assert len(found) == 3
     assert found[0].start == 0
     assert found[-1].stop == len(signs)
@@ -221,13 +223,13 @@ def test_contact_is_one_stretch_a_low_phase_and_lasts_to_the_recording_s_ends() 
 def test_facing_follows_the_knee() -> None:
     recorded, _ = sit_to_stand(1)
     assert facing(recorded) == -1
-    assert facing(Recorded(**{**recorded.__dict__, "q": -recorded.q})) == 1
+    assert facing(TrialData(**{**recorded.__dict__, "q": -recorded.q})) == 1
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize("name", ["sts-normal", "sts-dynamic", "sts-stable-rotated-plate"])
 def test_events_of_simulated_recordings(recordings: Path, name: str) -> None:
-    """True states, measured-like wrench; the chair's force fades in over the last tenth of a second."""
+    """Events from true states and a simulated wrench agree with the truth."""
     folder = recordings / "simulated" / name
     told, arrays = json.loads((folder / "truth.json").read_text()), dict(np.load(folder / "truth.npz"))
     thinned = {key: arrays[key][::4] for key in ("t", "q", "qd", "qdd", "wrench", "wrench_total")}
@@ -235,7 +237,7 @@ def test_events_of_simulated_recordings(recordings: Path, name: str) -> None:
     centres = np.array([s["p_in_parent_m"] for s in told["segments"][1:]])
     noise = np.random.default_rng(0).normal(size=thinned["wrench"].shape) * [0.9, 0.9, 0.3]
     states = (time, thinned["q"], thinned["qd"], thinned["qdd"], 0 * thinned["q"], observed)
-    movement = read(Recorded(*states, thinned["wrench"] + noise, centres))
+    movement = read(TrialData(*states, thinned["wrench"] + noise, centres))
     found = movement.repetitions
     assert len(found) == len(told["reps"])
     for rep, true in zip(found, told["reps"], strict=True):
@@ -246,7 +248,7 @@ def test_events_of_simulated_recordings(recordings: Path, name: str) -> None:
         assert abs(rep.stand - true["rise_end"]) < 0.4
         assert abs(rep.end - true["sit_end"]) < 0.3
     # the same movement with all its weight under the feet has no chair
-    everything = Recorded(*states, thinned["wrench_total"].astype(float) + noise, centres)
+    everything = TrialData(*states, thinned["wrench_total"].astype(float) + noise, centres)
     squatting = read(everything)
     assert not squatting.contact.chair
     assert squatting.free.all()

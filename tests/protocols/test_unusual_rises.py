@@ -1,4 +1,4 @@
-"""Rises that are cut off, broken off, stopped, not finished or helped: each is told from the truth of a made-up one."""
+"""Unusual rises in synthetic trials: cut off, failed, paused, incomplete or supported."""
 
 from __future__ import annotations
 
@@ -9,42 +9,41 @@ import pytest
 from protocol_cases import CENTRES, RATE, RISE, WEIGHT, sit_to_stand
 from scipy.signal import find_peaks
 
-from mocap_id.dynamics.prepare import FitSettings, Recorded, prepare
+from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.protocols.attempts import _peaks, failed_attempts
-from mocap_id.protocols.mid_rise import held, reached
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.protocols.posture import posture
 from mocap_id.protocols.remarks import reasons, with_remark
-from mocap_id.protocols.rise import Rise
-from mocap_id.protocols.seat_off import past_share, where_models_meet
-from mocap_id.protocols.support import LIMIT, unexplained
+from mocap_id.protocols.rise_details import RiseDetails, greatest_height, paused_time
+from mocap_id.protocols.seat_off import model_agreement_time, share_crossing_time
+from mocap_id.protocols.support import LIMIT, unexplained_support
 
 
-def read(recorded: Recorded) -> Movement:
+def read(recorded: TrialData) -> Movement:
     prepared = prepare(recorded, FitSettings())
     return read_movement(
         "sit-to-stand", recorded, prepared, "seat-force", weight_share=0.72, knee_bend=0.8, stands=True
     )
 
 
-def of_samples(recorded: Recorded, order: np.ndarray, **changed: np.ndarray) -> Recorded:
+def of_samples(recorded: TrialData, order: np.ndarray, **changed: np.ndarray) -> TrialData:
     series = ("time", "q", "dq", "ddq", "ddq_sd", "observed", "wrench")
     parts = {name: getattr(recorded, name)[order] for name in series}
-    return Recorded(**{**parts, **changed, "centres": CENTRES})
+    return TrialData(**{**parts, **changed, "centres": CENTRES})
 
 
-def cut(recorded: Recorded, begin: float, finish: float) -> Recorded:
+def cut(recorded: TrialData, begin: float, finish: float) -> TrialData:
     inside = (recorded.time >= begin) & (recorded.time <= finish)
     return of_samples(recorded, np.flatnonzero(inside))
 
 
-def attempts(recorded: Recorded, movement: Movement) -> list[float]:
+def attempts(recorded: TrialData, movement: Movement) -> list[float]:
     vertical = recorded.wrench[:, 1] / WEIGHT
     found = failed_attempts(recorded.time, movement.posture, vertical, movement.repetitions, chair=True)
     return [one.time for one in found]
 
 
-def test_a_recording_that_starts_in_a_rise_does_not_tell_its_start() -> None:
+def test_a_recording_that_starts_in_a_rise_has_an_unknown_start() -> None:
     recorded, truth = sit_to_stand(3)
     low = read(cut(recorded, truth.start[0] + 0.42 * RISE, np.inf)).repetitions[0]
     high = read(cut(recorded, truth.start[0] + 0.55 * RISE, np.inf)).repetitions[0]
@@ -56,7 +55,7 @@ def test_a_recording_that_starts_in_a_rise_does_not_tell_its_start() -> None:
 
 
 @pytest.mark.parametrize("share", [0.45, 0.75])
-def test_a_recording_that_ends_in_a_descent_does_not_tell_its_end(share: float) -> None:
+def test_a_recording_that_ends_in_a_descent_has_an_unknown_end(share: float) -> None:
     recorded, truth = sit_to_stand(2)
     down = truth.end[1] - 2.0
     found = read(cut(recorded, 0.0, down + share * 2.0)).repetitions[-1]
@@ -65,18 +64,18 @@ def test_a_recording_that_ends_in_a_descent_does_not_tell_its_end(share: float) 
     assert "the recording ends during the descent" in found.why
 
 
-def test_a_rise_that_the_recording_does_not_finish_is_told() -> None:
+def test_an_unfinished_last_rise_is_reported() -> None:
     recorded, truth = sit_to_stand(3)
     part = cut(recorded, 0.0, truth.start[2] + 0.38 * RISE)
     movement = read(part)
     assert len(movement.repetitions) == 2
-    told = reasons(movement.repetitions, [Rise()] * 2, (), movement.posture)
+    told = reasons(movement.repetitions, [RiseDetails()] * 2, (), movement.posture)
     assert [reason.code for reason in told] == ["repetition-cut"]
     assert "not counted" in told[0].message
 
 
 @pytest.mark.parametrize("height", [0.12, 0.25, 0.35])
-def test_hips_that_come_up_and_fall_back_are_an_attempt_and_no_repetition(height: float) -> None:
+def test_hips_that_rise_and_fall_back_are_an_attempt(height: float) -> None:
     recorded, truth = sit_to_stand(3, attempt=(6.55, height))
     recorded = cut(recorded, 0.0, truth.end[0] + 20.0)
     movement = read(recorded)
@@ -85,15 +84,15 @@ def test_hips_that_come_up_and_fall_back_are_an_attempt_and_no_repetition(height
     assert attempts(recorded, movement) == pytest.approx([6.55], abs=0.25)
 
 
-def test_ordinary_repetitions_hold_no_attempt_and_no_pause() -> None:
+def test_ordinary_repetitions_have_no_attempt_and_no_pause() -> None:
     for seed in range(3):
         recorded, _ = sit_to_stand(4, seed=seed)
         movement = read(recorded)
         assert attempts(recorded, movement) == []
-        assert [held(recorded.time, movement.posture, each) for each in movement.repetitions] == [0.0] * 4
+        assert [paused_time(recorded.time, movement.posture, each) for each in movement.repetitions] == [0.0] * 4
 
 
-def test_unloading_the_chair_without_rising_is_an_attempt_and_leaning_a_little_is_none() -> None:
+def test_unloading_the_chair_is_an_attempt_and_slight_leaning_is_not() -> None:
     recorded, _ = sit_to_stand(2)
     seated = recorded.wrench[:50, 1].mean()
     for share, expected in ((0.7, [0.5]), (0.2, [])):
@@ -105,29 +104,29 @@ def test_unloading_the_chair_without_rising_is_an_attempt_and_leaning_a_little_i
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_peaks_are_those_of_their_prominence(seed: int) -> None:
+def test_peaks_have_the_required_prominence(seed: int) -> None:
     rng = np.random.default_rng(seed)
     values = np.cumsum(rng.normal(size=300)) if seed % 2 else rng.normal(size=rng.integers(1, 300))
     expected = find_peaks(values, prominence=1.5)[0].tolist()
     assert _peaks(values, 1.5) == expected
 
 
-def test_a_rise_that_stays_low_is_not_complete() -> None:
+def test_a_low_rise_is_incomplete() -> None:
     recorded, _ = sit_to_stand(3, heights=(1.0, 0.65, 1.0))
     movement = read(recorded)
-    heights = [reached(recorded.time, movement.posture, each) for each in movement.repetitions]
+    heights = [greatest_height(recorded.time, movement.posture, each) for each in movement.repetitions]
     assert [height < 0.9 for height in heights] == [False, True, False]
-    rises = [Rise(reached=height) for height in heights]
+    rises = [RiseDetails(reached=height) for height in heights]
     told = [with_remark(each, rise) for each, rise in zip(movement.repetitions, rises, strict=True)]
     assert [each.complete for each in told] == [True, False, True]
-    assert "of the height of standing" in told[1].why
+    assert "of the standing height" in told[1].why
     (reason,) = reasons(movement.repetitions, rises, (), movement.posture)
     assert reason.code == "rise-partial"
     assert "repetition 2 " in reason.message
 
 
 @pytest.mark.parametrize("share", [0.35, 0.6])
-def test_a_stop_on_the_way_is_held_and_moves_neither_start_nor_stand(share: float) -> None:
+def test_a_pause_in_the_rise_does_not_move_start_or_stand(share: float) -> None:
     recorded, truth = sit_to_stand(2)
     at = int((truth.start[0] + share * RISE) * RATE)
     still = int(1.0 * RATE)
@@ -147,38 +146,40 @@ def test_a_stop_on_the_way_is_held_and_moves_neither_start_nor_stand(share: floa
     assert found[0].start == pytest.approx(truth.start[0], abs=0.35)
     assert found[0].stand == pytest.approx(truth.stand[0] + 1.0, abs=0.35)
     body = posture(paused.q, paused.dq, CENTRES)
-    assert held(paused.time, body, found[0]) == pytest.approx(1.0, abs=0.2)
-    assert held(paused.time, body, found[1]) == 0.0
+    assert paused_time(paused.time, body, found[0]) == pytest.approx(1.0, abs=0.2)
+    assert paused_time(paused.time, body, found[1]) == 0.0
 
 
-def test_support_is_what_is_missing_where_no_chair_can_be() -> None:
+def test_support_is_the_missing_force_above_chair_height() -> None:
     recorded, _ = sit_to_stand(3)
     movement = read(recorded)
     missing = np.where(movement.posture.height > 0.0, 12.0, 0.0)  # a model that is 12 N too heavy
     times = recorded.time
     for k, each in enumerate(movement.repetitions):
         helped = (times > each.start) & (times < each.stand) if k == 1 else np.zeros(len(times), bool)
-        found = unexplained(times, movement.posture, missing + 0.1 * WEIGHT * helped, WEIGHT, each, seat_measured=False)
+        found = unexplained_support(
+            times, movement.posture, missing + 0.1 * WEIGHT * helped, WEIGHT, each, seat_measured=False
+        )
         assert found == pytest.approx(0.1 if k == 1 else 0.0, abs=1e-9)
         assert (found > LIMIT) == (k == 1)
 
 
-def test_the_chair_itself_is_no_support() -> None:
+def test_the_chair_is_not_taken_for_support() -> None:
     recorded, _ = sit_to_stand(3)
     movement = read(recorded)
     chair = np.where(movement.posture.height < 0.2, 0.5 * WEIGHT, 0.0)
     for each in movement.repetitions:
-        assert unexplained(recorded.time, movement.posture, chair, WEIGHT, each, seat_measured=False) == 0.0
+        assert unexplained_support(recorded.time, movement.posture, chair, WEIGHT, each, seat_measured=False) == 0.0
 
 
-def test_seat_off_by_the_thesis_s_rules_comes_before_the_chair_is_empty() -> None:
+def test_seat_off_by_the_rules_of_the_thesis_is_before_zero_chair_force() -> None:
     recorded, truth = sit_to_stand(3)
     movement = read(recorded)
     clean = sit_to_stand(3, noise=0.0)[0].wrench[:, 1] / WEIGHT
     for each, off in zip(movement.repetitions, truth.seat_off, strict=True):
-        share = past_share(recorded.time, recorded.wrench[:, 1] / WEIGHT, 0.72, each)
+        share = share_crossing_time(recorded.time, recorded.wrench[:, 1] / WEIGHT, 0.72, each)
         assert np.interp(share, recorded.time, clean) == pytest.approx(0.72, abs=0.02)
-        model = where_models_meet(recorded.time, movement.contact.shown, each)
+        model = model_agreement_time(recorded.time, movement.contact.above_noise, each)
         assert share < model <= each.seat_off
         assert model == pytest.approx(off, abs=0.12)
 
@@ -186,5 +187,5 @@ def test_seat_off_by_the_thesis_s_rules_comes_before_the_chair_is_empty() -> Non
 def test_without_a_plate_there_is_no_seat_off_by_force() -> None:
     recorded, _ = sit_to_stand(1)
     (each,) = read(recorded).repetitions
-    assert np.isnan(past_share(recorded.time, np.full(len(recorded.time), np.nan), 0.72, each))
-    assert np.isnan(where_models_meet(recorded.time, None, each))
+    assert np.isnan(share_crossing_time(recorded.time, np.full(len(recorded.time), np.nan), 0.72, each))
+    assert np.isnan(model_agreement_time(recorded.time, None, each))

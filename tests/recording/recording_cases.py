@@ -1,4 +1,4 @@
-"""Recordings made up for the tests: a C3D builder with full control, plates with a known wrench."""
+"""Synthetic recordings: a C3D builder that can set every field, and plates with a known wrench."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.recording.plate_types import PlateSignals, plate_axes
 
 CORNERS = np.array([[0.232, -0.254, 0.0], [-0.232, -0.254, 0.0], [-0.232, 0.254, 0.0], [0.232, 0.254, 0.0]])
-"""A plate at the lab's origin, z down, m."""
+"""Corners of a plate at the lab's origin with z down, m."""
 
 ORIGIN = np.array([0.001, -0.002, -0.045])
 
@@ -23,7 +23,7 @@ def moved_corners(yaw: float = 0.4, centre: Sequence[float] = (0.5, -0.2, 0.01))
 
 
 def standing_wrench(count: int, corners: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """A load of about 700 N that acts within the plate: force and moment about the lab origin, (K, 3) each."""
+    """Return force and moment (K, 3) about the lab origin of a load of about 700 N within the plate."""
     rng = np.random.default_rng(seed)
     force = rng.normal(size=(count, 3)) * [20, 20, 40] + [0, 0, 700]
     point = corners.mean(axis=0) + np.column_stack([rng.uniform(-0.1, 0.1, (count, 2)), np.zeros(count)])
@@ -34,7 +34,7 @@ def standing_wrench(count: int, corners: np.ndarray, seed: int = 0) -> tuple[np.
 def signals(
     force: np.ndarray, moment: np.ndarray, corners: np.ndarray, rate: float, origin: np.ndarray = ORIGIN
 ) -> PlateSignals:
-    """Channels of a type 2 plate under a wrench on the body (lab axes, about the lab origin)."""
+    """Return the channels of a type 2 plate under a wrench on the body (lab axes, about the lab origin)."""
     axes = plate_axes(corners)
     f = force @ axes
     m = (moment - np.cross(corners.mean(axis=0), force)) @ axes + np.cross(origin, f)
@@ -42,7 +42,7 @@ def signals(
 
 
 def body(frames: int = 60, markers: int = 5, seed: int = 1) -> np.ndarray:
-    """(F, M, 3) marker positions above the floor, m."""
+    """Return marker positions (F, M, 3) above the floor, m."""
     rng = np.random.default_rng(seed)
     return (
         rng.uniform(0.1, 1.5, size=(1, markers, 3)) + 0.05 * rng.normal(size=(frames, markers, 3)).cumsum(axis=0) / 10
@@ -50,12 +50,12 @@ def body(frames: int = 60, markers: int = 5, seed: int = 1) -> np.ndarray:
 
 
 def integers(values: Any, processor: int = 84) -> bytes:
-    """16-bit words as a processor writes them: Intel (84), DEC (85), MIPS (86)."""
+    """Encode 16-bit words for a processor: Intel (84), DEC (85), MIPS (86)."""
     return (np.asarray(values).astype(np.int64) & 0xFFFF).astype(">u2" if processor == 86 else "<u2").tobytes()
 
 
 def reals(values: Any, processor: int = 84) -> bytes:
-    """32-bit floats as a processor writes them; DEC's words are exchanged, its exponent is larger by two."""
+    """Encode 32-bit floats for a processor; DEC swaps the words and has an exponent larger by two."""
     if processor == 85:
         return (4 * np.asarray(values, float)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
     return np.asarray(values).astype(">f4" if processor == 86 else "<f4").tobytes()
@@ -64,7 +64,7 @@ def reals(values: Any, processor: int = 84) -> bytes:
 def parameter(
     group: int, name: str, value: Any, kind: int | None = None, processor: int = 84
 ) -> tuple[int, str, bytes]:
-    """One C3D parameter as its bytes behind the offset word: int16, float or text, first index fastest."""
+    """Encode a C3D parameter after its offset word: int16, float or text, first index fastest."""
     if isinstance(value, (str, tuple, list)) and (isinstance(value, str) or all(isinstance(v, str) for v in value)):
         texts = [value] if isinstance(value, str) else list(value)
         width = max((len(t.encode()) for t in texts), default=0)
@@ -92,7 +92,7 @@ def build_c3d(
     drop: Sequence[str] = (),
     processor: int = 84,
 ) -> bytes:
-    """A C3D file; real for a negative scale, integer otherwise.
+    """Build a C3D file; real for a negative scale, integer otherwise.
 
     ``points`` (F, M, 3) in file units, ``analog`` (F * per_frame, C) raw counts, ``parameters`` overrides by
     ``"GROUP:NAME"``, ``header`` overrides by word (points, analog, first, last, per_frame).
@@ -156,7 +156,7 @@ def _data(
 
 
 def plate_parameters(kind: int, channels: Sequence[int], origin: np.ndarray = ORIGIN, **more: Any) -> dict[str, Any]:
-    """FORCE_PLATFORM of one plate at the lab's origin, in mm."""
+    """Return FORCE_PLATFORM parameters of one plate at the lab's origin, in mm."""
     return {
         "FORCE_PLATFORM:USED": 1,
         "FORCE_PLATFORM:TYPE": np.array([kind]),

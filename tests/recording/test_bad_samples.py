@@ -1,4 +1,4 @@
-"""Analog samples that are no numbers, and spikes: they cost samples, at worst the plate, never the recording."""
+"""Non-finite analog samples and spikes make samples or a plate unusable, never the recording."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 from recording_cases import CORNERS, body, build_c3d, plate_parameters, save, signals, standing_wrench
 
 from mocap_id import recording
-from mocap_id.recording.lab_plates import is_load
+from mocap_id.recording.lab_plates import is_force_on_plate
+from mocap_id.workflows.inspect import describe
 
 FRAMES, PER_FRAME = 60, 5
 SAMPLES = FRAMES * PER_FRAME
@@ -33,7 +34,7 @@ def unloaded_first() -> np.ndarray:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_bad_samples_of_a_baseline_are_left_out(tmp_path: Path, bad: float) -> None:
+def test_bad_samples_of_a_baseline_are_not_used(tmp_path: Path, bad: float) -> None:
     analog = unloaded_first()
     analog[7, 2] = analog[20:24, 4] = bad
     (plate,) = read(tmp_path, analog, zero=True).plates
@@ -62,7 +63,7 @@ def test_a_spike_does_not_make_a_loaded_baseline_an_offset(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("zero", [False, True])
 @pytest.mark.parametrize("share", [0.3, 0.9])
-def test_a_storm_costs_samples_only(tmp_path: Path, share: float, zero: bool) -> None:
+def test_many_bad_samples_do_not_make_the_plate_unusable(tmp_path: Path, share: float, zero: bool) -> None:
     analog = CHANNELS.copy()
     analog[np.random.default_rng(4).random(SAMPLES) < share] = np.nan
     (plate,) = read(tmp_path, analog, zero).plates
@@ -77,11 +78,11 @@ def test_a_dead_channel_makes_the_plate_unusable(tmp_path: Path, channel: int | 
     analog[:, channel] = bad
     found = read(tmp_path, analog, zero=True)
     assert "numbers" in found.plates[0].problem
-    assert recording.describe(found)["plates"][0]["mean_fz_N"] is None
+    assert describe(found)["plates"][0]["mean_fz_N"] is None
 
 
 @pytest.mark.parametrize("spike", [20e3, 200e3])
-def test_spikes_do_not_turn_a_plate_over(tmp_path: Path, spike: float) -> None:
+def test_spikes_do_not_reverse_a_plate(tmp_path: Path, spike: float) -> None:
     analog = CHANNELS.copy()
     analog[[10, 40, 80, 120], 2] = spike  # the plate's z points down: a load on the body's side is negative
     found = read(tmp_path, analog)
@@ -94,15 +95,15 @@ def test_spikes_do_not_turn_a_plate_over(tmp_path: Path, spike: float) -> None:
 @pytest.mark.parametrize(
     ("spikes", "offset", "contact"), [(0, 0.0, 300), (20, 0.0, 300), (0, 30.0, 100), (2, 25.0, 100), (0, 0.0, 3)]
 )
-def test_the_sense_is_that_of_the_load(spikes: int, offset: float, contact: int) -> None:
-    """Neither spikes against it nor the offset of the unloaded plate decide."""
+def test_the_load_decides_the_sign(spikes: int, offset: float, contact: int) -> None:
+    """Spikes of the opposite sign and the offset of the unloaded plate do not decide."""
     vertical = np.full(300, -offset)
     vertical[:contact] = 700.0
     vertical[:spikes] = -20e3
-    assert not is_load(vertical)
-    assert is_load(-vertical)
+    assert not is_force_on_plate(vertical)
+    assert is_force_on_plate(-vertical)
 
 
-def test_a_plate_that_nobody_touches_has_no_sense() -> None:
-    assert not is_load(np.full(100, -19.0))
-    assert not is_load(np.empty(0))
+def test_an_unloaded_plate_is_not_reversed() -> None:
+    assert not is_force_on_plate(np.full(100, -19.0))
+    assert not is_force_on_plate(np.empty(0))

@@ -1,4 +1,4 @@
-"""C3D decoded from its bytes: as the ``c3d`` package and ezc3d have it, in any encoding, in little memory."""
+"""Decoding of C3D files in every encoding, compared with the ``c3d`` package and ezc3d; memory use."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from recording_cases import body, build_c3d, save
 
 from mocap_id import recording
 from mocap_id.errors import RecordingError
-from mocap_id.recording.c3d_decode import calibration, decode
+from mocap_id.recording.c3d_data import calibration, decode
 from mocap_id.recording.c3d_file import open_c3d
-from mocap_id.recording.c3d_layout import establish
+from mocap_id.recording.c3d_layout import find_layout
 from mocap_id.recording.c3d_package import package_differences
 
 INTEL, DEC, MIPS = 84, 85, 86
 FRAMES, MARKERS, PER_FRAME, CHANNELS = 60, 5, 4, 8
 UNREADABLE = ("FP1.C3D", "PiG_Motion-FlatFoot-One.c3d", "evart.c3d", "kyowadengyo.c3d", "sample_propulsion.c3d")
-"""Sound files that the package does not take."""
+"""Valid files that the package cannot read."""
 
 
 def ours(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Positions in file units, and analog samples (frames * per_frame, channels) in units."""
+    """Return positions in file units, and analog samples (frames * per_frame, channels) in units."""
     file = open_c3d(Path("x.c3d"), io.BytesIO(data))
-    layout = establish(file)
+    layout = find_layout(file)
     points, counts = decode(file, layout, range(layout.points), range(layout.channels))
     offset, scale = calibration(file, layout)
     return points, (counts - offset) * scale
 
 
 def by_package(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """The same by the ``c3d`` package, frame by frame."""
+    """Return the same from the ``c3d`` package, frame by frame."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         frames = list(c3d.Reader(io.BytesIO(data)).read_frames())
@@ -88,8 +88,8 @@ def test_every_encoding_is_decoded_as_other_libraries_do(
     assert package_differences(save(tmp_path, data)) == []
 
 
-def test_the_encodings_hold_one_trial(tmp_path: Path) -> None:
-    """In mm, to a count of the integer files and a rounding of the real ones."""
+def test_all_encodings_give_the_same_trial(tmp_path: Path) -> None:
+    """Equal within one count for integer files and within rounding for real ones, mm."""
     everything = [ours(made(processor, scale)) for processor in (INTEL, DEC, MIPS) for scale in (-1.0, 0.08)]
     for points, analog in everything[1:]:
         np.testing.assert_allclose(points, everything[0][0], atol=0.041)
@@ -98,7 +98,7 @@ def test_the_encodings_hold_one_trial(tmp_path: Path) -> None:
 
 @pytest.mark.recordings
 def test_shared_recordings_are_decoded_as_the_package_does(recordings: Path) -> None:
-    """To the last frame where that takes the package no second; the first 100 frames of the others."""
+    """All frames if the package needs less than a second, otherwise the first 100."""
     compared = 0
     for path in sorted(p for p in recordings.rglob("*") if p.suffix.lower() == ".c3d"):
         if path.name in (*UNREADABLE, "Empty.c3d", "badParameterOffset.c3d", "marche281.c3d", "walkingOptiTrack.c3d"):
@@ -115,50 +115,50 @@ def test_shared_recordings_are_decoded_as_the_package_does(recordings: Path) -> 
 
 
 @pytest.mark.recordings
-def test_what_the_package_reads_otherwise_is_named(recordings: Path) -> None:
+def test_differences_of_the_package_are_reported(recordings: Path) -> None:
     def said(name: str) -> str:
         (sentence,) = package_differences(recordings / "c3d" / name)
         return sentence
 
     for name in UNREADABLE:
-        assert "does not read this file" in said(name)
-    assert said("walkingOptiTrack.c3d") == "the c3d package counts 3362 frames, the file holds 3361"
-    assert said("marche281.c3d") == "the c3d package takes 2900 samples of the first 100 frames for missing"
+        assert "cannot read this file" in said(name)
+    assert said("walkingOptiTrack.c3d") == "the c3d package counts 3362 frames, the file contains 3361"
+    assert said("marche281.c3d") == "the c3d package treats 2900 measured samples of the first 100 frames as missing"
 
 
-def test_other_values_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_values_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, made(INTEL, -1.0))
     read = c3d.Reader.read_frames
     monkeypatch.setattr(c3d.Reader, "read_frames", lambda self: ((n, p + 1, a + 9) for n, p, a in read(self)))
     assert package_differences(path) == [
-        "the c3d package reads other positions",
-        "the c3d package reads other analog values",
+        "the c3d package reads different positions",
+        "the c3d package reads different analog values",
     ]
     monkeypatch.setattr(c3d.Reader, "read_frames", lambda self: iter(()))
-    assert package_differences(path) == ["the c3d package reads no frame of this file"]
+    assert package_differences(path) == ["the c3d package reads no frames of this file"]
 
 
-def test_a_stretch_ends_within_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the stretches, even shorter than a frame, the same comes out."""
+def test_the_block_size_has_no_influence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The block size has no influence, even if smaller than a frame."""
     data = made(INTEL, 0.08)
     whole = ours(data)
     for size in (1, 1000, 7777):
-        monkeypatch.setattr("mocap_id.recording.c3d_decode._STRETCH", size)
+        monkeypatch.setattr("mocap_id.recording.c3d_data._BLOCK_BYTES", size)
         for part, expected in zip(ours(data), whole, strict=True):
             np.testing.assert_array_equal(part, expected)
 
 
-def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
+def test_a_file_that_is_truncated_while_it_is_read(tmp_path: Path) -> None:
     stream = io.BytesIO(made(INTEL, -1.0))
     file = open_c3d(Path("x.c3d"), stream)
-    layout = establish(file)
+    layout = find_layout(file)
     stream.truncate(layout.start + 100)
-    with pytest.raises(RecordingError, match=r"x.c3d: it changed while it was read"):
+    with pytest.raises(RecordingError, match=r"x.c3d: it changed while it was being read"):
         decode(file, layout, range(layout.points), ())
 
 
-def test_memory_is_that_of_the_positions(tmp_path: Path) -> None:
-    """Neither the file's bytes nor channels that no plate uses are held beside them."""
+def test_reading_needs_little_more_memory_than_the_positions(tmp_path: Path) -> None:
+    """Neither the bytes of the file nor channels without a plate are kept in memory."""
     points = np.tile(body(1000, 40) * 1e3, (20, 1, 1))
     path = save(tmp_path, build_c3d(points, analog=np.zeros((len(points) * 4, 30))))
     tracemalloc.start()
@@ -171,7 +171,7 @@ def test_memory_is_that_of_the_positions(tmp_path: Path) -> None:
     assert path.stat().st_size > found.positions.nbytes
 
 
-def test_reading_loads_no_library_for_what_numpy_does(tmp_path: Path) -> None:
+def test_reading_imports_only_numpy(tmp_path: Path) -> None:
     path = save(tmp_path, made(INTEL, -1.0))
     script = "import sys, pathlib; from mocap_id import recording; recording.read(pathlib.Path(sys.argv[1]))"
     told = subprocess.run(

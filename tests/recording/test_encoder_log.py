@@ -1,4 +1,4 @@
-"""An encoder's file is taken as its columns' names say, or refused with what is wrong in it and what to do."""
+"""Encoder logs are read by the names of their columns, or refused with the cause and a remedy."""
 
 from __future__ import annotations
 
@@ -59,20 +59,20 @@ def renamed(old: str, new: str) -> dict[str, object]:
     [
         (renamed("position_rad", "position_deg"), ["position_deg", "expected time_s, position_rad"]),
         ({"time_s": TIME, "position_rad": TIME}, ["expected", "velocity_rad_s"]),
-        ({**COLUMNS, "current_A": TIME}, ["current_A", "leave everything else out"]),
-        (with_cell("velocity_rad_s", 7, ""), ["`velocity_rad_s` holds no number in line 9", "1 such"]),
-        (with_cell("position_rad", 7, "nan"), ["`position_rad` holds no number in line 9"]),
-        (with_cell("position_rad", 7, "broken"), ["`position_rad` is 'broken' in line 9", "expected numbers"]),
+        ({**COLUMNS, "current_A": TIME}, ["current_A", "remove all other columns"]),
+        (with_cell("velocity_rad_s", 7, ""), ["`velocity_rad_s` has no number in line 9", "1 such"]),
+        (with_cell("position_rad", 7, "nan"), ["`position_rad` has no number in line 9"]),
+        (with_cell("position_rad", 7, "broken"), ["`position_rad` is 'broken' in line 9", "expected a number"]),
         (with_cell("time_s", 20, 0.05), ["does not increase", "line 22", "0.05 s after 0.152 s"]),
-        ({name: values[:5] for name, values in COLUMNS.items()}, ["5 rows", "expected 20"]),
+        ({name: values[:5] for name, values in COLUMNS.items()}, ["5 rows", "expected at least 20"]),
         ({**COLUMNS, "position_rad": np.degrees(COLUMNS["position_rad"])}, ["57.3 times", "position in degrees"]),
         ({**COLUMNS, "velocity_rad_s": np.degrees(COLUMNS["velocity_rad_s"])}, ["0.0175 times", "velocity in degrees"]),
         ({**COLUMNS, "time_s": 1000 * TIME}, ["milliseconds"]),
-        ({**COLUMNS, "velocity_rad_s": -COLUMNS["velocity_rad_s"]}, ["-1 times", "another joint or sense"]),
-        ({**COLUMNS, "velocity_rad_s": np.cos(9 * TIME)}, ["another joint or sense"]),
+        ({**COLUMNS, "velocity_rad_s": -COLUMNS["velocity_rad_s"]}, ["-1 times", "another joint or direction"]),
+        ({**COLUMNS, "velocity_rad_s": np.cos(9 * TIME)}, ["another joint or direction"]),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named(tmp_path: Path, columns: dict[str, object], words: list[str]) -> None:
+def test_wrong_files_are_refused_with_the_cause(tmp_path: Path, columns: dict[str, object], words: list[str]) -> None:
     path = written(tmp_path, columns)
     with pytest.raises(RecordingError) as caught:
         read_encoder(path)
@@ -80,14 +80,14 @@ def test_what_is_wrong_is_named(tmp_path: Path, columns: dict[str, object], word
         assert word in str(caught.value)
 
 
-def test_a_joint_at_rest_has_a_velocity_of_noise(tmp_path: Path) -> None:
+def test_the_velocity_of_a_joint_at_rest_is_not_checked(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).normal(0, 1e-3, (2, len(TIME)))
     log = read_encoder(written(tmp_path, {"time_s": TIME, "position_rad": noise[0], "velocity_rad_s": noise[1]}))
     assert len(log.time) == len(TIME)
 
 
 @pytest.mark.parametrize("text", ["", "time_s\n", '"'])
-def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_a_table_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "encoder.csv"
     path.write_text(text)
     with pytest.raises(RecordingError, match=r"encoder\.csv"):
@@ -99,8 +99,8 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         read_encoder(tmp_path / "nowhere.csv")
 
 
-def test_cells_parted_by_semicolons_are_named(tmp_path: Path) -> None:
+def test_cells_separated_by_semicolons_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path, COLUMNS)
     path.write_text(path.read_text().replace(",", ";").replace(".", ","))
-    with pytest.raises(RecordingError, match=r"parted by `;`.*`,` between and decimal points"):
+    with pytest.raises(RecordingError, match=r"separated by `;`.*`,` and with decimal points"):
         read_encoder(path)

@@ -1,4 +1,4 @@
-"""Forces beside the plates, from their file into the plane: axes, sense, place, clock; and what is wrong with them."""
+"""Forces of further sensors in the plane: axes, sign, position and clock; wrong files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLACE = (0.3, -0.7, 1.1)
 
 
 def force_at(time: np.ndarray) -> np.ndarray:
-    """Lab axes with Z up, N."""
+    """Return a force in lab axes with Z up, N."""
     return np.column_stack([20 * np.sin(2 * time), 10 + 5 * np.cos(time), 40 + 30 * np.sin(1.5 * time)])
 
 
@@ -57,7 +57,7 @@ def expected(planar: LongTable, time: np.ndarray, point: np.ndarray) -> np.ndarr
     return frame_of(planar).wrench_to_plane(force, np.cross(point, force))
 
 
-def test_a_force_at_a_fixed_point_with_its_clock(tmp_path: Path) -> None:
+def test_a_force_at_a_fixed_point_with_a_clock_offset(tmp_path: Path) -> None:
     path, *_ = person_on_a_plate(tmp_path)
     logged = np.arange(-1.0, 12.0, 1 / 500)
     file = log(tmp_path, force_at(logged + 0.25), logged)
@@ -83,7 +83,7 @@ def test_a_force_at_a_marker_moves_with_it(tmp_path: Path) -> None:
     assert wrench.facts["external"][0]["known_fraction"] == pytest.approx(seen.mean())
 
 
-def test_sense_moments_and_several_sensors(tmp_path: Path) -> None:
+def test_sign_moments_and_several_sensors(tmp_path: Path) -> None:
     path, *_ = person_on_a_plate(tmp_path)
     logged = np.arange(-0.1, 12.0, 1 / 200)
     moment = 3.0 * force_at(logged)
@@ -99,8 +99,8 @@ def test_sense_moments_and_several_sensors(tmp_path: Path) -> None:
     np.testing.assert_allclose(columns(wrench, 2), opposite, atol=0.05)
 
 
-def test_forces_are_in_the_recordings_own_axes(tmp_path: Path) -> None:
-    """TRC files have Y up: force and point are turned as the markers are."""
+def test_forces_are_in_the_axes_of_the_recording(tmp_path: Path) -> None:
+    """TRC files have Y up: force and point are rotated like the markers."""
     positions = sitting_down(-1.0, hands=True)
     path = tmp_path / "trial.trc"
     recording.write_trc(path, [f"M{i}" for i in range(positions.shape[1])], positions, RATE)
@@ -113,11 +113,11 @@ def test_forces_are_in_the_recordings_own_axes(tmp_path: Path) -> None:
     np.testing.assert_allclose(columns(wrench), expected(planar, time, np.array(PLACE)), atol=0.02)
 
 
-def test_what_does_not_fit_the_recording_is_said(tmp_path: Path) -> None:
+def test_sensors_that_do_not_fit_the_recording_are_refused(tmp_path: Path) -> None:
     path, *_ = person_on_a_plate(tmp_path)
     logged = np.arange(100.0, 112.0, 1 / 200)
     late = {"file": log(tmp_path, force_at(logged), logged)}
-    with pytest.raises(RecordingError, match=r"hand\.csv: has no sample in .* it runs from 100 to 111\.995"):
+    with pytest.raises(RecordingError, match=r"hand\.csv: no sample between .* it runs from 100 to 111\.995"):
         run(path, late)
     run(path, late | {"clock_offset_s": -100.0})
     fits = late | {"clock_offset_s": -100.0}

@@ -1,17 +1,17 @@
-"""Front and back, told without names."""
+"""Facing direction from unlabelled markers."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mocap_id.recording.posture import facing
+from mocap_id.recording.marker_posture import facing
 
 X = np.array([1.0, 0.0])
 
 
 def sitting_down(front: float, *, hands: bool = False, trunk: bool = True) -> np.ndarray:
-    """A person who sits down and rises, facing +x (front = 1) or -x (front = -1): (F, M, 3)."""
+    """Return markers (F, M, 3) of a person who sits down and rises, facing +x (front = 1) or -x (front = -1)."""
     bend = 0.5 - 0.5 * np.cos(np.linspace(0, 4 * np.pi, 200))
     shank, thigh, lean = 0.15 * bend, 1.4 * bend, 0.5 * bend
     knee = np.stack([0.45 * np.sin(shank), 0.08 + 0.45 * np.cos(shank)])
@@ -30,7 +30,7 @@ def sitting_down(front: float, *, hands: bool = False, trunk: bool = True) -> np
 
 @pytest.mark.parametrize("front", [1.0, -1.0])
 @pytest.mark.parametrize("options", [{}, {"hands": True}, {"trunk": False}])
-def test_people_who_sit_down_face_their_knees(front: float, options: dict[str, bool]) -> None:
+def test_knees_of_people_who_sit_down_are_in_front(front: float, options: dict[str, bool]) -> None:
     found = facing(sitting_down(front, **options), X)
     assert found.rule == "knees"
     assert found.forwards == (front > 0)
@@ -45,7 +45,7 @@ def test_the_direction_turns_with_the_person() -> None:
 
 
 @pytest.mark.parametrize("front", [1.0, -1.0])
-def test_arms_reach_to_the_front(front: float) -> None:
+def test_moving_arms_are_in_front(front: float) -> None:
     swing = np.linspace(0.2, 1.4, 100)
     trunk = np.array([[-0.05, 0, 1.4], [0.03, 0, 1.5], [0.0, 0, 1.3]])
     hand = np.stack([front * 0.6 * np.sin(swing), 0 * swing, 1.4 - 0.6 * np.cos(swing)], axis=1)
@@ -55,7 +55,7 @@ def test_arms_reach_to_the_front(front: float) -> None:
     assert found.forwards == (front > 0)
 
 
-def test_a_statue_faces_nowhere() -> None:
+def test_a_motionless_body_has_no_facing_direction() -> None:
     found = facing(np.broadcast_to(sitting_down(1.0)[:1], (50, 12, 3)), X)
     assert not found.sure
     assert not found.forwards

@@ -1,4 +1,4 @@
-"""Every recording of the collection through the whole pipeline: an outcome or a reason, never another failure."""
+"""Every shared recording gives a result or a refusal in the whole pipeline, never another failure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FILES = sorted(path.name for path in FOLDER.iterdir()) if FOLDER.is_dir() else [
 
 @pytest.mark.recordings
 @pytest.mark.parametrize("name", FILES)
-def test_an_outcome_or_a_reason(recordings: Path, tmp_path: Path, name: str) -> None:
+def test_a_result_or_a_refusal(recordings: Path, tmp_path: Path, name: str) -> None:
     (tmp_path / "trial.yaml").write_text(
         json.dumps({"trial": "t", "recording": str(recordings / "c3d" / name), "protocol": "free"})
     )

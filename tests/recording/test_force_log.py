@@ -1,4 +1,4 @@
-"""A second force sensor's file: read exactly, or refused with what to do."""
+"""Logs of further force sensors are read exactly, or refused with a remedy."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_forces_with_and_without_moments(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.moment, 3 * FORCE[:, ::-1], atol=1e-5)
 
 
-def test_jitter_is_taken_out_and_empty_cells_stay_empty(tmp_path: Path) -> None:
+def test_jitter_is_removed_and_empty_cells_stay_empty(tmp_path: Path) -> None:
     jitter = TIME + np.random.default_rng(0).uniform(-1e-3, 1e-3, len(TIME))
     jitter[[0, -1]] = TIME[[0, -1]]
     smooth = np.column_stack([10 * np.sin(3 * jitter)] * 3)
@@ -55,18 +55,18 @@ def test_jitter_is_taken_out_and_empty_cells_stay_empty(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("time_s,Fx,Fy,Fz\n0,1,2,3\n1,1,2,3\n", ["has the columns time_s, Fx, Fy, Fz", "expected time_s, Fx_N"]),
-        ("time_s,Fx_N,Fy_N,Fz_kN\n0,1,2,3\n1,1,2,3\n", ["Fz_kN", "convert other units"]),
+        ("time_s,Fx_N,Fy_N,Fz_kN\n0,1,2,3\n1,1,2,3\n", ["Fz_kN", "convert to the units"]),
         ("time_s,Fx_N,Fy_N\n0,1,2\n1,1,2\n", ["Fz_N"]),
         ("time_s,Fx_N,Fy_N,Fz_N,Mz_Nm\n0,1,2,3,4\n1,1,2,3,4\n", ["Mx_Nm, My_Nm, Mz_Nm"]),
-        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n", ["two times or more"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n", ["at least two times"]),
         ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n1,1,2,3\n1,1,2,3\n", ["increase"]),
-        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n,1,2,3\n2,1,2,3\n", ["in every row"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n,1,2,3\n2,1,2,3\n", ["from row to row"]),
         ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n1,1,2,3\n2,1,2,3\n5,1,2,3\n6,1,2,3\n", ["row", "not even", "without gaps"]),
-        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,two,3\n1,1,2,3\n", ["two", "numbers in every cell"]),
-        ("", ["no CSV table"]),
+        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,two,3\n1,1,2,3\n", ["two", "expected a number"]),
+        ("", ["not a CSV table"]),
     ],
 )
-def test_what_cannot_be_read_says_what_to_do(tmp_path: Path, text: str, words: list[str]) -> None:
+def test_unreadable_files_are_refused_with_a_remedy(tmp_path: Path, text: str, words: list[str]) -> None:
     path = written(tmp_path, text)
     with pytest.raises(RecordingError) as caught:
         read_force_log(path)

@@ -1,4 +1,4 @@
-"""Force plates: every type, every trap, against wrenches that are known."""
+"""Force plates of every type and special cases of C3D files, compared with known wrenches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_id.recording.plate_types import plate_axes
 FRAMES, PER_FRAME = 30, 5
 FORCE, MOMENT = standing_wrench(FRAMES * PER_FRAME, CORNERS)
 CHANNELS = signals(FORCE, MOMENT, CORNERS, 500.0).channels * [1, 1, 1, 1e3, 1e3, 1e3]
-"""N and N·mm, as a type 2 plate gives them."""
+"""Channels of a type 2 plate, N and N·mm."""
 
 UNITS = {"ANALOG:UNITS": ["N", "N", "N", "Nmm", "Nmm", "Nmm"]}
 
@@ -48,13 +48,13 @@ def test_channels_need_not_be_the_first_ones(tmp_path: Path) -> None:
     agree(read(tmp_path, analog, units | plate_parameters(2, [7, 6, 5, 4, 3, 2])).plates[0])
 
 
-def test_origin_of_the_wrong_sign_is_repaired_and_reported(tmp_path: Path) -> None:
+def test_origin_of_the_wrong_sign_is_corrected_and_reported(tmp_path: Path) -> None:
     found = read(tmp_path, CHANNELS, UNITS | plate_parameters(2, range(1, 7), -ORIGIN))
     agree(found.plates[0])
-    assert any("sign repaired" in oddity for oddity in found.oddities)
+    assert any("sign corrected" in oddity for oddity in found.oddities)
 
 
-def test_the_load_on_the_plate_is_reversed_and_reported(tmp_path: Path) -> None:
+def test_the_force_on_the_plate_is_reversed_and_reported(tmp_path: Path) -> None:
     found = read(tmp_path, -CHANNELS, UNITS | plate_parameters(2, range(1, 7)))
     agree(found.plates[0])
     assert any("reversed" in oddity for oddity in found.oddities)
@@ -152,7 +152,7 @@ def test_wrong_moment_units_show_in_the_centre_of_pressure(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_unloaded_baseline_is_subtracted(tmp_path: Path, sign: float) -> None:
-    """Also an offset beyond a tenth of the peak, if its sign shows that it is no load."""
+    """This includes an offset over a tenth of the peak with the opposite sign of loads."""
     offset = np.array([3.0, -2.0, sign * (20.0 if sign < 0 else 150.0), 900.0, 300.0, 50.0])
     analog = CHANNELS.copy()
     analog[: 10 * PER_FRAME] = 0
@@ -172,13 +172,13 @@ def test_a_loaded_baseline_is_not_subtracted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"FORCE_PLATFORM:CHANNEL": np.arange(2, 8)[:, None]}, "points to channel 7, the file has 6"),
-        ({"FORCE_PLATFORM:CHANNEL": np.array([1, 2, 3, 4, 5, 5])[:, None]}, "one channel twice"),
+        ({"FORCE_PLATFORM:CHANNEL": np.arange(2, 8)[:, None]}, "names channel 7, the file has 6"),
+        ({"FORCE_PLATFORM:CHANNEL": np.array([1, 2, 3, 4, 5, 5])[:, None]}, "names a channel twice"),
         ({"FORCE_PLATFORM:CHANNEL": np.arange(1, 5)[:, None]}, "has 4 rows"),
         ({"FORCE_PLATFORM:TYPE": np.array([6])}, "type 6 is not supported"),
         ({"FORCE_PLATFORM:TYPE": np.array([4])}, "CAL_MATRIX is missing"),
-        ({"FORCE_PLATFORM:CORNERS": np.zeros((3, 4, 1))}, "span no rectangle"),
-        ({"FORCE_PLATFORM:CORNERS": (CORNERS[[0, 3, 2, 1]].T * 1e3)[:, :, None]}, "z axis up"),
+        ({"FORCE_PLATFORM:CORNERS": np.zeros((3, 4, 1))}, "do not form a rectangle"),
+        ({"FORCE_PLATFORM:CORNERS": (CORNERS[[0, 3, 2, 1]].T * 1e3)[:, :, None]}, "z axis point up"),
         ({"ANALOG:SCALE": np.ones(4)}, "does not cover its channels"),
     ],
 )
@@ -216,7 +216,7 @@ def test_clipping_shows_in_a_noisy_channel_without_counts(tmp_path: Path) -> Non
 
 
 def test_the_vertical_comes_from_the_plates(tmp_path: Path) -> None:
-    """A file with Y up whose plate lies in its floor: the same lab once it is turned."""
+    """A file with Y up and a level plate gives the same lab."""
     to_y_up = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
     corners = CORNERS @ to_y_up.T
     parameters = UNITS | plate_parameters(2, range(1, 7)) | {"FORCE_PLATFORM:CORNERS": (corners.T * 1e3)[:, :, None]}
@@ -231,7 +231,7 @@ def test_the_vertical_comes_from_the_plates(tmp_path: Path) -> None:
 
 def test_the_centre_of_pressure_is_where_the_load_acts(tmp_path: Path) -> None:
     (plate,) = read(tmp_path, CHANNELS, UNITS | plate_parameters(2, range(1, 7))).plates
-    point = centre_of_pressure(plate)
+    point = centre_of_pressure(plate, plate)
     arm = np.column_stack([point, np.zeros(len(point))])
     free = plate.moment - np.cross(arm, plate.force)
     np.testing.assert_allclose(free[:, :2], 0, atol=1e-3)
@@ -246,7 +246,7 @@ def test_plate_axes_are_a_right_handed_frame_with_z_down() -> None:
 
 
 def test_another_reader_agrees(tmp_path: Path) -> None:
-    """ezc3d's force-plate filter as the oracle, for a plate that needs no repair."""
+    """The force-plate filter of ezc3d gives the same for a plate without special cases."""
     import ezc3d
 
     path = save(

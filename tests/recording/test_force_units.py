@@ -1,4 +1,4 @@
-"""Units of force plates: converted where declared, assumed aloud where missing, refused where nonsense."""
+"""Units of force plates: declared ones are converted, missing ones assumed with a note, wrong ones refused."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def agree(plate: recording.Plate) -> None:
         *((name, None) for name in ("", "V", "MN", "kg", "Nmm", "bits", "uV")),
     ],
 )
-def test_names_of_forces(name: str, newtons: float | None) -> None:
+def test_units_of_force(name: str, newtons: float | None) -> None:
     assert force_scale(name) == (None if newtons is None else pytest.approx(newtons))
 
 
@@ -62,7 +62,7 @@ def test_names_of_forces(name: str, newtons: float | None) -> None:
         *((name, None) for name in ("", "V", "N", "mN", "mm", "Nkm", "lbf")),
     ],
 )
-def test_names_of_moments(name: str, newton_metres: float | None) -> None:
+def test_units_of_moment(name: str, newton_metres: float | None) -> None:
     assert moment_scale(name) == (None if newton_metres is None else pytest.approx(newton_metres))
 
 
@@ -106,7 +106,7 @@ def test_sensors_of_a_type_3_plate_are_converted(tmp_path: Path) -> None:
         (["N", "lbf", "", "Nmm", "Nmm", "Nmm"], "some of its force channels declare no unit"),
     ],
 )
-def test_nonsense_makes_the_plate_unusable(tmp_path: Path, units: list[str], reason: str) -> None:
+def test_unknown_units_make_the_plate_unusable(tmp_path: Path, units: list[str], reason: str) -> None:
     found = recording.read(write(tmp_path, SI, units))
     assert reason in found.plates[0].problem
     assert "_unit: …" in found.plates[0].problem
@@ -115,8 +115,8 @@ def test_nonsense_makes_the_plate_unusable(tmp_path: Path, units: list[str], rea
 
 
 @pytest.mark.parametrize("units", [None, ["N"] * 6, ["N", "N", "", "", "Nmm", "Nmm"]])
-def test_missing_units_are_assumed_and_a_caution(tmp_path: Path, units: list[str] | None) -> None:
-    """Also where all channels declare N, moments too, as some vendors write."""
+def test_missing_units_are_assumed_with_a_caution(tmp_path: Path, units: list[str] | None) -> None:
+    """This includes files in which all channels, also the moments, declare N."""
     path = write(tmp_path, SI / [1, 1, 1, 1e-3, 1e-3, 1e-3], units)
     found = recording.read(path)
     agree(found.plates[0])
@@ -138,8 +138,8 @@ def planarised(path: Path, **settings: Any) -> tuple[LongTable, Table]:
 
 
 @pytest.mark.parametrize("units", [None, ["V"] * 6, ["N"] * 3 + ["Nmm"] * 3])
-def test_the_configuration_settles_the_unit(tmp_path: Path, units: list[str] | None) -> None:
-    """Where none is declared, an unknown one, or a wrong one, which is reported."""
+def test_the_configured_unit_has_priority(tmp_path: Path, units: list[str] | None) -> None:
+    """The declared unit may be missing, unknown, or wrong, which is reported."""
     path = write(tmp_path, SI / ([POUND] * 3 + [POUND * FOOT] * 3), units)
     found = recording.read(path, force_unit="lbf", moment_unit="lbf.ft")
     agree(found.plates[0])
@@ -151,7 +151,7 @@ def test_the_configuration_settles_the_unit(tmp_path: Path, units: list[str] | N
 
 
 def test_a_calibration_matrix_has_its_own_units(tmp_path: Path) -> None:
-    """Type 4 declares V by nature; the configuration does not reach behind its matrix, and says so."""
+    """Channels of type 4 declare V; configured units are ignored with a note."""
     matrix = np.diag([500.0, 500, 1000, 3e5, 3e5, 1.5e5])
     volts = SI * [1, 1, 1, 1e3, 1e3, 1e3] / np.diag(matrix)
     path = write(tmp_path, volts, ["V"] * 6, 4, CAL_MATRIX=matrix[:, :, None])
@@ -162,6 +162,6 @@ def test_a_calibration_matrix_has_its_own_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("keys", "expected"), [({"force_unit": "V"}, "force_unit"), ({"moment_unit": "N"}, "moment")])
-def test_a_configured_unit_has_to_be_one(tmp_path: Path, keys: dict[str, str], expected: str) -> None:
+def test_an_unknown_configured_unit_is_refused(tmp_path: Path, keys: dict[str, str], expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         recording.read(write(tmp_path, SI, None), **keys)

@@ -1,4 +1,4 @@
-"""Labels: prefixes, repetitions, and trajectories that are no markers."""
+"""Marker names: prefixes, repetitions, and trajectories that are not markers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_subject_prefixes_are_stripped_unless_two_subjects_share_a_name() -> Non
     assert "2 subjects" in shared.oddities[0]
 
 
-def test_no_message_names_a_subject() -> None:
+def test_no_message_contains_the_name_of_a_subject() -> None:
     for labels in (["Anna:LKNE", "Anna:C7"], ["Anna:LKNE", "Ben:LKNE"], ["Anna:LKNE", "Ben:RKNE", "Anna:LKneeAngles"]):
         naming = name_markers(labels)
         assert naming.oddities
@@ -35,7 +35,7 @@ def test_no_message_names_a_subject() -> None:
         (["Anna-Lena.LKNE", "Anna.C7"], ["Anna", "Anna-Lena"]),
     ],
 )
-def test_declared_subjects_are_taken_off_without_a_colon(labels: list[str], subjects: list[str]) -> None:
+def test_declared_subjects_are_removed_without_a_colon(labels: list[str], subjects: list[str]) -> None:
     assert name_markers(labels, subjects=subjects).labels == ("LKNE", "C7")
 
 
@@ -51,13 +51,13 @@ def test_repeated_labels_are_numbered() -> None:
     assert "A" in naming.oddities[0]
 
 
-def test_nameless_trajectories_are_named() -> None:
+def test_trajectories_without_a_label_are_named() -> None:
     naming = name_markers(["A", "", "  "])
     assert naming.labels == ("A", "unlabelled-1", "unlabelled-2")
 
 
 @pytest.mark.parametrize("output", OUTPUTS)
-def test_outputs_of_models_are_left_out(output: str) -> None:
+def test_outputs_of_models_are_omitted(output: str) -> None:
     naming = name_markers(["C7", output])
     assert naming.labels == ("C7",)
     assert naming.keep == (0,)
@@ -71,10 +71,10 @@ def test_markers_are_kept(marker: str) -> None:
     assert name_markers([marker, "STRN"]).labels == (marker, "STRN")
 
 
-def test_segment_frames_are_told_by_their_four_points() -> None:
+def test_segment_frames_are_recognised_by_their_four_points() -> None:
     assert name_markers(["PELO", "PELA", "PELL", "PELP", "PELV"]).labels == ("PELV",)
     assert name_markers(["PELO", "PELA", "PELP"]).labels == ("PELO", "PELA", "PELP")
 
 
-def test_declared_outputs_are_left_out_with_and_without_prefix() -> None:
+def test_declared_outputs_are_omitted_with_and_without_prefix() -> None:
     assert name_markers(["S:Thing", "S:C7"], outputs=["S:Thing"]).labels == ("C7",)

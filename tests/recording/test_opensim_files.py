@@ -1,4 +1,4 @@
-"""TRC and MOT pairs."""
+"""Reading of TRC and MOT files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id.errors import ConfigError, RecordingError
 
 FRAMES = 40
 POSITIONS = body(FRAMES, 3)
-"""Lab, Z up, m."""
+"""Points in the lab with Z up, m."""
 
 TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 FORCE = np.array([10.0, -5.0, 600.0]) + np.random.default_rng(2).normal(size=(FRAMES, 3))
@@ -99,20 +99,20 @@ def test_a_pair_with_y_up(tmp_path: Path, units: str, pattern: str) -> None:
     assert found.oddities == ()
 
 
-def test_a_pair_with_z_up_is_told_by_the_force(tmp_path: Path) -> None:
+def test_z_up_is_recognised_by_the_force(tmp_path: Path) -> None:
     found = write(tmp_path, trc(POSITIONS), mot(force_columns(turn=np.eye(3))))
     assert found.vertical == "Z"
     np.testing.assert_allclose(found.positions, POSITIONS, atol=1e-6)
 
 
-def test_markers_alone_have_y_up_as_an_assumption(tmp_path: Path) -> None:
+def test_without_forces_y_up_is_assumed(tmp_path: Path) -> None:
     found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T))
     assert found.vertical == "Y"
     assert any("Y was assumed" in oddity for oddity in found.oddities)
     assert found.plates == ()
 
 
-def test_the_reverse_sense_is_repaired(tmp_path: Path) -> None:
+def test_the_opposite_sign_is_reversed(tmp_path: Path) -> None:
     columns = {name: -v if "_v" in name or "_m" in name else v for name, v in force_columns().items()}
     found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), mot(columns))
     np.testing.assert_allclose(found.plates[0].force, FORCE, atol=1e-5)
@@ -160,7 +160,7 @@ def test_tables_are_read_as_tables(tmp_path: Path) -> None:
     [
         (trc(POSITIONS, frames=99), "truncated"),
         (trc(POSITIONS).replace("Units", "Sinut"), "no length unit"),
-        (trc(POSITIONS, units="parsec"), "not unambiguous"),
+        (trc(POSITIONS, units="parsec"), "ambiguous or unknown"),
         (trc(POSITIONS).replace("\n7\t0.06\t", "\n7\t0.02\t"), "does not increase"),
         (trc(POSITIONS).replace("\n7\t0.06\t", "\n7\t0.06\tx"), "not a table of numbers"),
         ("\n".join(trc(POSITIONS).splitlines()[:5]), "no frames follow"),
@@ -171,9 +171,9 @@ def test_broken_trc_files_are_refused(tmp_path: Path, markers: str, reason: str)
         write(tmp_path, markers)
 
 
-def test_left_out_frames_are_refused(tmp_path: Path) -> None:
+def test_missing_frames_are_refused(tmp_path: Path) -> None:
     lines = trc(POSITIONS, frames=FRAMES - 3).splitlines()
-    with pytest.raises(RecordingError, match="frames are left out"):
+    with pytest.raises(RecordingError, match="frames are missing"):
         write(tmp_path, "\n".join(lines[:12] + lines[15:]))
 
 
@@ -196,7 +196,7 @@ def test_rounded_times_become_even(tmp_path: Path) -> None:
     assert any("rounded" in oddity for oddity in found.oddities)
 
 
-def test_spikes_do_not_turn_a_plate_over(tmp_path: Path) -> None:
+def test_spikes_do_not_reverse_a_plate(tmp_path: Path) -> None:
     columns = force_columns()
     columns["ground_force_1_vy"] = columns["ground_force_1_vy"].copy()
     columns["ground_force_1_vy"][[3, 20]] = -20e3
@@ -206,7 +206,7 @@ def test_spikes_do_not_turn_a_plate_over(tmp_path: Path) -> None:
 
 
 def test_configured_units_of_force(tmp_path: Path) -> None:
-    """A table in lbf and lbf·ft; points are in m all the same."""
+    """A table in lbf and lbf·ft, with points in m."""
     pound, foot = 4.4482216152605, 0.3048
     scales = {"v": pound, "m": pound * foot, "p": 1.0}
     columns = {name: values / scales[name[-2]] for name, values in force_columns().items()}
@@ -220,8 +220,8 @@ def test_configured_units_of_force(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("forces", "reason"),
     [
-        (mot(force_columns(), rows=99), "promises 99 rows"),
-        (mot({"knee_angle": FORCE[:, 0]}), "no column names a ground force"),
+        (mot(force_columns(), rows=99), "declares 99 rows"),
+        (mot({"knee_angle": FORCE[:, 0]}), "no column is a ground force"),
         (mot({"ground_force_vx": FORCE[:, 0]}), "only the components"),
         ("a\tb\n1\t2\n", "endheader"),
         (mot(force_columns()).replace("time\t", "zeit\t"), "expected 'time'"),
@@ -242,7 +242,7 @@ def test_a_declared_rate_that_the_time_column_contradicts(tmp_path: Path) -> Non
     text = trc(POSITIONS @ TO_Y_UP.T)
     lines = text.splitlines()
     lines[2] = lines[2].replace("100\t100", "60\t60", 1)
-    with pytest.raises(RecordingError, match="DataRate is 60 Hz, the Time column runs at 100 Hz"):
+    with pytest.raises(RecordingError, match="DataRate is 60 Hz, the Time column has 100 Hz"):
         write(tmp_path, "\n".join(lines))
 
 
@@ -250,8 +250,8 @@ def test_a_declared_rate_that_the_time_column_contradicts(tmp_path: Path) -> Non
     ("markers", "forces", "words"),
     [
         ("a_grf.mot", "a.trc", r"exchange them, `recording: \{markers: a.trc, forces: a_grf.mot\}`"),
-        ("a_grf.mot", None, "holds no markers: give the C3D or TRC file"),
-        ("a.trc", "a.c3d", "`forces` is for a MOT file"),
+        ("a_grf.mot", None, "contains no markers: give the C3D or TRC file"),
+        ("a.trc", "a.c3d", "`forces` must be a MOT file"),
     ],
 )
 def test_files_under_the_wrong_key(tmp_path: Path, markers: str, forces: str | None, words: str) -> None:
@@ -262,7 +262,7 @@ def test_files_under_the_wrong_key(tmp_path: Path, markers: str, forces: str | N
 
 
 @pytest.mark.parametrize(("factor", "declared", "right"), [(1000.0, "m", "mm"), (100.0, "m", "cm"), (1.0, "mm", "m")])
-def test_a_wrong_unit_is_told_with_the_right_one(tmp_path: Path, factor: float, declared: str, right: str) -> None:
+def test_a_wrong_unit_is_refused_with_the_right_one(tmp_path: Path, factor: float, declared: str, right: str) -> None:
     far = np.linspace(0.0, 1.5, POSITIONS.shape[1])[None, :, None] * [0.0, 0.0, 1.0]
-    with pytest.raises(RecordingError, match=rf"say `planarise: \{{units: …\}}`.*\b{right} makes it 2[.][0-9]+ m"):
+    with pytest.raises(RecordingError, match=rf"set `planarise: \{{units: …\}}`.*\b{right} gives 2[.][0-9]+ m"):
         write(tmp_path, trc(factor * (POSITIONS + far) @ TO_Y_UP.T, units=declared))

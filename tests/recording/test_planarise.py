@@ -1,4 +1,4 @@
-"""The stage that turns a recording into its plane."""
+"""The stage `planarise`."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from test_facing import sitting_down
 
 from mocap_id import recording
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.geometry.plane import PlaneFrame
+from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import find_bursts
-from mocap_id.recording import decimation
+from mocap_id.recording import resampling as decimation
 from mocap_id.simulation import Options
-from mocap_id.simulation.generate import generate
+from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context, Files, PlateUse, TrialKeys
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
+from mocap_id.store.views import Trajectories
 
 
 def run(markers: Path, forces: Path | None = None, **options: Any) -> tuple[LongTable, Table]:
@@ -40,7 +40,7 @@ YAW = 0.7
 
 
 def person_on_a_plate(folder: Path, *, gap: bool = False) -> tuple[Path, np.ndarray, np.ndarray, np.ndarray]:
-    """Somebody who sits down facing -x of a plane at 40° to the lab: file, lab positions, force, moment."""
+    """Write a person who sits down facing -x, in a plane at 40° to the lab; return file, positions, force, moment."""
     local = sitting_down(-1.0, hands=True)
     c, s = np.cos(YAW), np.sin(YAW)
     positions = np.stack(
@@ -70,7 +70,7 @@ def test_tables_follow_their_schemas(tmp_path: Path) -> None:
         json.dumps(table.facts, allow_nan=False)
 
 
-def test_the_plane_and_its_sense(tmp_path: Path) -> None:
+def test_the_plane_and_its_direction(tmp_path: Path) -> None:
     path, positions, *_ = person_on_a_plate(tmp_path)
     planar, _ = run(path)
     plane = planar.facts["plane"]
@@ -133,14 +133,14 @@ def test_no_centre_of_pressure_under_the_threshold(tmp_path: Path) -> None:
     np.testing.assert_array_equal(wrench.frame["cop_x"].notna(), loaded)
 
 
-def test_a_window_in_the_files_clock(tmp_path: Path) -> None:
+def test_a_window_on_the_clock_of_the_file(tmp_path: Path) -> None:
     path, *_ = person_on_a_plate(tmp_path)
     planar, wrench = run(path, window=(1.0, 2.0))
     assert planar.facts["window_s"] == [pytest.approx(1.0), pytest.approx(2.0)]
     assert planar.facts["window_proposed"] is False
     assert planar.frame["frame"].min() == 51
     np.testing.assert_allclose(wrench.frame["time"], np.arange(1.0, 2.0001, 1 / RATE))
-    with pytest.raises(ConfigError, match="holds fewer than two frames"):
+    with pytest.raises(ConfigError, match="has fewer than two frames"):
         run(path, window=(90.0, 91.0))
 
 
@@ -189,11 +189,11 @@ def test_several_plates_are_summed_and_kept_apart(tmp_path: Path) -> None:
 def test_recordings_without_markers_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, ["A", "B"], np.full((20, 2, 3), np.nan), RATE)
-    with pytest.raises(RecordingError, match="no marker is seen in any of its 20 frames"):
+    with pytest.raises(RecordingError, match="no marker is visible in any of its 20 frames"):
         run(path)
 
 
-def test_a_storm_of_gaps_goes_through(tmp_path: Path) -> None:
+def test_many_gaps_are_accepted(tmp_path: Path) -> None:
     path, positions, *_ = person_on_a_plate(tmp_path)
     positions = positions.copy()
     positions[np.random.default_rng(0).random(positions.shape[:2]) < 0.8] = np.nan
@@ -203,7 +203,7 @@ def test_a_storm_of_gaps_goes_through(tmp_path: Path) -> None:
     assert planar.facts["plane"]["yaw_deg"] == pytest.approx(np.degrees(YAW), abs=1)
 
 
-def test_one_marker_and_resting_markers_go_through(tmp_path: Path) -> None:
+def test_one_marker_and_resting_markers_are_accepted(tmp_path: Path) -> None:
     for name, positions in (("one", body(30, 1)), ("still", np.tile(body(1, 4), (30, 1, 1)))):
         path = tmp_path / f"{name}.c3d"
         recording.write_c3d(path, list("ABCD")[: positions.shape[1]], positions, RATE)
@@ -212,7 +212,7 @@ def test_one_marker_and_resting_markers_go_through(tmp_path: Path) -> None:
         json.dumps(planar.facts, allow_nan=False)
 
 
-def test_what_was_odd_is_passed_on(tmp_path: Path) -> None:
+def test_oddities_become_reasons(tmp_path: Path) -> None:
     positions = sitting_down(-1.0)
     positions[5:9, 2] = 0
     from recording_cases import build_c3d
@@ -239,7 +239,7 @@ def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) ->
 
 
 def jumping(folder: Path) -> Path:
-    """The person at 40°, of whom one marker is taken for something else for 0.3 s and one for a single frame."""
+    """Return the person at 40° with one marker misidentified for 0.3 s and one for a single frame."""
     path, positions, *_ = person_on_a_plate(folder)
     positions = positions.copy()
     positions[40:55, 4] += [0.1, -0.2, 0.15]
@@ -248,31 +248,31 @@ def jumping(folder: Path) -> Path:
     return path
 
 
-def test_when_markers_jump_is_a_fact(tmp_path: Path) -> None:
+def test_bursts_are_a_fact(tmp_path: Path) -> None:
     planar, _ = run(jumping(tmp_path))
     times = {label: planar.time[[start, last]].tolist() for label, start, last in (("M4", 40, 54), ("M7", 80, 80))}
     assert planar.facts["bursts"] == {label: [both] for label, both in times.items()}
     assert planar.values["visible"].all()
 
 
-def test_later_stages_see_the_jumps_that_planarise_found(tmp_path: Path) -> None:
-    """Also after the facts went through a file, and in a part of the frames."""
+def test_later_stages_use_the_bursts_that_planarise_found(tmp_path: Path) -> None:
+    """This holds also after writing the facts to a file, and in a part of the frames."""
     planar, _ = run(jumping(tmp_path))
     points = np.stack([planar.values[name] for name in "xyz"], axis=2)
     expected = find_bursts(points, RATE)
     assert expected.sum() == 16
     read = replace(planar, facts=json.loads(json.dumps(planar.facts)))
-    np.testing.assert_array_equal(PlanarView(read).bursts, expected)
-    np.testing.assert_array_equal(np.isnan(PlanarView(read).plane()), expected)
-    np.testing.assert_array_equal(np.isnan(PlanarView(read).spaced(10_000)).all(axis=2), expected)
+    np.testing.assert_array_equal(Trajectories(read).bursts, expected)
+    np.testing.assert_array_equal(np.isnan(Trajectories(read).plane()), expected)
+    np.testing.assert_array_equal(np.isnan(Trajectories(read).spaced(10_000)).all(axis=2), expected)
     values = {name: column[20::3] for name, column in planar.values.items()}
     part = replace(read, frames=planar.frames[20::3], time=planar.time[20::3], values=values)
-    np.testing.assert_array_equal(PlanarView(part).bursts, expected[20::3])
+    np.testing.assert_array_equal(Trajectories(part).bursts, expected[20::3])
 
 
 @pytest.mark.parametrize("rate", [200.0, 480.0])
-def test_a_thinned_look_sees_what_all_frames_show(tmp_path: Path, rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skin and cameras err, markers vanish, the plate hums at 60 Hz: what is told is as good as before."""
+def test_thinned_frames_give_the_same_facts(tmp_path: Path, rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With skin and camera noise, missing markers and 60 Hz hum, the facts stay as accurate."""
     made = generate("sit-to-stand", Options(seed=5, repetitions=2, rate=rate, analog_rate=5 * rate))
     true = made.scene.body.mass
     samples = made.signals.channels.copy()
@@ -281,7 +281,7 @@ def test_a_thinned_look_sees_what_all_frames_show(tmp_path: Path, rate: float, m
     plates = [replace(made.signals, channels=samples)]
     recording.write_c3d(path, list(made.scene.markers.labels), made.points, rate, plates=plates)
     thinned = run(path, protocol="sit-to-stand")
-    monkeypatch.setattr(decimation, "_LOOKS_HZ", np.inf)
+    monkeypatch.setattr(decimation, "_THINNED_HZ", np.inf)
     whole = run(path, protocol="sit-to-stand")
     for one, other in zip(thinned, whole, strict=True):
         assert [reason.code for reason in one.reasons] == [reason.code for reason in other.reasons]
@@ -323,7 +323,7 @@ def test_simulated_people_face_minus_x(recordings: Path, trial: str, tolerance: 
 
 @pytest.mark.recordings
 def test_the_measured_wrench_of_the_rotated_plate(recordings: Path) -> None:
-    """The stage as a whole against the truth, its own plane fit included, once the 7 ms are taken out."""
+    """The whole stage with its fitted plane agrees with the truth after correcting the 7 ms offset."""
     folder = recordings / "simulated" / "sts-stable-rotated-plate"
     _, wrench = run(folder / "trial.c3d")
     frame = wrench.frame
@@ -350,7 +350,7 @@ def test_real_people_face_their_toes(recordings: Path) -> None:
 
 @pytest.mark.recordings
 def test_the_authors_own_projection(recordings: Path) -> None:
-    """A stoop lift in 3-D, against the same lift projected to its plane by its authors: in-plane distances."""
+    """In-plane distances of a stoop lift agree with the projection by its authors."""
     folder = recordings / "c3d"
     ours = run(folder / "stoop1_t169_f620f800.c3d")[0].frame
     theirs = recording.read(folder / "stoop1_t169_f620f800_2D.c3d")

@@ -1,4 +1,4 @@
-"""No byte of any output holds what a C3D file's header says of the person: names, prefixes, free text."""
+"""No output contains names, prefixes or free text from the header of a C3D file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TEXTS = (
 
 
 def marked(folder: Path, prefix: str) -> Path:
-    """A simulated trial whose header names a person everywhere; the configuration of it."""
+    """Write a simulated trial with a person's name throughout its header; return its configuration."""
     file = simulate("sit-to-stand", folder, Options(seed=5400001, repetitions=2))
     c3d = ezc3d.c3d(str(folder / "trial.c3d"))
     labels = c3d["parameters"]["POINT"]["LABELS"]["value"]
@@ -43,7 +43,7 @@ def holds(data: bytes) -> bool:
 
 
 def text_columns(path: Path) -> bytes:
-    """What the pages of a Parquet file hide from a search of its bytes."""
+    """Return the decoded content of a Parquet file, which a search of its bytes would miss."""
     frame = pd.read_parquet(path)
     texts = [frame[name].astype(str).unique() for name in frame if not pd.api.types.is_numeric_dtype(frame[name])]
     return "\n".join(str(text) for column in texts for text in column).encode()
@@ -73,10 +73,10 @@ def test_inspect_does_not_name_the_person(tmp_path: Path) -> None:
         assert not holds(done.output.encode())
 
 
-def test_a_file_called_after_the_subject_is_pointed_out(tmp_path: Path) -> None:
+def test_a_subject_name_in_the_file_name_is_reported(tmp_path: Path) -> None:
     marked(tmp_path / "trial", f"{MARK}:")
     named = tmp_path / f"{MARK.lower()} 1.c3d"
     named.write_bytes((tmp_path / "trial" / "trial.c3d").read_bytes())
     oddities = recording.read(named).oddities
-    assert any("called after a subject" in oddity and not holds(oddity.encode()) for oddity in oddities)
+    assert any("contains the name of a subject" in oddity and not holds(oddity.encode()) for oddity in oddities)
     assert not any("called after" in oddity for oddity in recording.read(tmp_path / "trial" / "trial.c3d").oddities)

@@ -1,4 +1,4 @@
-"""Real files of many vendors, and simulated trials with exact truth."""
+"""Reading of real files from many vendors, and of simulated trials with a known truth."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import ezc3d
 import numpy as np
 import pytest
 
-from mocap_id import recording
+from mocap_id import plates, recording
 from mocap_id.errors import RecordingError
-from mocap_id.geometry.plane import PlaneFrame
+from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.recording.lab_plates import centre_of_pressure
+from mocap_id.workflows.inspect import describe
 
 pytestmark = pytest.mark.recordings
 
@@ -55,7 +56,7 @@ SIX = ("pc_int", "pc_real", "dec_int", "dec_real", "sgi_int", "sgi_real")
 SIMULATED = ("sts-normal-clean", "sts-normal", "sts-dynamic", "sts-stable-rotated-plate", "ur5-elbow-fast")
 
 
-def test_no_file_is_forgotten(recordings: Path) -> None:
+def test_every_file_is_tested(recordings: Path) -> None:
     assert {path.name for path in (recordings / "c3d").iterdir()} == READ.keys() | REFUSED.keys()
 
 
@@ -78,11 +79,11 @@ def test_read_without_a_change_to_the_file(recordings: Path, name: str, tmp_path
     assert found.positions.shape == (*READ[name], 3)
     assert len(set(found.labels)) == READ[name][1]
     assert np.all(np.diff(found.frames) == 1)
-    description = json.dumps(recording.describe(found), allow_nan=False)
+    description = json.dumps(describe(found), allow_nan=False)
     assert json.loads(description)["frames"] == READ[name][0]
 
 
-def test_units_of_the_configuration_open_a_file_without(recordings: Path) -> None:
+def test_configured_units_allow_a_file_without_units(recordings: Path) -> None:
     with_units = recording.read(recordings / "c3d" / "dynamic.C3D", units="mm")
     assert with_units.positions.shape == (296, 34, 3)
     assert with_units.vertical == "Y"
@@ -103,7 +104,7 @@ def test_six_encodings_of_one_trial_agree(recordings: Path) -> None:
     "name", [n for n in READ if n not in ("evart.c3d", "kyowadengyo.c3d", "type1.C3D") and not n.startswith("sgi")]
 )
 def test_coordinates_agree_with_another_library(recordings: Path, name: str) -> None:
-    """Where ezc3d reads a file right; it loses the frames of evart, kyowadengyo and type1, and refuses MIPS."""
+    """For files that ezc3d reads correctly; it loses frames of evart, kyowadengyo and type1, and refuses MIPS."""
     path = recordings / "c3d" / name
     found = recording.read(path)
     content = ezc3d.c3d(str(path))
@@ -121,8 +122,8 @@ def test_coordinates_agree_with_another_library(recordings: Path, name: str) -> 
 
 
 @pytest.mark.parametrize("name", ["evart.c3d", "kyowadengyo.c3d", "type1.C3D"])
-def test_files_that_a_library_reads_wrong_move_smoothly(recordings: Path, name: str) -> None:
-    """A wrong stride makes markers jump by metres from frame to frame."""
+def test_files_that_a_library_misreads_move_smoothly(recordings: Path, name: str) -> None:
+    """With a wrong stride, markers would jump by metres between frames."""
     found = recording.read(recordings / "c3d" / name)
     steps = np.linalg.norm(np.diff(found.positions, axis=0), axis=2)
     assert np.nanquantile(steps, 0.999) * found.rate < 8.0  # m/s
@@ -141,12 +142,12 @@ def test_two_calibrations_of_the_same_counts(recordings: Path) -> None:
 
 @pytest.mark.parametrize(("name", "kg"), [("Sample_Static.c3d", 79.6), ("c3dfile1.c3d", 61.97)])
 def test_masses_of_people_who_stand(recordings: Path, name: str, kg: float) -> None:
-    found = recording.describe(recording.read(recordings / "c3d" / name))
+    found = describe(recording.read(recordings / "c3d" / name))
     assert found["mass_kg"] == pytest.approx(kg, abs=0.1)
 
 
 def test_mass_by_a_jump(recordings: Path) -> None:
-    """Vertical force against the trunk's acceleration: the intercept is the weight."""
+    """In a regression of vertical force on trunk acceleration, the intercept is the weight."""
     found = recording.read(recordings / "c3d" / "Sample_Jump2.c3d")
     total = sum(recording.decimate(plate, found.time, found.rate).force[:, 2] for plate in found.plates)
     names = [found.labels.index(name) for name in ("RASI", "LASI", "VSAC", "RSHO", "LSHO")]
@@ -165,10 +166,10 @@ def test_masses_of_the_sit_to_stands(recordings: Path) -> None:
         folder = recordings / "sit-to-stand"
         found = recording.read(folder / f"{name}.trc", folder / f"{name}_grf.mot")
         samples = [recording.decimate(plate, found.time, found.rate) for plate in found.plates]
-        choice = recording.choose_plates(found.plates, samples, found.positions)
+        choice = plates.choose_plates(found.plates, samples, found.positions)
         assert choice.uses == ("feet", "feet", "unloaded")
         total = samples[0].force[:, 2] + samples[1].force[:, 2]
-        mass, _ = recording.standing_mass(found.positions, found.rate, total)
+        mass, _ = plates.standing_mass(found.positions, found.rate, total)
         assert mass == pytest.approx(kg, abs=tolerance)
         assert not any("HJC" in label for label in found.labels)
 
@@ -189,12 +190,12 @@ def test_masses_of_the_sit_to_stands(recordings: Path) -> None:
     ],
 )
 def test_the_load_acts_under_a_foot(recordings: Path, name: str, feet: str) -> None:
-    """Types 1 to 4, whatever their corners, origins and senses: the centre of pressure is near a foot's markers."""
+    """For types 1 to 4, with any corners, origins and signs, the centre of pressure is near the markers of a foot."""
     found = recording.read(recordings / "c3d" / name)
     markers = found.positions[:, [found.labels.index(label) for label in feet.split()], :2]
     for plate in found.plates:
         ratio = round(plate.rate / found.rate)
-        point, vertical = centre_of_pressure(plate)[::ratio], plate.force[::ratio, 2]
+        point, vertical = centre_of_pressure(plate, plate)[::ratio], plate.force[::ratio, 2]
         loaded = np.flatnonzero(vertical[: len(markers)] > 0.5 * vertical.max())
         gaps = np.linalg.norm(markers[loaded] - point[loaded, None], axis=2)
         nearest = np.nanmin(np.where(np.isfinite(gaps), gaps, np.inf), axis=1)
@@ -206,9 +207,9 @@ def test_oddities_that_files_are_known_for(recordings: Path) -> None:
         "kyowadengyo.c3d": "11 fits its size",
         "evart.c3d": "ANALOG:RATE is 1000 Hz",
         "PiG_Motion-FlatFoot-One.c3d": "occur more than once",
-        "FP1.C3D": "'mete' is cut short",
+        "FP1.C3D": "'mete' is truncated",
         "shd01.c3d": "subject names",
-        "parameterOverflow.c3d": "is ever seen",
+        "parameterOverflow.c3d": "is ever visible",
         "Sample_Jump2.c3d": "numbered",
     }
     for name, part in expected.items():
@@ -237,7 +238,7 @@ def test_truncated_copies_are_refused(recordings: Path, tmp_path: Path, share: f
 
 @pytest.mark.parametrize("trial", SIMULATED)
 def test_the_wrench_of_simulated_trials(recordings: Path, trial: str) -> None:
-    """In the true plane, with the clock offset and the channels' known bias taken out, only the noise is left."""
+    """In the true plane, only noise remains after removing the clock offset and the known bias."""
     folder = recordings / "simulated" / trial
     truth = json.loads((folder / "truth.json").read_text())
     found = recording.read(folder / "trial.c3d")
@@ -260,7 +261,7 @@ def test_the_wrench_of_simulated_trials(recordings: Path, trial: str) -> None:
 
 
 def _bias(truth: dict, frame: PlaneFrame) -> np.ndarray:  # type: ignore[type-arg]
-    """What the constant error of force and moment about the surface becomes in the plane: (Fx, Fy, tauz)."""
+    """Return the constant error of force and moment about the surface in the plane: (Fx, Fy, tauz)."""
     channels = np.array(truth["plate"]["bias_channels_N_Nmm"] or [0.0] * 6) * [1, 1, 1, 1e-3, 1e-3, 1e-3]
     sign = -1.0 if truth["plate"]["sense"] == "action" else 1.0
     axes = np.array(truth["plate"]["axes_lab_columns"])

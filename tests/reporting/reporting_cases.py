@@ -1,4 +1,4 @@
-"""Made-up trials as the stages before the report would hand them over: a chain that rises and sits down."""
+"""Synthetic trials for the report: artefacts of a chain that rises and sits down."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ ADVICE = ("larger", "knee", 0.6, "the knee's movement 1.5 times larger")
 
 
 class Trial:
-    """Artefacts of a made-up trial with ``joints`` joints and ``frames`` frames at 100 Hz."""
+    """Artefacts of a synthetic trial with ``joints`` joints and ``frames`` frames at 100 Hz."""
 
     def __init__(self, joints: int = 3, frames: int = 1800, per_segment: int = 4, seed: int = 0) -> None:
         self.n, self.frames = joints, frames
@@ -335,7 +335,7 @@ class Trial:
         return Tree(DYNAMICS_TREE, data, facts if plates else nothing | {"why": "the recording has no force plate"})
 
     def on_segments(self) -> dict[str, Artefact]:
-        """A trial on measured poses: its last two segments are one body, and there is one of all other markers."""
+        """A trial with measured poses: the last two segments are one body, and all other markers form another."""
         tree, last = self.dynamics_tree(), self.n - 1
         share = np.array([0.016, 0.848, 0.182, 0.134])
         gap = {"gap_m": 0.0125, "acceleration_m_s2": 0.731, "pinned": False}
@@ -382,7 +382,7 @@ class Trial:
         return found | {"phases.parquet": averages(context(found), self.events(), table)}
 
     def poses(self) -> Table:
-        """A body a segment, one of the last two together, one of all other markers."""
+        """One body per segment, one for the last two together, and one for all other markers."""
         own = [{"name": name, "segments": [k]} for k, name in enumerate(self.names)]
         bodies = [*own, {"name": "trunk", "segments": [self.n - 1, self.n]}, {"name": "others", "segments": []}]
         columns = {
@@ -397,7 +397,7 @@ class Trial:
         }
 
     def artefacts(self, *, plates: bool = True) -> dict[str, Artefact]:
-        """Everything that a trial that went through has, with or without force plates."""
+        """All artefacts of a complete trial, with or without force plates."""
         made: tuple[Artefact, ...] = (
             self.planar(), self.wrench(plates=plates), self.segments(), self.chain(), self.states(), self.markers(),
             self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
@@ -414,7 +414,7 @@ class Trial:
 
 
 def context(artefacts: Mapping[str, Artefact], refused: Refused | None = None) -> Context:
-    """What the runner hands to the report."""
+    """The context that the runner passes to the report."""
     keys = TrialKeys(
         trial="s01-sts",
         recording=Files(markers=Path("somewhere/trial.c3d")),
@@ -431,5 +431,5 @@ def contents(documents: tuple[Artefact | Document, ...]) -> dict[str, bytes]:
 
 @cache
 def healthy() -> Mapping[str, bytes]:
-    """The report of the default trial, made once."""
+    """The report of the default trial, cached."""
     return contents(STAGE.function(context(Trial().artefacts())))

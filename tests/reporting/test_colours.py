@@ -1,4 +1,4 @@
-"""Colours that stand beside each other are told apart by people with any colour vision, on light and on dark."""
+"""Colours are distinguishable with any colour vision, on light and dark backgrounds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TO_XYZ = np.array(
 )
 WHITE = np.array([0.95047, 1.0, 1.08883])
 AT_A_GLANCE = 15.0
-"""CIE 1976 colour difference; one of 2.3 is just noticed."""
+"""CIE 1976 colour difference; 2.3 is just noticeable."""
 JOINTS = {f"joint {k}": style.colour(k) for k in (1, 2, 3)}
 FIGURE = {**JOINTS, "base": style.colour(0), "measured": style.MEASURED, "model": style.MODEL}
 CURVES = {**JOINTS, "measured": style.MEASURED, "model": style.MODEL, "reference": style.REFERENCE, "now": style.NOW}
@@ -41,7 +41,7 @@ def lab(light: np.ndarray) -> np.ndarray:
 
 
 def on_page(*, dark: bool) -> dict[str, str]:
-    """The page's own colours by name."""
+    """The CSS colour variables of the page by name."""
     text = files("mocap_id.reporting").joinpath("templates", "report.css").read_text("utf-8")
     blocks = re.findall(r":root \{([^}]*)\}", text)
     return dict(re.findall(r"(--\w+): (#\w{6})", blocks[1 if dark else 0]))
@@ -54,15 +54,15 @@ def shown(colour: str, *, dark: bool) -> str:
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize("plot", [FIGURE, CURVES], ids=["figure", "curves"])
-def test_what_the_player_shows_is_told_apart(plot: dict[str, str], vision: str, dark: bool) -> None:
+def test_colours_of_the_player_are_distinguishable(plot: dict[str, str], vision: str, dark: bool) -> None:
     seen = {name: lab(VISION[vision] @ linear(shown(colour, dark=dark))) for name, colour in plot.items()}
     near = {(a, b): float(np.linalg.norm(seen[a] - seen[b])) for a, b in itertools.combinations(seen, 2)}
     assert min(near.values()) > AT_A_GLANCE, min(near, key=near.__getitem__)
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_everything_stands_out_from_the_page(dark: bool) -> None:
-    """Contrast (WCAG) of what is drawn with the page: above 3 for lines, but for the light colours of long use."""
+def test_everything_contrasts_with_the_page(dark: bool) -> None:
+    """WCAG contrast with the page is above 3 for lines, except for the established light colours."""
     paper = on_page(dark=dark)["--paper"]
     for name, colour in (FIGURE | CURVES).items():
         light, ground = sorted((TO_XYZ[1] @ linear(one) for one in (shown(colour, dark=dark), paper)), reverse=True)
@@ -73,7 +73,7 @@ def test_on_a_light_page_nothing_changes() -> None:
     assert {name: colour for colour, name in style.ON_PAGE.items()}.items() <= on_page(dark=False).items()
 
 
-def test_the_page_has_its_own_of_every_colour_that_plotly_writes_into_its_elements() -> None:
+def test_the_page_replaces_every_colour_that_plotly_sets_on_elements() -> None:
     text = files("mocap_id.reporting").joinpath("templates", "report.css").read_text("utf-8")
     for colour, name in style.ON_PAGE.items():
         written = ", ".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5))

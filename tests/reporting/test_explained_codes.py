@@ -1,4 +1,4 @@
-"""`mocap-id explain` knows every code, every error and every exit code, and names no setting that does not exist."""
+"""`mocap-id explain` knows every reason code, error and exit code, and names only existing settings."""
 
 from __future__ import annotations
 
@@ -10,23 +10,18 @@ import pytest
 from mocap_id import errors
 from mocap_id.errors import ConfigError, MocapIdError
 from mocap_id.reporting.explanations import EXPLANATIONS
-from mocap_id.reporting.explanations.exits import EXITS
-from mocap_id.reporting.explanations.judged import JUDGED
+from mocap_id.reporting.explanations.exit_codes import EXIT_CODES
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import TrialKeys
-from mocap_id.workflows.explaining import answers, explain
+from mocap_id.workflows.explain import entries, explain
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, MocapIdError)]
 
 
-def test_how_it_is_judged_is_told_of_every_code_and_no_other() -> None:
-    assert set(JUDGED) == set(EXPLANATIONS)
-
-
-@pytest.mark.parametrize("code", sorted(JUDGED))
-def test_a_judge_and_its_settings_exist(code: str) -> None:
-    stage, measure = JUDGED[code]
+@pytest.mark.parametrize("code", sorted(EXPLANATIONS))
+def test_stage_and_settings_of_a_criterion_exist(code: str) -> None:
+    stage, measure = EXPLANATIONS[code].stage, EXPLANATIONS[code].criterion
     settings = {stage.name: set(stage.settings.model_fields) for stage in STAGES}
     assert stage in {*settings, "transfer"}
     assert measure.endswith(".")
@@ -36,18 +31,18 @@ def test_a_judge_and_its_settings_exist(code: str) -> None:
 
 
 def test_every_error_has_an_exit_code_that_is_explained() -> None:
-    assert {entry.error for entry in EXITS.values() if entry.error} == set(ERRORS)
-    for number, entry in EXITS.items():
+    assert {entry.error for entry in EXIT_CODES.values() if entry.error} == set(ERRORS)
+    for number, entry in EXIT_CODES.items():
         assert entry.error is None or entry.error.exit_code == number
 
 
 def test_the_readme_lists_the_same_exit_codes() -> None:
     rows = re.findall(r"^\| ([\d, ]+) \|", README.read_text("utf-8"), flags=re.MULTILINE)
-    assert {int(number) for row in rows for number in row.split(",")} == set(EXITS)
+    assert {int(number) for row in rows for number in row.split(",")} == set(EXIT_CODES)
 
 
-@pytest.mark.parametrize("answer", answers().values(), ids=lambda answer: answer.code)
-def test_every_answer_is_whole(answer) -> None:
+@pytest.mark.parametrize("answer", entries().values(), ids=lambda answer: answer.code)
+def test_every_answer_is_complete(answer) -> None:
     for text in (answer.title, answer.meaning, answer.action):
         assert text.strip()
     assert answer.levels or answer.kind == "exit"
@@ -65,7 +60,7 @@ def test_every_answer_is_whole(answer) -> None:
         ("refused", "exit-4"),
     ],
 )
-def test_other_ways_to_ask(asked: str, code: str) -> None:
+def test_other_spellings_are_accepted(asked: str, code: str) -> None:
     assert explain(asked).code == code
 
 

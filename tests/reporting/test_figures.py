@@ -1,4 +1,4 @@
-"""What the figures show: the artefacts' own numbers with units, or a sentence that says why there is nothing."""
+"""Figures show the numbers of the artefacts with units, or a sentence on why they are missing."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from reporting_cases import RATE, Trial, context, healthy
 
 from mocap_id.reporting import style
 from mocap_id.reporting.contents import FIGURES, FILES, FigureEntry
-from mocap_id.reporting.embedding import read
+from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Band, Bars, Figure, Heat, Item, Line, Panel, Points, Spans, from_json, to_json
-from mocap_id.reporting.figures import SHOWN, drawings
-from mocap_id.reporting.figures.repetitions import on_common_time
+from mocap_id.reporting.figures import FIGURE_FUNCTIONS, drawings
+from mocap_id.reporting.figures.repetitions import on_normalised_time
 from mocap_id.reporting.figures.skeleton import two_moments
-from mocap_id.reporting.tracks import tracks
-from mocap_id.reporting.views import Dynamics, Motion
+from mocap_id.reporting.markers import positions_at
 from mocap_id.stages.report import STAGE, ReportSettings
-from mocap_id.stages.report.function import material
+from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document
 from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.views import IdentifiedDynamics, JointStates
 
 
-def motion_of(trial: Trial) -> Motion:
-    return Motion.from_table(trial.states())
+def motion_of(trial: Trial) -> JointStates:
+    return JointStates.from_table(trial.states())
 
 
 def shown(name: str, artefacts: dict[str, Artefact]) -> Figure:
-    found = SHOWN[name](material(context(artefacts)))
+    found = FIGURE_FUNCTIONS[name](report_data(context(artefacts)))
     assert isinstance(found, Figure)
     return found
 
@@ -43,12 +43,12 @@ def labelled(panel: Panel, label: str) -> Any:
 
 
 def told(figure: Figure) -> str:
-    """All words on a figure."""
+    """All texts of a figure."""
     own = [(panel.title, panel.x, panel.y, *panel.rows) for panel in figure.panels]
     return " ".join([word for words in own for word in words] + [figure.scale.label if figure.scale else ""])
 
 
-def test_the_stage_promises_what_it_writes_and_figures_come_where_they_are_asked_for() -> None:
+def test_the_stage_declares_its_outputs_and_writes_figures_on_request() -> None:
     assert set(STAGE.inputs) == set(SCHEMAS)
     assert STAGE.outputs == FILES == tuple(healthy())
     found = Trial(frames=400).artefacts()
@@ -72,7 +72,7 @@ def test_axes_carry_units(entry: FigureEntry) -> None:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Equal, arrays to the 32 bits that a page holds."""
+    """Whether two figures are equal, with arrays compared in 32-bit precision."""
     if isinstance(one, np.ndarray):
         return bool(np.array_equal(one.astype(np.float32), other.astype(np.float32), equal_nan=True))
     if isinstance(one, tuple):
@@ -82,26 +82,26 @@ def same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def test_a_page_gives_back_every_figure_that_it_shows() -> None:
-    made = drawings(material(context(Trial().artefacts())))
+def test_all_figures_can_be_read_from_a_page() -> None:
+    made = drawings(report_data(context(Trial().artefacts())))
     assert same(made, from_json(to_json(made)))
-    assert same(made, read(healthy()["report.html"].decode("utf-8")))
+    assert same(made, read_figures(healthy()["report.html"].decode("utf-8")))
 
 
 @pytest.mark.parametrize("page", ["", "<html>", '<script type="application/json" id="figure-data">{}</script>'])
-def test_a_page_without_figures_gives_none(page: str) -> None:
+def test_a_page_without_figures_is_an_error(page: str) -> None:
     with pytest.raises((ValueError, TypeError, KeyError)):
-        read(page)
+        read_figures(page)
 
 
-def test_a_page_cannot_name_a_file_elsewhere() -> None:
+def test_a_page_cannot_name_a_file_in_another_folder() -> None:
     page = healthy()["report.html"].decode("utf-8")
-    with pytest.raises(ValueError, match="no figures of ours"):
-        read(page.replace('"name":"states"', '"name":"../states"'))
+    with pytest.raises(ValueError, match="contains no figures"):
+        read_figures(page.replace('"name":"states"', '"name":"../states"'))
 
 
-def test_states_are_the_tables_in_degrees_with_their_bands_and_gaps() -> None:
-    trial = Trial(frames=400)  # short enough to be drawn whole
+def test_the_states_figure_shows_the_table_in_degrees_with_bands_and_gaps() -> None:
+    trial = Trial(frames=400)  # short enough to be drawn without downsampling
     figure = shown("states", trial.artefacts() | {"states.parquet": trial.states(bridged=slice(100, 150))})
     angle, _, _, bridged = figure.panels
     knee = labelled(angle, "knee")
@@ -115,12 +115,12 @@ def test_states_are_the_tables_in_degrees_with_their_bands_and_gaps() -> None:
 
 
 def test_states_without_standard_deviations_are_drawn_without_bands() -> None:
-    """Methods that are there to be compared with give none (NaN)."""
+    """Methods for comparison give no standard deviations (NaN)."""
     trial = Trial(frames=400)
     artefacts, states = trial.artefacts(), trial.states()
     unknown = {name: np.full(400, np.nan) for name in states.names if name.startswith("sd_")}
     before, after = (
-        drawings(material(context(artefacts | {"states.parquet": one}))).all
+        drawings(report_data(context(artefacts | {"states.parquet": one}))).all
         for one in (states, states.having(**unknown))
     )
     assert [one.name for one, other in zip(before, after, strict=True) if not same(one, other)] == ["states"]
@@ -129,7 +129,7 @@ def test_states_without_standard_deviations_are_drawn_without_bands() -> None:
     assert all(np.isnan(band.low).all() for panel in figure.panels for band in items(panel, Band))
 
 
-def test_the_wrench_is_the_tables_with_the_models_band_and_the_fits_samples() -> None:
+def test_the_wrench_figure_shows_the_table_the_model_band_and_the_fit_samples() -> None:
     trial = Trial(frames=400)
     table = trial.dynamics_table()
     for panel, name, spread in zip(
@@ -152,18 +152,18 @@ def test_phases_are_the_averages_over_the_repetitions() -> None:
     own = (table["quantity"] == "Fy_model") & (table["span"] == "repetition")  # type: ignore[index]
     curve = labelled(figure.panels[1], "identified model")
     assert curve.y == pytest.approx(table["mean"][own]) and len(curve.x) == 101  # type: ignore[index]
-    assert [item.label for item in items(figure.panels[-1], Line)] == [f"torque: {name}" for name in trial.joints]
+    assert [item.label for item in items(figure.panels[-1], Line)] == [f"{name} torque" for name in trial.joints]
 
 
-def test_parameters_stand_with_their_intervals_beside_the_reference() -> None:
+def test_parameters_are_shown_with_intervals_and_reference() -> None:
     figure = shown("parameters", Trial().artefacts())
     assert [panel.x for panel in figure.panels] == ["kg", "kg·m", "kg·m²"]
-    points = labelled(figure.panels[0], "identified, 95 %")
+    points = labelled(figure.panels[0], "identified, 95 % interval")
     assert points.x == pytest.approx([71.2]) and points.half == pytest.approx([1.96 * 0.3])
     assert figure.panels[1].rows == ("mx2", "my2 + p3y*(m3+m4)")
 
 
-def test_point_masses_stand_where_the_grid_has_them() -> None:
+def test_point_masses_are_at_the_grid_positions() -> None:
     trial = Trial()
     tree = trial.dynamics_tree()
     grid = tree.data["grid"]
@@ -175,9 +175,9 @@ def test_point_masses_stand_where_the_grid_has_them() -> None:
     assert figure.scale is not None and figure.scale.high == grid["mass"].max()
 
 
-def test_residuals_are_those_of_the_table_the_worst_first_in_each_segment() -> None:
+def test_residuals_are_sorted_by_size_within_each_segment() -> None:
     trial = Trial()
-    found = material(context(trial.artefacts())).residuals["shank5"]
+    found = report_data(context(trial.artefacts())).residuals["shank5"]
     own = trial.markers().values["residual"][:, trial.labels.index("shank5")]
     assert found.rms == pytest.approx(np.sqrt(np.nanmean(own**2))) and found.q95 == np.nanquantile(own, 0.95)
     assert (found.segment, found.seen) == (1, pytest.approx(np.isfinite(own).mean()))
@@ -187,7 +187,7 @@ def test_residuals_are_those_of_the_table_the_worst_first_in_each_segment() -> N
     assert (np.diff(bars.high.reshape(4, 4)) <= 0).all()
 
 
-def test_the_skeleton_stands_where_the_moments_angles_put_it() -> None:
+def test_the_skeleton_has_the_posture_of_the_chosen_instant() -> None:
     trial = Trial()
     figure = shown("skeleton", trial.artefacts())
     assert [panel.title for panel in figure.panels] == ["before the rise, 0.00 s", "standing, 3.00 s"]
@@ -199,8 +199,8 @@ def test_the_skeleton_stands_where_the_moments_angles_put_it() -> None:
 
 
 @pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry.name)
-def test_where_nothing_is_known_a_sentence_says_why(entry: FigureEntry) -> None:
-    found = SHOWN[entry.name](material(context({})))
+def test_a_missing_figure_is_explained_in_a_sentence(entry: FigureEntry) -> None:
+    found = FIGURE_FUNCTIONS[entry.name](report_data(context({})))
     assert isinstance(found, str) and found.startswith("No ") and found.endswith("was not computed.")
 
 
@@ -217,9 +217,9 @@ def test_without_events_the_extremes_of_the_motion_are_shown() -> None:
     assert sorted(rise) == pytest.approx([trial.theta[:, 1].min(), trial.theta[:, 1].max()], abs=1e-6)
 
 
-def test_a_moment_never_rests_on_a_bridged_angle() -> None:
+def test_a_chosen_instant_has_no_bridged_angle() -> None:
     trial = Trial()
-    motion = Motion.from_table(trial.states(bridged=slice(0, 200)))
+    motion = JointStates.from_table(trial.states(bridged=slice(0, 200)))
     for events in (trial.events(), None):
         assert all(motion.observed[moment.sample].all() for moment in two_moments(motion, events))
 
@@ -227,33 +227,33 @@ def test_a_moment_never_rests_on_a_bridged_angle() -> None:
 def test_a_motionless_recording_has_one_posture() -> None:
     trial = Trial()
     still = {f"theta_{k}": np.full(trial.frames, 0.3) for k in (1, 2, 3)}
-    assert len(two_moments(Motion.from_table(trial.states(bridged=slice(0)).having(**still)), None)) == 1
+    assert len(two_moments(JointStates.from_table(trial.states(bridged=slice(0)).having(**still)), None)) == 1
 
 
-def test_repetitions_are_stretched_onto_one_time() -> None:
+def test_repetitions_are_drawn_over_normalised_time() -> None:
     trial = Trial()
-    motion = Motion.from_table(trial.states(bridged=slice(0)))
-    curves = on_common_time(motion, np.array([[0.0, 6.0], [6.0, 12.0]]))
+    motion = JointStates.from_table(trial.states(bridged=slice(0)))
+    curves = on_normalised_time(motion, np.array([[0.0, 6.0], [6.0, 12.0]]))
     assert curves.shape == (2, 101, 3)
     assert curves[0] == pytest.approx(curves[1], abs=1e-4)
     assert curves[0, 50] == pytest.approx(trial.theta[300], abs=1e-6)
     each, mean = items(shown("repetitions", trial.artefacts()).panels[1], Line)
-    assert np.isnan(each.y).sum() == 3 and len(each.y) == 3 * 102  # three repetitions, lifted after each
+    assert np.isnan(each.y).sum() == 3 and len(each.y) == 3 * 102  # three repetitions, interrupted after each
     assert mean.y == pytest.approx(np.nanmean(each.y.reshape(3, 102)[:, :101], axis=0))
 
 
-def test_bridged_samples_leave_a_hole_in_the_repetition() -> None:
-    curves = on_common_time(motion_of(Trial()), np.array([[0.0, 6.0]]))
+def test_bridged_samples_leave_a_gap_in_the_repetition() -> None:
+    curves = on_normalised_time(motion_of(Trial()), np.array([[0.0, 6.0]]))
     assert np.isnan(curves[0, 72, 2]) and np.isfinite(curves[0, 72, :2]).all()
 
 
-def test_reference_base_parameters_are_regrouped_where_they_are_known() -> None:
+def test_known_reference_parameters_are_regrouped_to_base_parameters() -> None:
     tree = Trial().dynamics_tree()
     regrouping = np.zeros((4, 16))
     regrouping[0, [0, 1, 2]] = 1.0
     regrouping[1, [2, 3]] = 1.0  # the fourth has no reference
     data = dict(tree.data) | {"base": dict(tree.data["base"]) | {"regrouping": regrouping}}
-    reference = Dynamics.from_tree(type(tree)(tree.schema, data)).base_reference
+    reference = IdentifiedDynamics.from_tree(type(tree)(tree.schema, data)).base_reference
     assert reference[0] == pytest.approx(0.5 + 1.5 + 2.5) and np.isnan(reference[1])
 
 
@@ -262,22 +262,22 @@ def test_control_characters_and_long_labels() -> None:
     assert style.printable("abcdef", 4) == "abc…" and style.printable("abcd", 4) == "abcd"
 
 
-def test_tracks_are_the_tables_where_it_has_the_moment() -> None:
+def test_marker_positions_are_read_at_existing_frames() -> None:
     trial = Trial(frames=200)
     table = trial.planar()
-    found = tracks(table, np.array([0.0, 0.5, 0.505]), ["torso12", "nobody", trial.labels[5]])
+    found = positions_at(table, np.array([0.0, 0.5, 0.505]), ["torso12", "nobody", trial.labels[5]])
     frame, column = round(0.5 * RATE), trial.labels.index("torso12")
     own = [table.values["x"][frame, column], table.values["y"][frame, column]]
     assert found[1, 0] == pytest.approx(own, nan_ok=True)
     assert np.isnan(found[:, 1]).all() and np.isnan(found[2]).all()
 
 
-def test_seen_from_the_segment_before_markers_run_on_arcs_about_the_joint() -> None:
-    """The distance of every drawn marker from its joint is as steady as the markers' noise."""
+def test_in_the_previous_segment_markers_move_on_arcs_about_the_joint() -> None:
+    """The distance of every drawn marker from its joint is constant to within the marker noise."""
     trial = Trial(frames=600)
     figure = shown("recovery", trial.artefacts())
     for j, panel in enumerate(figure.lines[0]):
-        assert panel.title == f"{trial.joints[j]}, seen from {trial.names[j]}"
+        assert panel.title == f"{trial.joints[j]} in frame of {trial.names[j]}"
         (line,) = items(panel, Line)
         drawn = np.column_stack([line.x, line.y])
         arcs = np.split(drawn, np.flatnonzero(np.isnan(drawn).all(axis=1)))

@@ -1,4 +1,4 @@
-"""Numbers as they are shown."""
+"""Formatting of numbers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_units_follow_a_number_and_never_a_dash() -> None:
     assert show(2.0, unit="kg") == "2.00 kg" and show(None, unit="kg") == UNKNOWN
 
 
-def test_no_minus_before_zero() -> None:
+def test_there_is_no_negative_zero() -> None:
     assert show_fixed(-0.0004, 2) == "0.00"
 
 

@@ -1,4 +1,4 @@
-"""report.html: well-formed, self-contained, and inert whatever the recording's labels say."""
+"""report.html is well-formed, self-contained, and safe for any labels in the recording."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from reporting_cases import LOST, Trial, contents, context, healthy
 
 from mocap_id.errors import Refused
 from mocap_id.kinematics.confidence import Evidence
-from mocap_id.reporting.embedding import read
-from mocap_id.reporting.readings import AGAINST
+from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.report import documents
+from mocap_id.reporting.segment_tables import AGAINST
 from mocap_id.stages.report import STAGE
-from mocap_id.stages.report.function import material
+from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, LongTable, Table, Tree
 from mocap_id.verdict import Reason
 
@@ -38,7 +38,7 @@ UNSURE = Reason("segments-unsure", "two hypotheses fit <b>alike</b>; say `segmen
 
 
 class Page(HTMLParser):
-    """What a browser would see: elements, text, ids and references; fails on tags that do not match."""
+    """Parsed page: elements, text, ids and references; fails on mismatched tags."""
 
     def __init__(self, content: bytes) -> None:
         super().__init__()
@@ -96,18 +96,18 @@ def report(artefacts: dict[str, Artefact], refused: Refused | None = None) -> di
 
 
 def checked(files: Mapping[str, bytes]) -> Page:
-    """The page, known to need nothing from outside, to run nothing but our scripts, and to be whole."""
+    """Parse the page and check that it is self-contained, well-formed and runs only our scripts."""
     page = Page(files["report.html"])
     assert not {"link", "iframe", "object", "embed", "img", "form"} & set(page.tags)
     assert not page.handlers
     allowed = re.search(r"script-src ([^;\"]*)", page.source)
     assert [f"'sha256-{digest(script)}'" for script in page.scripts] == (allowed[1].split() if allowed else [])
-    assert len(page.ids) == len(set(page.ids)), "an id stands twice"
+    assert len(page.ids) == len(set(page.ids)), "an id occurs twice"
     inside = {f"#{name}" for name in page.ids}
     assert set(page.references) <= inside, set(page.references) - inside
     assert "default-src 'none'" in page.source
     charts = re.findall(r'data-figure="(\w+)"', page.source)
-    assert charts == [name for name in charts if not read(page.source)[name].missing]
+    assert charts == [name for name in charts if not read_figures(page.source)[name].missing]
     return page
 
 
@@ -135,14 +135,14 @@ def test_healthy_trial_shows_everything() -> None:
     assert page.tags.count("figure") == 9
     for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
         assert wanted in page.text
-    assert "somewhere" not in page.text, "folders are nobody's business"
+    assert "somewhere" not in page.text, "folders are private"
 
 
-def test_readings_that_lost_and_what_speaks_against_the_chosen_one_are_shown() -> None:
+def test_rejected_segmentations_and_evidence_against_the_chosen_one_are_shown() -> None:
     page = checked(healthy())
-    start = page.text.index("Chance that count and assignment of the segments are right: 0.83")
+    start = page.text.index("Probability that the segments are right: 0.83")
     shown = [page.text.index(words, start) for words in (AGAINST["axis"], AGAINST["skipped"], "chosen", LOST)]
-    assert shown == sorted(shown), "the gravest first, then the readings, the cheapest first"
+    assert shown == sorted(shown), "evidence, strongest first; then segmentations, lowest cost first"
     for absent in ("left-out", "first-joint", "base", "runner-up"):
         assert AGAINST[absent] not in page.text
     rows = re.findall(
@@ -151,26 +151,26 @@ def test_readings_that_lost_and_what_speaks_against_the_chosen_one_are_shown() -
     assert rows == [("ankle", "0.90", "31.5"), ("knee", "0.75", "10.5"), ("hip", "0.70", "8.20")]
 
 
-def test_segments_that_nothing_speaks_against_say_so() -> None:
+def test_segments_without_evidence_against_them_say_so() -> None:
     trial = Trial()
     table = trial.segments()
     facts = dict(table.facts) | {"against": dict.fromkeys(AGAINST, 0.0)}
     page = checked(report(trial.artefacts() | {"segments.parquet": replace(table, facts=facts)}))
-    assert "nothing" in page.text[page.text.index("Chance that count and assignment") :]
+    assert "none" in page.text[page.text.index("Probability that the segments are right") :]
 
 
-def test_every_piece_of_evidence_has_words() -> None:
+def test_every_kind_of_evidence_has_a_text() -> None:
     assert set(AGAINST) == set(get_args(Evidence))
 
 
-def test_caution_stands_on_top_with_what_to_do() -> None:
+def test_a_caution_is_at_the_top_with_what_to_do() -> None:
     trial = Trial()
     note = Reason("window-proposed", "used 2.0 to 31.5 s", level="ok")
     page = checked(report(trial.artefacts() | {"segments.parquet": trial.segments((UNSURE, note))}))
     assert page.text.index("Usable with care") < page.text.index("<b>alike</b>") < page.text.index("Joint states")
     assert "<code>segment: {count: 4}</code>" in page.source
     assert page.sections[-1] == "notes"
-    assert page.text.index("Used 2.0 to 31.5 s.") > page.text.index("these do not colour the verdict")
+    assert page.text.index("Used 2.0 to 31.5 s.") > page.text.index("notes do not affect the verdict")
 
 
 def test_refused_trial_is_a_short_page() -> None:
@@ -182,19 +182,19 @@ def test_refused_trial_is_a_short_page() -> None:
         assert wanted in page.text
 
 
-def test_refused_before_anything_was_computed() -> None:
+def test_a_trial_refused_before_any_artefact_has_a_page() -> None:
     page = checked(report({}, Refused("not-planar", "the motion is not planar", 0.4, 0.2)))
     assert page.sections == ["origin"] and "The motion is not planar." in page.text
 
 
-def test_no_plate_says_so_instead_of_empty_figures() -> None:
+def test_without_a_plate_sentences_replace_the_figures() -> None:
     page = checked(report(Trial().artefacts(plates=False)))
-    for wanted in ("No contact wrench", "No base parameters", "No point masses"):
+    for wanted in ("No ground reaction wrench", "No base parameters", "No point masses"):
         assert f"{wanted}: the recording has no force plate." in page.text
     assert page.tags.count("figure") == 5
 
 
-def test_standing_still_shows_the_mass_and_draws_the_rest_as_unknown() -> None:
+def test_standing_still_shows_only_the_mass() -> None:
     trial = Trial()
     tree = trial.dynamics_tree()
     unknown = np.full(4, np.nan)
@@ -206,32 +206,32 @@ def test_standing_still_shows_the_mass_and_draws_the_rest_as_unknown() -> None:
     assert "71.40" in page.text and "No point masses: the body stands still." in page.text
 
 
-def test_the_exact_cone_has_no_point_masses_and_says_so() -> None:
+def test_the_exact_cone_has_a_sentence_instead_of_point_masses() -> None:
     trial = Trial()
     tree = trial.dynamics_tree()
     grid = dict(tree.data["grid"]) | {"mass": np.full_like(tree.data["grid"]["mass"], np.nan)}
     facts = dict(tree.facts) | {"consistency": "bounded-cone"}
     exact = replace(tree, data=dict(tree.data) | {"grid": grid}, facts=facts)
     page = checked(report(trial.artefacts() | {"dynamics.h5": exact}))
-    assert "No point masses: the fit finds mass, first moments and inertia of every body" in page.text
+    assert "No point masses: the fit uses the exact cone of physically consistent bodies" in page.text
     assert "bounded-cone" in page.text
 
 
-def test_the_rivals_stand_beside_the_model() -> None:
+def test_the_reference_bodies_are_compared_with_the_model() -> None:
     page = checked(report(Trial().artefacts()))
-    assert "Model and allometric bodies against measurement" in page.text
-    table = page.text.partition("Model and allometric bodies against measurement")[2]
+    assert "Errors of the model and of allometric bodies" in page.text
+    table = page.text.partition("Errors of the model and of allometric bodies")[2]
     assert "winter" in table and "de-leva" in table and "34.5" in table
 
 
-def test_labels_are_shown_and_never_obeyed() -> None:
+def test_hostile_labels_are_shown_as_text() -> None:
     name = "<script>steal()</script>"
-    files = contents(documents(replace(material(context(relabelled(Trial()))), trial=name)))
+    files = contents(documents(replace(report_data(context(relabelled(Trial()))), trial=name)))
     page = checked(files)
     assert page.text.count(name) >= 2, "title and heading"
     for label in HOSTILE[:4]:
         assert label in page.text
-    assert "右膝" in str(read(page.source)["residuals"].figure)
+    assert "右膝" in str(read_figures(page.source)["residuals"].figure)
     assert not re.search(r"[\x00-\x08\x0b-\x1f]", page.source)
 
 
@@ -241,15 +241,15 @@ def test_short_and_long_chains(joints: int) -> None:
     assert page.tags.count("figure") == 9
 
 
-def test_no_repetition_is_said() -> None:
+def test_a_trial_without_repetitions_says_so() -> None:
     trial = Trial()
     page = checked(report(trial.artefacts() | {"events.parquet": trial.events(0)}))
-    assert "No repetitions to compare: none was found." in page.text
+    assert "No repetitions to compare: none were found." in page.text
     assert "extreme posture" in page.source
 
 
 def _emptied(table: Table | LongTable) -> Table | LongTable:
-    """Every number of the table unknown but the time, the frame and the segment."""
+    """The table with all numbers unknown except time, frame and segment."""
     held = table.values if isinstance(table, LongTable) else table.columns
     unknown = {
         name: np.full_like(values, np.nan) if values.dtype == np.float64 and name != "time" else values
@@ -265,15 +265,15 @@ def _rowless(table: Table | LongTable) -> Table | LongTable:
     return replace(table, columns={name: values[:0] for name, values in table.columns.items()})
 
 
-def test_every_table_without_a_number_and_without_a_row() -> None:
+def test_tables_without_numbers_or_rows_give_a_page() -> None:
     artefacts = Trial(frames=600).artefacts()
     emptied = {name: _emptied(one) for name, one in artefacts.items() if isinstance(one, Table | LongTable)}
     checked(report(artefacts | emptied))
     checked(report(artefacts | {name: _rowless(one) for name, one in emptied.items()}))
 
 
-def test_hardly_any_frames() -> None:
-    """Two frames are the fewest of which the made-up velocities can be had."""
+def test_two_frames_are_enough() -> None:
+    """The test's velocities need at least two frames."""
     checked(report(Trial(frames=2).artefacts()))
 
 
@@ -289,9 +289,9 @@ def test_a_recording_forty_times_as_long_is_no_larger_and_takes_less_than_five_t
     assert len(files["report.html"]) < min(8e6, len(small["report.html"]) + 4e6)
 
 
-def test_repetitions_left_out_stand_beside_the_fit_and_the_table() -> None:
+def test_left_out_repetitions_are_compared_with_fit_and_reference() -> None:
     page = checked(report(Trial().artefacts()))
-    table = page.text.partition("Repetitions left out of the fit and predicted")[2][:600]
+    table = page.text.partition("Prediction errors on left-out repetitions")[2][:600]
     assert "880 samples, 3 fits for 3 repetitions" in table
     for part in ("models fitted without the repetition", "model of the whole trial", "allometric body", "6.10"):
         assert part in table
@@ -300,19 +300,19 @@ def test_repetitions_left_out_stand_beside_the_fit_and_the_table() -> None:
     nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s"))
     facts = tree.facts | {"held_out": {"repetitions": 1, **nothing, "why": "only one repetition was found"}}
     page = checked(report(trial.artefacts() | {"dynamics.h5": replace(tree, facts=facts)}))
-    assert "Repetitions left out" not in page.text
+    assert "Prediction errors on left-out" not in page.text
     assert "only one repetition was found" in page.text
 
 
 def rows(page: Page, caption: str) -> list[list[str]]:
-    """The cells of the table whose caption begins so, row by row."""
+    """Return the cells, row by row, of the table whose caption begins with ``caption``."""
     body = re.search(r"<tbody>(.*?)</tbody>", page.source[page.source.index(f">{caption}") :], flags=re.DOTALL)
     assert body
     found = re.findall(r"<tr>(.*?)</tr>", body[1], flags=re.DOTALL)
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in found]
 
 
-def test_what_the_pins_cost_is_shown_with_the_numbers_of_the_facts() -> None:
+def test_the_effect_of_pinned_joints_is_shown() -> None:
     page = checked(report(Trial().on_segments()))
     assert rows(page, "Pinned chain and measured poses: rms error on left-out repetitions, below 5 Hz") == [
         ["pinned chain", "10.0", "10.0", "10.0", "26.1", "−5.20"],
@@ -323,10 +323,10 @@ def test_what_the_pins_cost_is_shown_with_the_numbers_of_the_facts() -> None:
         ["knee", "12.5", "0.731", "free"],
         ["hip", "12.5", "0.731", "inside one body (trunk)"],
     ]
-    told = dict(rows(page, "Measured poses"))
-    assert told["bodies"] == "foot, shank, trunk, others"
-    assert [told[f"cut-off of {axis} (Hz)"] for axis in ("x", "y", "angle")] == ["3.5", "6", "4"]
-    assert told["these cut-offs, because"] == "left-out repetitions are predicted best with these"
+    facts = dict(rows(page, "Measured poses"))
+    assert facts["bodies"] == "foot, shank, trunk, others"
+    assert [facts[f"cut-off frequency for {axis} (Hz)"] for axis in ("x", "y", "angle")] == ["3.5", "6", "4"]
+    assert facts["reason for these cut-off frequencies"] == "left-out repetitions are predicted best with these"
     for wanted in (
         "because a joint gives way",
         "on the same 654 samples, below 5 Hz",
@@ -337,58 +337,61 @@ def test_what_the_pins_cost_is_shown_with_the_numbers_of_the_facts() -> None:
         assert wanted in page.text
 
 
-def test_on_measured_poses_band_and_intervals_and_the_prior_are_shown() -> None:
+def test_measured_poses_show_band_intervals_and_prior() -> None:
     page = checked(report(Trial().on_segments()))
-    held_out = rows(page, "Repetitions left out of the fit and predicted, below 5 Hz")
+    held_out = rows(page, "Prediction errors on left-out repetitions, below 5 Hz")
     assert [row[0] for row in held_out] == [
         "models fitted without the repetition", "the same, unfiltered", "model of the whole trial", "allometric body",
-        "samples inside the 95 % interval (%)",
+        "samples within the 95 % interval (%)",
     ]  # fmt: skip
     assert held_out[1][1] == "0.800 ± 3.30"
     assert held_out[-1][1:] == ["93.6", "96.8", "95.4", "93.1"]
     assert [row[-1] for row in rows(page, "Base parameters;")] == ["1.6", "84.8", "18.2", "13.4"]
     captions = page.text.count(
-        "The masses move as the measured poses, after low-passes (x 3.5 Hz, y 6 Hz, angle 4 Hz)."
+        "The masses move with the measured poses, low-pass filtered (x 3.5 Hz, y 6 Hz, angle 4 Hz)."
     )
     assert captions == 3, "wrench, phases, parameters"
     for wanted in (
-        "The fit does not give the torque of: hip.",
+        "The fit does not determine the torque of: hip.",
         "No point masses",
-        "model's forces rest on the measured",
+        "modelled forces use the measured poses",
     ):
         assert wanted in page.text
 
 
-def test_point_masses_of_bodies_carry_the_names_of_bodies() -> None:
+def test_point_mass_panels_have_the_names_of_the_bodies() -> None:
     trial = Trial()
     artefacts = trial.on_segments()
     tree = artefacts["dynamics.h5"]
     assert isinstance(tree, Tree)
     grid = dict(tree.data) | {"grid": trial.dynamics_tree().data["grid"]}
     files = report(artefacts | {"dynamics.h5": replace(tree, data=grid, facts=tree.facts | {"consistency": "grid"})})
-    shown = read(files["report.html"].decode("utf-8"))["point_masses"]
+    shown = read_figures(files["report.html"].decode("utf-8"))["point_masses"]
     assert not isinstance(shown.figure, str)
     titles = [panel.title.split(",")[0] for panel in shown.figure.panels]
     assert titles == ["foot", "shank", "trunk", "others"]
-    assert "A panel is a body of the fit" in shown.caption
+    assert "Each panel is a body of the fit" in shown.caption
 
 
-def test_the_pinned_chain_is_one_sentence_with_the_gaps() -> None:
+def test_the_pinned_chain_is_explained_in_one_sentence_with_the_gaps() -> None:
     page = checked(healthy())
     gaps = ", ".join(f"{name} 0.6 mm and 0.012 m/s²" for name in ("ankle", "knee", "hip"))
-    assert f"The masses move as the pinned chain, because every joint's gap is at the noise (rms: {gaps})." in page.text
-    assert "of which prior" not in page.text and "Pinned chain and measured poses" not in page.text
-    assert "Repetitions left out of the fit and predicted, unfiltered" in page.text
+    assert (
+        f"The masses move with the pinned chain, because every joint's gap is at the noise (rms gaps: {gaps})."
+        in page.text
+    )
+    assert "share of prior" not in page.text and "Pinned chain and measured poses" not in page.text
+    assert "Prediction errors on left-out repetitions, unfiltered" in page.text
     trial = Trial()
     tree = trial.dynamics_tree()
     asked = replace(tree, facts=tree.facts | {"motion": {"source": "chain", "why": "asked for"}})
     page = checked(report(trial.artefacts() | {"dynamics.h5": asked}))
-    assert "The masses move as the pinned chain, because the settings ask for it." in page.text
+    assert "The masses move with the pinned chain, because it is configured." in page.text
 
 
-def test_pins_that_were_not_compared_leave_a_sentence() -> None:
+def test_a_missing_comparison_with_pins_is_explained() -> None:
     artefacts = Trial().on_segments()
     tree = artefacts["dynamics.h5"]
     pins = {"why": "only one repetition was found", "chain": None, "segments": None, "clock_offset_s": 0.0}
     page = checked(report(artefacts | {"dynamics.h5": replace(tree, facts=tree.facts | {"pins": pins})}))
-    assert "What pins would cost is not known: only one repetition was found." in page.text
+    assert "The effect of pinned joints is unknown: only one repetition was found." in page.text

@@ -1,4 +1,4 @@
-"""Figures for papers: whole files, the same bytes every time, nothing global left behind, nothing heavy before."""
+"""Figures for papers are complete and reproducible, change no global state and load libraries only when needed."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from reporting_cases import Trial, context, healthy
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.reporting import paper
 from mocap_id.reporting.contents import FIGURES
-from mocap_id.reporting.embedding import read
+from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json
 from mocap_id.reporting.figures import drawings
-from mocap_id.stages.report.function import material
+from mocap_id.stages.report.function import report_data
 from mocap_id.workflows.figures import figures
 
 
 @pytest.fixture(scope="module")
 def made() -> Drawings:
-    return drawings(material(context(Trial(frames=400).artefacts())))
+    return drawings(report_data(context(Trial(frames=400).artefacts())))
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """What ``mocap-id figures`` makes of a page that stands alone, by name."""
+    """The files that ``mocap-id figures`` writes from a page alone, by name."""
     folder, settings = tmp_path_factory.mktemp("run"), dict(mpl.rcParams)
     (folder / "report.html").write_bytes(healthy()["report.html"])
     written = figures(folder)
@@ -40,9 +40,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", [entry.name for entry in FIGURES])
-def test_every_figure_of_a_page_is_drawn_with_its_words(name: str, files: dict[str, bytes]) -> None:
+def test_every_figure_of_a_page_is_drawn_with_its_texts(name: str, files: dict[str, bytes]) -> None:
     assert len(files) == 1 + 2 * len(FIGURES)
-    one = read(healthy()["report.html"].decode("utf-8"))[name]
+    one = read_figures(healthy()["report.html"].decode("utf-8"))[name]
     assert isinstance(one.figure, Figure)
     svg, pdf = files[f"{name}.svg"], files[f"{name}.pdf"]
     text = " ".join("".join(element.itertext()) for element in ET.fromstring(svg).iter())
@@ -57,11 +57,11 @@ def test_every_figure_of_a_page_is_drawn_with_its_words(name: str, files: dict[s
 def test_the_same_figure_has_the_same_bytes(made: Drawings) -> None:
     for name in ("states", "parameters"):
         only = Drawings(made.of, (made[name],))
-        assert paper.files(only) == paper.files(only)
+        assert paper.figure_files(only) == paper.figure_files(only)
 
 
-def test_what_is_missing_has_a_sentence_among_the_captions_and_no_file() -> None:
-    files = paper.files(drawings(material(context({}))))
+def test_a_missing_figure_has_a_caption_but_no_file() -> None:
+    files = paper.figure_files(drawings(report_data(context({}))))
     assert list(files) == ["figures/captions.md"]
     assert (
         "**Base parameters**. No base parameters: dynamics.h5 was not computed."
@@ -69,10 +69,10 @@ def test_what_is_missing_has_a_sentence_among_the_captions_and_no_file() -> None
     )
 
 
-def test_journals_that_want_truetype_get_it(made: Drawings) -> None:
+def test_truetype_fonts_can_be_embedded(made: Drawings) -> None:
     only = Drawings(made.of, (made["parameters"],))
     for fonts, subtype in (("type-3", b"/Type3"), ("truetype", b"/CIDFontType2")):
-        assert subtype in paper.files(only, fonts)["figures/parameters.pdf"]  # type: ignore[arg-type]
+        assert subtype in paper.figure_files(only, fonts)["figures/parameters.pdf"]  # type: ignore[arg-type]
 
 
 OPENING = '<script type="application/json" id="figure-data">'
@@ -86,16 +86,16 @@ NONE = (
 
 
 @pytest.mark.parametrize("page", NONE)
-def test_what_holds_no_figures_is_an_error_in_words(page: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no page here"):
+def test_a_page_without_figures_is_an_error(page: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no page"):
         figures(tmp_path)
     (tmp_path / "report.html").write_text(page)
-    with pytest.raises(StoreError, match="run again what wrote it"):
+    with pytest.raises(StoreError, match="run the command that wrote it again"):
         figures(tmp_path)
     assert not (tmp_path / "figures").exists()
 
 
-def test_the_command_names_what_it_wrote(tmp_path: Path, made: Drawings, cli: Callable[..., Any]) -> None:
+def test_the_command_prints_the_files_it_wrote(tmp_path: Path, made: Drawings, cli: Callable[..., Any]) -> None:
     held = json.dumps(to_json(Drawings(made.of, (made["parameters"],))))
     page = tmp_path / "page.html"
     page.write_text(f'<script type="application/json" id="figure-data">{held}</script>')
@@ -107,7 +107,7 @@ def test_the_command_names_what_it_wrote(tmp_path: Path, made: Drawings, cli: Ca
 
 
 def test_a_report_loads_no_library_for_drawing_or_data_frames() -> None:
-    """What a run needs for its report, imported by a Python of its own."""
+    """Runs the imports of a report in a separate Python process."""
     heavy = ("matplotlib", "pandas")
     code = f"import sys, mocap_id.reporting.report; print([name for name in {heavy} if name in sys.modules])"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""What the player shows: positions that lose nothing an eye could see, at moments that exist, and forces to scale."""
+"""The player shows accurate positions at times of the recording, and forces to scale."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from mocap_id.geometry.planar import segment_poses
 from mocap_id.reporting import player as players
 from mocap_id.reporting.figure import Line, from_json
 from mocap_id.reporting.player import MOST, Player, player
-from mocap_id.stages.report.function import material
+from mocap_id.stages.report.function import report_data
 
 
 def moving(trial: Trial, **changed: object) -> Player:
-    found = player(material(context(trial.artefacts() | changed)))  # type: ignore[arg-type]
+    found = player(report_data(context(trial.artefacts() | changed)))  # type: ignore[arg-type]
     assert found is not None
     return found
 
 
 def parts(found: Player, name: str) -> np.ndarray:
-    """All parts of this name side by side, (K, 2, rows)."""
+    """All parts with this name, concatenated to (K, 2, rows)."""
     return np.concatenate([one.values for one in found.parts if one.name == name], axis=2)
 
 
@@ -61,8 +61,8 @@ def test_the_arrow_is_the_force_from_the_centre_of_pressure() -> None:
         assert drawn == pytest.approx(table[name][row])
 
 
-def test_what_is_packed_is_read_back_to_a_fifth_of_a_millimetre() -> None:
-    """As the page's script reads it: one row a moment, of each part all x and then all y."""
+def test_packed_positions_are_accurate_to_a_fifth_of_a_millimetre() -> None:
+    """Reads the frames as the script of the page does: one row per frame, with x and then y of each part."""
     found = moving(Trial())
     told = found.to_json()
     rows = np.frombuffer(base64.b64decode(told["values"]), "<i2").reshape(len(told["time"]), -1)
@@ -73,11 +73,11 @@ def test_what_is_packed_is_read_back_to_a_fifth_of_a_millimetre() -> None:
         start += 2 * count
     assert start == values.shape[1]
     (panel,) = from_json(told["figure"]).panels
-    assert len(panel.items) == 1 + len(found.parts), "the ground, and what moves"
+    assert len(panel.items) == 1 + len(found.parts), "the ground, and the moving parts"
 
 
 @pytest.mark.parametrize(("frames_", "expected"), [(2, 2), (300, 90), (16_000, MOST)])
-def test_moments_are_as_many_as_an_eye_needs(frames_: int, expected: int) -> None:
+def test_the_number_of_frames_is_limited(frames_: int, expected: int) -> None:
     found = moving(Trial(frames=frames_))
     assert len(found.time) == pytest.approx(expected, abs=2)
     assert np.ptp(np.diff(found.time)) < 1.01 / RATE
@@ -88,22 +88,22 @@ def test_many_markers_make_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None
     assert len(moving(Trial()).time) == 10_000 // (2 * 16 + 32)
 
 
-def test_a_refused_trial_shows_its_markers_and_what_the_plates_measured() -> None:
+def test_a_refused_trial_shows_markers_and_measured_forces() -> None:
     trial = Trial()
-    found = player(material(context({"planar.parquet": trial.planar(), "wrench.parquet": trial.wrench()})))
-    assert found is not None and names(found) == ["markers", "force", "force's foot"]
+    found = player(report_data(context({"planar.parquet": trial.planar(), "wrench.parquet": trial.wrench()})))
+    assert found is not None and names(found) == ["markers", "force", "force origin"]
     assert [one.look["symbol"] for one in found.parts if one.name == "markers"] == ["x"]
-    assert [panel.y for panel in found.curves] == ["Fx (N)", "Fy, upwards (N)", "τz (N·m)", "CoP x (m)"]
+    assert [panel.y for panel in found.curves] == ["Fx (N)", "Fy, up (N)", "τz (N·m)", "CoP x (m)"]
 
 
-def test_nothing_recorded_has_no_player_and_no_plate_no_arrow() -> None:
-    assert player(material(context({}))) is None
+def test_without_markers_there_is_no_player_and_without_plates_no_arrow() -> None:
+    assert player(report_data(context({}))) is None
     found = moving(Trial(), **Trial().artefacts(plates=False))
     assert found.newton_per_metre is None and set(names(found)) == {"stick", "joints", "markers"}
 
 
 @pytest.mark.parametrize("joints", [3, 4])
-def test_curves_share_the_recordings_time_and_know_every_joint(joints: int) -> None:
+def test_curves_have_the_time_of_the_recording_and_all_joints(joints: int) -> None:
     trial = Trial(frames=600, joints=joints)
     found = moving(trial)
     angles, *wrench = found.curves

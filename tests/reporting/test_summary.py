@@ -1,4 +1,4 @@
-"""summary.json: the shape is kept whatever is missing, numbers are finite or null, and a null says why."""
+"""summary.json always follows its schema; numbers are finite or null, and a null has a reason."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from reporting_cases import LOST, Trial, context
 
 from mocap_id.errors import Refused
 from mocap_id.reporting.numbers import all_known, known
-from mocap_id.reporting.shape import Summary
 from mocap_id.reporting.summary import summarise, to_json
-from mocap_id.stages.report.function import material
+from mocap_id.reporting.summary_schema import Summary
+from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact
 from mocap_id.verdict import Reason
 
@@ -31,12 +31,12 @@ NOTE = Reason("window-proposed", "used 2.0 to 31.5 s", level="ok")
 
 
 def summary_of(artefacts: dict[str, Artefact], refused: Refused | None = None) -> dict[str, Any]:
-    """The summary as another program reads it: strict JSON of the promised shape."""
+    """The summary as read by another program: strict JSON that follows the schema."""
 
     def no_constant(name: str) -> float:
         raise AssertionError(f"{name} is not JSON")
 
-    text = to_json(summarise(material(context(artefacts, refused)))).decode("ascii")
+    text = to_json(summarise(report_data(context(artefacts, refused)))).decode("ascii")
     summary: dict[str, Any] = json.loads(text, parse_constant=no_constant)
     Summary.model_validate(summary)
     assert set(summary) >= PROMISED
@@ -56,7 +56,7 @@ def objects(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def assert_nulls_explained(summary: dict[str, Any]) -> None:
-    """An object with a null holds a why; one without nulls holds none.
+    """Check that an object has a ``why`` exactly if it contains a null.
 
     But for a hypothesis, which says why it lost, and the motion, which says why it was chosen.
     """
@@ -67,7 +67,7 @@ def assert_nulls_explained(summary: dict[str, Any]) -> None:
         assert bool(unknown) == bool(entry["why"]), entry
 
 
-def test_healthy_trial_holds_what_the_artefacts_say() -> None:
+def test_the_summary_of_a_good_trial_agrees_with_the_artefacts() -> None:
     trial = Trial()
     summary = summary_of(trial.artefacts())
     assert summary["schema"] == "mocap-id/summary" and summary["version"] == 1 and summary["trial"] == "s01-sts"
@@ -100,7 +100,7 @@ def test_healthy_trial_holds_what_the_artefacts_say() -> None:
     assert_nulls_explained(summary)
 
 
-def test_the_pinned_chain_says_why_it_is_used_and_costs_no_pins() -> None:
+def test_the_pinned_chain_has_a_reason_and_no_comparison() -> None:
     dynamics = summary_of(Trial().artefacts())["dynamics"]
     gap = {"gap_m": 0.0006, "acceleration_m_s2": 0.012, "pinned": True, "why": None}
     assert dynamics["motion"] == {
@@ -112,7 +112,7 @@ def test_the_pinned_chain_says_why_it_is_used_and_costs_no_pins() -> None:
     assert dynamics["held_out"]["unfiltered"] == dynamics["held_out"]["model"]
 
 
-def test_measured_poses_hold_what_the_facts_say() -> None:
+def test_measured_poses_agree_with_the_facts() -> None:
     summary = summary_of(Trial().on_segments())
     dynamics = summary["dynamics"]
     motion, pins, held_out = dynamics["motion"], dynamics["pins"], dynamics["held_out"]
@@ -144,7 +144,7 @@ def test_pins_that_could_not_be_compared_say_why() -> None:
     assert_nulls_explained(summary)
 
 
-def test_what_could_not_be_held_out_is_null_with_its_reason() -> None:
+def test_missing_left_out_repetitions_are_null_with_a_reason() -> None:
     artefacts = Trial().artefacts()
     tree = artefacts["dynamics.h5"]
     nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s"))
@@ -160,7 +160,7 @@ def test_what_could_not_be_held_out_is_null_with_its_reason() -> None:
     assert_nulls_explained(summary)
 
 
-def test_every_hypothesis_says_why_it_lost() -> None:
+def test_every_rejected_hypothesis_has_a_reason() -> None:
     trial = Trial()
     segments = summary_of(trial.artefacts())["segments"]
     chosen, lost = segments["hypotheses"]
@@ -181,7 +181,7 @@ def test_unknown_events_are_null_with_the_reason() -> None:
     assert repetitions[0]["why"] is None and repetitions[0]["complete"]
 
 
-def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
+def test_cautions_affect_the_verdict_and_notes_do_not() -> None:
     trial = Trial()
     noted = trial.artefacts() | {"planar.parquet": trial.planar((NOTE,))}
     assert summary_of(noted)["verdict"]["level"] == "ok"
@@ -192,7 +192,7 @@ def test_cautions_colour_the_verdict_and_notes_do_not() -> None:
     assert [note["code"] for note in cautious["notes"]] == ["window-proposed"], "each reason once"
 
 
-def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
+def test_without_a_plate_the_kinematics_are_complete() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
     assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "held_out", "pins", "why"}
@@ -202,7 +202,7 @@ def test_no_plate_leaves_the_kinematics_and_says_why() -> None:
     assert_nulls_explained(summary)
 
 
-def test_refused_trial_says_what_is_known_so_far() -> None:
+def test_a_refused_trial_reports_what_is_known() -> None:
     trial = Trial()
     artefacts: dict[str, Artefact] = {
         "planar.parquet": trial.planar((Reason("planarity", "some motion is out of plane", 0.1, 0.05),)),
@@ -273,13 +273,13 @@ def test_known_is_a_finite_float_or_none(value: object) -> None:
     assert number is None or (type(number) is float and math.isfinite(number) and number == value)
 
 
-def test_a_vector_is_known_as_a_whole_or_not_at_all() -> None:
+def test_a_vector_with_an_unknown_element_is_unknown() -> None:
     assert all_known(np.array([1.0, 2.0])) == [1.0, 2.0]
     assert all_known([1.0, float("nan")]) is None
     assert all_known([]) is None and all_known(None) is None and all_known("12") is None
 
 
-def test_mass_alone_is_given_where_only_it_is_known() -> None:
+def test_a_known_mass_is_given_alone() -> None:
     trial = Trial()
     tree = trial.dynamics_tree()
     why = "no joint turns where only the ground touches the body"

@@ -1,4 +1,4 @@
-"""Every code that the product can raise is explained, in the report and in the documentation."""
+"""Every reason code in the program is explained in the report and in the documentation."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from pathlib import Path
 import mocap_id
 from mocap_id.reporting.explanations import EXPLANATIONS, as_markdown
 from mocap_id.reporting.explanations.contact import CONTACT
-from mocap_id.reporting.explanations.external import EXTERNAL
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
-from mocap_id.reporting.explanations.rising import RISING
 from mocap_id.reporting.explanations.skeleton import SKELETON
 from mocap_id.reporting.explanations.transfer import TRANSFER
 
@@ -20,7 +18,7 @@ DOCUMENT = PACKAGE.parent.parent / "docs" / "verdict.md"
 
 
 def carriers(trees: list[ast.Module]) -> set[str]:
-    """Classes that carry a code: ``Refused``, and those whose first field is ``code``."""
+    """Return the classes with a reason code: ``Refused``, and those whose first field is ``code``."""
     found = {"Refused"}
     for tree in trees:
         for node in ast.walk(tree):
@@ -32,7 +30,7 @@ def carriers(trees: list[ast.Module]) -> set[str]:
 
 
 def raised_codes() -> set[str]:
-    """First argument, or ``code=``, of every call in the sources that makes a carrier of a constant code."""
+    """Return the constant codes in all calls of these classes in the source code."""
     trees = [ast.parse(file.read_text("utf-8")) for file in PACKAGE.rglob("*.py")]
     makers = carriers(trees)
     assert "Reason" in makers
@@ -49,7 +47,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, EXTERNAL, PARAMETERS, RECORDING, RISING, SKELETON, TRANSFER)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

@@ -103,7 +103,7 @@ def test_after_make_there_is_nothing_to_run(workshop: Workshop) -> None:
     assert workshop.make("-q") == 0
 
 
-def test_a_younger_file_of_the_same_content_is_looked_at_once(workshop: Workshop) -> None:
+def test_a_newer_file_with_the_same_content_is_checked_once(workshop: Workshop) -> None:
     workshop.run(0)
     workshop.run(1)
     workshop.files[0].write_text(workshop.files[0].read_text() + "\n# a remark\n")
@@ -123,7 +123,7 @@ def test_one_of_several_outputs_is_made_again(workshop: Workshop) -> None:
 
 @pytest.mark.slow
 def test_the_real_stages_by_make_leave_nothing_to_run(tmp_path: Path) -> None:
-    """Every stage by its own command, as the rules say, is as one run of all."""
+    """The commands of all stages, called by make, give the same as one run."""
     shutil.copytree(ROOT / "sample_trials" / "robot-joint", tmp_path / "trial", ignore=shutil.ignore_patterns("runs"))
     file = tmp_path / "trial" / "trial.yaml"
     (tmp_path / "rules.mk").write_text(make_rules([load(file)], "$(MOCAP_ID)"))

@@ -1,4 +1,4 @@
-"""What is computed, reused and left behind when a stage refuses, fails or is interrupted: on three toy stages."""
+"""Computation, reuse, refusals, failures and interruptions of runs, with three toy stages."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_a_run_up_to_a_stage_leaves_the_later_ones_alone(bench: Bench) -> None:
     assert actions(bench.run()) == ["reused", "reused", "computed"]
 
 
-def test_a_setting_concerns_its_stage_and_those_behind_it(bench: Bench) -> None:
+def test_a_setting_affects_its_stage_and_later_ones(bench: Bench) -> None:
     bench.run()
     bench.say(cut={"length": 3})
     assert actions(bench.run()) == ["reused", "computed", "computed"]
@@ -121,7 +121,7 @@ def test_a_setting_counts_even_where_it_changes_no_result(bench: Bench) -> None:
     assert actions(bench.run()) == ["computed", "computed", "computed"]
 
 
-def test_a_lost_file_that_is_made_again_concerns_nobody_else(bench: Bench) -> None:
+def test_a_lost_file_is_made_again_without_affecting_others(bench: Bench) -> None:
     bench.run()
     (bench.out / "events.parquet").unlink()
     assert actions(bench.run()) == ["computed", "reused", "reused"]
@@ -133,7 +133,7 @@ def test_a_default_written_out_changes_nothing(bench: Bench) -> None:
     assert actions(bench.run()) == ["reused"] * 3
 
 
-def test_the_recording_counts_by_its_content(bench: Bench) -> None:
+def test_the_recording_is_identified_by_its_content(bench: Bench) -> None:
     bench.run()
     stamp = time.time_ns() + 10**9
     os.utime(bench.recording, ns=(stamp, stamp))
@@ -158,7 +158,7 @@ def test_a_new_version_of_a_stage_is_another_stage(bench: Bench) -> None:
 
 @pytest.mark.parametrize("spoil", ["delete", "truncate"])
 @pytest.mark.parametrize("file", ALL)
-def test_what_is_lost_or_damaged_is_made_again(bench: Bench, file: str, spoil: str) -> None:
+def test_lost_or_damaged_files_are_made_again(bench: Bench, file: str, spoil: str) -> None:
     bench.run()
     path = bench.out / file
     if spoil == "delete":
@@ -188,7 +188,7 @@ def test_a_stage_without_its_inputs_says_what_to_run(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("how", ["setting", "recording", "version", "earlier"])
-def test_stale_inputs_are_not_worked_on(bench: Bench, how: str) -> None:
+def test_stale_inputs_are_not_used(bench: Bench, how: str) -> None:
     bench.run()
     stages, stage = STAGES, "cut"
     match how:
@@ -217,7 +217,7 @@ REFUSAL = Refused("not-planar", "the motion leaves the plane", 0.4, 0.1)
 
 @pytest.mark.parametrize(("stage", "left"), [("read", []), ("cut", ["events.parquet"])])
 @pytest.mark.parametrize("alone", [False, True])
-def test_a_refusal_is_reported_and_leaves_nothing_of_older_runs(
+def test_a_refusal_is_reported_and_removes_older_results(
     bench: Bench, stage: str, left: list[str], alone: bool
 ) -> None:
     bench.run()
@@ -232,7 +232,7 @@ def test_a_refusal_is_reported_and_leaves_nothing_of_older_runs(
     assert summary["inputs"] == left
 
 
-def test_a_refused_trial_may_be_run_again_and_be_mended(bench: Bench) -> None:
+def test_a_refused_trial_can_be_corrected_and_run_again(bench: Bench) -> None:
     refusing = instead("cut", raising(REFUSAL), version=2)
     for _ in range(2):
         refused = bench.run(refusing).refused
@@ -276,7 +276,7 @@ def test_a_numerical_failure_leaves_what_came_before(bench: Bench) -> None:
     assert bench.files() == ["events.parquet"]
 
 
-def test_the_unforeseen_is_one_line_and_a_log(bench: Bench) -> None:
+def test_an_unforeseen_failure_is_one_line_and_a_log(bench: Bench) -> None:
     with pytest.raises(NumericalError, match=r"unforeseen failure, ZeroDivisionError: .*failure.log") as caught:
         bench.run(instead("cut", lambda context: 1 // 0))  # type: ignore[arg-type, return-value]
     assert "\n" not in str(caught.value)
@@ -286,7 +286,7 @@ def test_the_unforeseen_is_one_line_and_a_log(bench: Bench) -> None:
     assert bench.files() == ALL
 
 
-def test_the_log_tells_of_every_run(bench: Bench) -> None:
+def test_the_log_describes_every_run(bench: Bench) -> None:
     bench.run()
     bench.run()
     with pytest.raises(NumericalError):
@@ -320,8 +320,8 @@ def test_a_recording_is_not_taken_for_a_log(bench: Bench) -> None:
         bench.run()
 
 
-def test_a_stage_that_breaks_its_promise_is_found_out(bench: Bench) -> None:
-    with pytest.raises(NumericalError, match="its record says"):
+def test_a_stage_with_other_outputs_than_its_record_is_an_error(bench: Bench) -> None:
+    with pytest.raises(NumericalError, match="its record lists"):
         bench.run(instead("cut", lambda context: ()))
     with pytest.raises(NumericalError, match="residual"):
         bench.run(instead("cut", lambda context: (Table(SEGMENTS, pd.DataFrame({"marker": ["A"]})),)))
@@ -364,7 +364,7 @@ def test_a_run_never_overwrites_what_it_reads(bench: Bench) -> None:
     assert target.read_text() == "1\n2\n3\n"
 
 
-def test_a_second_run_waits_for_nobody(bench: Bench) -> None:
+def test_a_second_run_fails_at_once(bench: Bench) -> None:
     with Folder(bench.out).locked(), pytest.raises(StoreError, match="in use by another run"):
         bench.run()
 
@@ -387,7 +387,7 @@ def test_a_stage_cannot_spoil_the_next_ones_input(bench: Bench) -> None:
     assert seen == [1.0, 2.0, 3.0, 3]
 
 
-def test_what_is_handed_on_is_what_the_files_hold(bench: Bench) -> None:
+def test_outputs_in_memory_equal_those_in_the_files(bench: Bench) -> None:
     seen: list[dict[str, Artefact]] = []
 
     def look(context: Context) -> Outputs:
@@ -404,7 +404,7 @@ def test_what_is_handed_on_is_what_the_files_hold(bench: Bench) -> None:
         pd.testing.assert_frame_equal(artefact.frame, read[file].frame)
 
 
-def test_a_run_computes_on_while_it_writes_and_ends_when_all_is_written(
+def test_a_run_computes_while_it_writes_and_ends_after_the_last_file(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     began, told = threading.Event(), []
@@ -426,9 +426,7 @@ def test_a_run_computes_on_while_it_writes_and_ends_when_all_is_written(
     assert actions(bench.run()) == ["reused"] * 3
 
 
-def test_what_cannot_be_written_ends_the_run_and_nothing_after_it_is_written(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_write_ends_the_run_without_later_files(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     store = Folder.store
 
     def full(folder: Folder, outputs: Any, origin: Origin) -> None:
@@ -464,7 +462,7 @@ def test_rules_name_every_file_and_command(bench: Bench, monkeypatch: pytest.Mon
     assert "runs/toy/segments%parquet: trial.yaml runs/toy/events.parquet\n\tmocap-id cut trial.yaml" in rules
 
 
-def test_rules_refuse_what_make_cannot_express(bench: Bench, tmp_path: Path) -> None:
+def test_paths_that_make_cannot_handle_are_refused(bench: Bench, tmp_path: Path) -> None:
     twin = tmp_path / "twin.yaml"
     twin.write_text(bench.file.read_text())
     with pytest.raises(ConfigError, match="share the folder"):

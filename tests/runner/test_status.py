@@ -1,4 +1,4 @@
-"""What of a trial is done, what is stale and why; and taking away what was made."""
+"""Status of a trial, and removal of its outputs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from toy_stages import STAGES
 
 from mocap_id.config import load
 from mocap_id.errors import NumericalError, Refused, StoreError
-from mocap_id.runner import Status, clean, run, status
+from mocap_id.runner import TrialStatus, clean, run, status
 from mocap_id.stages.base import Context, Outputs, Stage
 from mocap_id.store import Folder
 
@@ -30,7 +30,7 @@ class Bench:
     def run(self, stages: tuple[Stage, ...] = STAGES) -> None:
         run(load(self.file, stages), stages)
 
-    def status(self, stages: tuple[Stage, ...] = STAGES) -> Status:
+    def status(self, stages: tuple[Stage, ...] = STAGES) -> TrialStatus:
         return status(load(self.file, stages), stages)
 
     def states(self) -> list[str]:
@@ -63,11 +63,11 @@ def test_all_done(bench: Bench) -> None:
     assert {one.why for one in found.stages} == {""}
 
 
-def test_what_is_stale_and_why(bench: Bench) -> None:
+def test_stale_stages_and_their_reasons(bench: Bench) -> None:
     bench.run()
     bench.recording.write_text("1\n2\n4\n")
     first, *rest = bench.status().stages
-    assert (first.state, first.why) == ("stale", "recording.markers is another one")
+    assert (first.state, first.why) == ("stale", "recording.markers has changed")
     assert {one.state for one in rest} == {"waiting"}
 
 
@@ -77,14 +77,14 @@ def test_another_version_of_a_stage(bench: Bench) -> None:
     assert "made by version" in bench.status(newer).stages[0].why
 
 
-def test_a_damaged_file_is_said(bench: Bench) -> None:
+def test_a_damaged_file_is_reported(bench: Bench) -> None:
     bench.run()
     file = bench.out / STAGES[0].outputs[0]
     file.write_bytes(file.read_bytes()[:-20])
     assert bench.status().stages[0].state == "damaged"
 
 
-def test_a_refusal_is_an_answer(bench: Bench) -> None:
+def test_a_refused_trial_counts_as_done(bench: Bench) -> None:
     refusing = instead(NAMES[1], Refused("no-chain", "no chain"))
     bench.run(refusing)
     found = bench.status(refusing)
@@ -93,7 +93,7 @@ def test_a_refusal_is_an_answer(bench: Bench) -> None:
     assert found.done
 
 
-def test_how_the_last_run_failed(bench: Bench) -> None:
+def test_the_failure_of_the_last_run(bench: Bench) -> None:
     with pytest.raises(NumericalError):
         bench.run(instead(NAMES[1], NumericalError("singular")))
     found = bench.status()
@@ -103,7 +103,7 @@ def test_how_the_last_run_failed(bench: Bench) -> None:
     assert bench.status().failure is None
 
 
-def test_a_run_that_is_going_on(bench: Bench) -> None:
+def test_a_running_run(bench: Bench) -> None:
     bench.run()
     with Folder(bench.out).locked():
         assert bench.status().running
@@ -122,7 +122,7 @@ def test_a_lock_that_may_not_be_opened_is_no_run(bench: Bench, monkeypatch: pyte
     assert not bench.status().running
 
 
-def test_everything_goes_but_what_is_somebody_elses(bench: Bench) -> None:
+def test_clean_deletes_everything_except_foreign_files(bench: Bench) -> None:
     bench.run()
     clean(load(bench.file, STAGES), None, STAGES)
     assert not bench.out.exists()
@@ -134,7 +134,7 @@ def test_everything_goes_but_what_is_somebody_elses(bench: Bench) -> None:
     clean(load(bench.file, STAGES), None, STAGES)
 
 
-def test_what_the_first_stages_made_is_kept(bench: Bench) -> None:
+def test_clean_keeps_the_outputs_of_earlier_stages(bench: Bench) -> None:
     bench.run()
     clean(load(bench.file, STAGES), NAMES[1], STAGES)
     assert bench.states()[:2] == ["done", "missing"]

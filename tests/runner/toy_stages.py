@@ -1,4 +1,4 @@
-"""Three small stages on real artefacts: numbers of a text file are read, cut and told."""
+"""Three small stages with real artefacts, which read numbers from a text file, select some and report them."""
 
 from __future__ import annotations
 

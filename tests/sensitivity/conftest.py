@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mocap_id.simulation import Options, simulate
-from mocap_id.workflows.sensitivity.responses import Result, result
-from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
+from mocap_id.workflows.sensitivity.responses import Estimates, read_estimates
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 
 
 @pytest.fixture(scope="session")
@@ -19,12 +19,12 @@ def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def robot(robot_file: Path) -> Perturbed:
+def robot(robot_file: Path) -> TrialInputs:
     """The trial, unperturbed."""
-    return read(located(robot_file))
+    return read_inputs(locate_trial(robot_file))
 
 
 @pytest.fixture(scope="session")
-def own(robot: Perturbed) -> Result:
+def own(robot: TrialInputs) -> Estimates:
     """Its result."""
-    return result(robot)
+    return read_estimates(robot)

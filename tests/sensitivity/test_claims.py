@@ -1,4 +1,4 @@
-"""The benchmark behind docs/sensitivity.md: its laws on a trial of their own, and that the page is its own."""
+"""benchmarks/claims.py: claims that are laws, on a small trial; every claim is on its page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.sensitivity.subject import Perturbed
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
 
 ROOT = Path(__file__).resolve().parents[2]
 EXACT = ("turn the other way", "nothing else moves", "mean up to 10 N rejected", "total mass alone", "mx1 + … alone")
@@ -15,24 +15,24 @@ EXACT = ("turn the other way", "nothing else moves", "mean up to 10 N rejected",
 
 @pytest.fixture
 def claims(monkeypatch: pytest.MonkeyPatch):
-    """The benchmark; benchmarks import each other as scripts in one folder do."""
+    """The benchmark, which imports others by name."""
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     return importlib.import_module("claims")
 
 
 @pytest.mark.parametrize("words", EXACT)
-def test_claims_that_are_laws_are_confirmed(claims, robot: Perturbed, words: str) -> None:
+def test_claims_that_are_laws_are_confirmed(claims, robot: TrialInputs, words: str) -> None:
     (claim,) = [claim for claim in claims.CLAIMS if words in claim.text]
-    holds, said = claims.judged(claim, [claims.Case(robot)])
+    holds, said = claims.judge(claim, [claims.Case(robot)])
     assert holds
     assert said.value < 0.01
 
 
 def test_one_trial_that_speaks_against_it_refutes_a_claim(claims) -> None:
-    said = {"one": claims.Said(0.1), "two": claims.Said(0.7, "I2"), "three": claims.Said(0.6)}
+    said = {"one": claims.Outcome(0.1), "two": claims.Outcome(0.7, "I2"), "three": claims.Outcome(0.6)}
     claim = claims.Claim("x", "", said.__getitem__, *claims._below(0.5))
-    assert claims.judged(claim, list(said)) == (False, said["two"])
-    assert claims.judged(claim, ["one"]) == (True, said["one"])
+    assert claims.judge(claim, list(said)) == (False, said["two"])
+    assert claims.judge(claim, ["one"]) == (True, said["one"])
 
 
 def test_the_page_has_every_claim(claims) -> None:

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from mocap_id.workflows.sensitivity import markers
-from mocap_id.workflows.sensitivity.changing import CHANGES, perturbed
+from mocap_id.workflows.sensitivity import marker_perturbations
 from mocap_id.workflows.sensitivity.kinds import KINDS
+from mocap_id.workflows.sensitivity.perturbed_trial import CHANGES, perturb
 from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Result, moved, result
-from mocap_id.workflows.sensitivity.subject import Perturbed
-from mocap_id.workflows.sensitivity.trying import try_one
+from mocap_id.workflows.sensitivity.responses import Estimates, compare_series, read_estimates
+from mocap_id.workflows.sensitivity.runs import run_perturbation
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
 
 GRAVITY = 9.81
 JOINT = "joint"
@@ -31,17 +31,17 @@ NOTHING = [
 ]
 
 
-def change(own: Result, now: Result, name: str) -> float:
+def change(own: Estimates, now: Estimates, name: str) -> float:
     return now.parameters[name].value - own.parameters[name].value
 
 
-def others(own: Result, now: Result, but: str) -> float:
+def others(own: Estimates, now: Estimates, but: str) -> float:
     """Largest change of the other base parameters, as a share of their size."""
     left = [one for one in own.parameters.values() if one.verdict and one.name != but]
     return max(abs(change(own, now, one.name)) / one.size for one in left)
 
 
-def tracks(trial: Perturbed) -> np.ndarray:
+def tracks(trial: TrialInputs) -> np.ndarray:
     values = trial.long("planar.parquet").values
     return np.stack([values["x"], values["y"]], axis=-1)
 
@@ -51,20 +51,20 @@ def test_every_kind_has_its_change_and_no_other_has() -> None:
 
 
 @pytest.mark.parametrize(("kind", "target", "level"), NOTHING)
-def test_no_perturbation_changes_nothing_to_the_bit(robot: Perturbed, own: Result, kind, target, level) -> None:
-    now = perturbed(robot, Perturbation(kind, target, level))
-    assert result(now) == own
+def test_no_perturbation_changes_nothing_to_the_bit(robot: TrialInputs, own: Estimates, kind, target, level) -> None:
+    now = perturb(robot, Perturbation(kind, target, level))
+    assert read_estimates(now) == own
     for file in ("states.parquet", "dynamics.parquet"):
         before, after = robot.table(file).frame, now.table(file).frame
         assert before.equals(after[before.columns])
-    off = moved(robot, now)
+    off = compare_series(robot, now)
     assert np.all(off.state_r2 == 1.0)
     assert np.all(off.torque_rms == 0.0)
 
 
 @pytest.mark.parametrize("bias", [0.01, -0.05])
-def test_an_angle_bias_turns_the_first_moments_the_other_way(robot: Perturbed, own: Result, bias: float) -> None:
-    now = result(perturbed(robot, Perturbation("angle-bias", JOINT, bias)))
+def test_an_angle_bias_turns_the_first_moments_the_other_way(robot: TrialInputs, own: Estimates, bias: float) -> None:
+    now = read_estimates(perturb(robot, Perturbation("angle-bias", JOINT, bias)))
     before = complex(own.parameters["mx2"].value, own.parameters["my2"].value)
     after = complex(now.parameters["mx2"].value, now.parameters["my2"].value)
     assert abs(after - before * np.exp(-1j * bias)) < 1e-6 * abs(before)
@@ -73,34 +73,34 @@ def test_an_angle_bias_turns_the_first_moments_the_other_way(robot: Perturbed, o
 
 
 @pytest.mark.parametrize(("component", "into"), [("Fy", "m1+m2"), ("tauz", "mx1+p2x*m2")])
-def test_a_constant_of_the_plate_goes_into_one_parameter(robot: Perturbed, own: Result, component, into) -> None:
-    now = result(perturbed(robot, Perturbation("wrench-bias", component, 4.0)))
+def test_a_constant_of_the_plate_goes_into_one_parameter(robot: TrialInputs, own: Estimates, component, into) -> None:
+    now = read_estimates(perturb(robot, Perturbation("wrench-bias", component, 4.0)))
     assert change(own, now, into) == pytest.approx(4.0 / GRAVITY, rel=1e-6)
     assert others(own, now, but=into) < 1e-6
     assert now.codes == own.codes
 
 
-def test_a_constant_of_fx_goes_nowhere(robot: Perturbed, own: Result) -> None:
-    now = result(perturbed(robot, Perturbation("wrench-bias", "Fx", 10.0)))
+def test_a_constant_of_fx_goes_nowhere(robot: TrialInputs, own: Estimates) -> None:
+    now = read_estimates(perturb(robot, Perturbation("wrench-bias", "Fx", 10.0)))
     assert others(own, now, but="") < 1e-9
 
 
 @pytest.mark.parametrize("delay", [0.02, -0.0437])
-def test_an_offset_of_the_clock_is_found_where_it_is_looked_for(robot: Perturbed, own: Result, delay: float) -> None:
-    estimated = result(perturbed(robot, Perturbation("clock-offset", "", delay)))
+def test_an_offset_of_the_clock_is_found_where_it_is_looked_for(robot: TrialInputs, own: Estimates, delay: float) -> None:
+    estimated = read_estimates(perturb(robot, Perturbation("clock-offset", "", delay)))
     assert estimated.offset - own.offset == pytest.approx(delay, abs=1e-4)
     assert others(own, estimated, but="") < 2e-3
-    ignored = result(perturbed(robot, Perturbation("clock-offset-ignored", "", delay)))
+    ignored = read_estimates(perturb(robot, Perturbation("clock-offset-ignored", "", delay)))
     assert ignored.offset == pytest.approx(delay, abs=1e-4)  # found, and not taken out
     assert others(own, ignored, but="") > 10 * others(own, estimated, but="")
 
 
-def test_an_offset_that_is_ignored_counts_from_the_true_one(robot: Perturbed, own: Result) -> None:
-    now = result(perturbed(robot, Perturbation("clock-offset-ignored", "", 0.0)))
+def test_an_offset_that_is_ignored_counts_from_the_true_one(robot: TrialInputs, own: Estimates) -> None:
+    now = read_estimates(perturb(robot, Perturbation("clock-offset-ignored", "", 0.0)))
     assert others(own, now, but="") < 1e-3
 
 
-def test_a_higher_level_is_the_same_draw_larger(robot: Perturbed) -> None:
+def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
     before = tracks(robot)
     for kind in ("camera-noise", "soft-tissue"):
         once, twice = (tracks(CHANGES[kind](robot, Perturbation(kind, "", level))) - before for level in (0.001, 0.002))
@@ -109,10 +109,10 @@ def test_a_higher_level_is_the_same_draw_larger(robot: Perturbed) -> None:
         assert not np.allclose(once[known], 0)
 
 
-def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: Perturbed) -> None:
+def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) -> None:
     chain = robot.tree("chain.h5").data
     centre = np.asarray(chain["joints"]["centre"])[0]
-    moving = markers._moving(robot)
+    moving = marker_perturbations._moving(robot)
     before, after = tracks(robot), tracks(CHANGES["angle-noise"](robot, Perturbation("angle-noise", JOINT, 0.01)))
     theta = robot.states("theta")[:, 0]
     ideal = np.angle([complex(*v) for v in (before - centre)[:, moving[0]]])
@@ -123,8 +123,8 @@ def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: Perturbed) -> N
     assert np.array_equal(before[:, still], after[:, still], equal_nan=True)
 
 
-def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: Perturbed) -> None:
-    moving = markers._moving(robot)
+def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInputs) -> None:
+    moving = marker_perturbations._moving(robot)
     before = np.isfinite(tracks(robot)[:, moving, 0])
     few, many = (
         np.isfinite(tracks(CHANGES["drop-outs"](robot, Perturbation("drop-outs", "", share)))[:, moving, 0])
@@ -135,7 +135,7 @@ def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: Perturbed
     assert not np.any(many & ~few)
 
 
-def test_so_many_markers_are_left_on_every_moving_segment(robot: Perturbed) -> None:
+def test_so_many_markers_are_left_on_every_moving_segment(robot: TrialInputs) -> None:
     now = CHANGES["marker-count"](robot, Perturbation("marker-count", "", 3))
     left = now.table("segments.parquet").frame["segment"].value_counts()
     own = robot.table("segments.parquet").frame["segment"].value_counts()
@@ -143,14 +143,14 @@ def test_so_many_markers_are_left_on_every_moving_segment(robot: Perturbed) -> N
     assert left[0] == own[0]
 
 
-def test_a_frame_of_the_last_segment_that_lies_otherwise_counts_for_nothing(robot: Perturbed, own: Result) -> None:
+def test_a_frame_of_the_last_segment_that_lies_otherwise_counts_for_nothing(robot: TrialInputs, own: Estimates) -> None:
     """Fewer markers move its centroid, so the gauge; the mass and its moments are where they were."""
-    now = result(perturbed(robot, Perturbation("marker-count", "", 3)))
+    now = read_estimates(perturb(robot, Perturbation("marker-count", "", 3)))
     size = own.parameters["my2"].size
     assert math.hypot(change(own, now, "mx2"), change(own, now, "my2")) < 0.02 * size
 
 
-def test_a_frame_rate_divided_averages_as_reading_would(robot: Perturbed) -> None:
+def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> None:
     """A straight line stays; a sine of period P loses sinc(W / P), W the longer interval."""
     now = CHANGES["frame-rate"](robot, Perturbation("frame-rate", "", 4))
     rate = robot.long("planar.parquet").facts["rate_hz"]
@@ -158,7 +158,7 @@ def test_a_frame_rate_divided_averages_as_reading_would(robot: Perturbed) -> Non
     wrench = robot.table("wrench.parquet")
     made = wrench.having(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
     for every in (3, 4):
-        averaged = markers._averaged(made, every)
+        averaged = marker_perturbations._averaged(made, every)
         seen = {name: averaged[name][2:-2] for name in ("time", "Fx", "Fy")}
         assert np.allclose(seen["Fx"], 3 * seen["time"] - 1)
         kept = np.sinc(2.0 * every / rate)
@@ -166,23 +166,23 @@ def test_a_frame_rate_divided_averages_as_reading_would(robot: Perturbed) -> Non
         assert averaged.names == wrench.names
 
 
-def test_a_perturbation_knows_nothing_of_those_before_it(robot: Perturbed) -> None:
+def test_a_perturbation_knows_nothing_of_those_before_it(robot: TrialInputs) -> None:
     first, second = Perturbation("camera-noise", "", 0.002), Perturbation("wrench-noise", "Fx", 1.0)
-    alone = try_one(robot, first).result
-    try_one(robot, second)
-    assert try_one(robot, first).result == alone
+    alone = run_perturbation(robot, first).estimates
+    run_perturbation(robot, second)
+    assert run_perturbation(robot, first).estimates == alone
 
 
-def test_other_seeds_draw_other_noise(robot: Perturbed) -> None:
+def test_other_seeds_draw_other_noise(robot: TrialInputs) -> None:
     changes = (Perturbation("camera-noise", "", 0.001, seed) for seed in (1, 2))
     one, two = (tracks(CHANGES["camera-noise"](robot, change)) for change in changes)
     assert not np.array_equal(one, two, equal_nan=True)
 
 
-def test_what_cannot_be_computed_is_an_answer(robot: Perturbed) -> None:
+def test_what_cannot_be_computed_is_an_answer(robot: TrialInputs) -> None:
     """Three frames of a whole recording are no movement."""
     every = len(robot.table("wrench.parquet").frame) // 3
-    tried = try_one(robot, Perturbation("frame-rate", "", every))
-    assert tried.result is None
+    tried = run_perturbation(robot, Perturbation("frame-rate", "", every))
+    assert tried.estimates is None
     assert tried.why
-    assert tried.moved.state_r2.shape == (3, 0)
+    assert tried.changes.state_r2.shape == (3, 0)

@@ -8,37 +8,37 @@ from dataclasses import replace
 import pytest
 
 from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Moved, Parameter, Result, ratio
-from mocap_id.workflows.sensitivity.telling import sentence
-from mocap_id.workflows.sensitivity.tolerance import Tolerance, tolerances
-from mocap_id.workflows.sensitivity.trying import Tried
+from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, SeriesChanges, tolerance_ratio
+from mocap_id.workflows.sensitivity.runs import PerturbationRun
+from mocap_id.workflows.sensitivity.sentences import sentence
+from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
 
 MASS = Parameter("m1+m2", "kg", value=20.0, sd=0.1, size=20.0, verdict="known")
 WEAK = Parameter("mx1", "kg*m", value=1.0, sd=0.5, size=1.0, verdict="weak")
-OWN = Result({one.name: one for one in (MASS, WEAK)}, 10.0, 0.0, 0.001, (0.9, 0.9, 0.9), 500, "ok", frozenset({"gap"}))
+OWN = Estimates({one.name: one for one in (MASS, WEAK)}, 10.0, 0.0, 0.001, (0.9, 0.9, 0.9), 500, "ok", frozenset({"gap"}))
 
 
-def tried(kind: str, level: float, change: float, *codes: str, target: str = "") -> Tried:
+def tried(kind: str, level: float, change: float, *codes: str, target: str = "") -> PerturbationRun:
     """A perturbation that moved the mass by so much, kg."""
     moved = {**OWN.parameters, "m1+m2": replace(MASS, value=MASS.value + change)}
     now = replace(OWN, parameters=moved, codes=OWN.codes | set(codes))
-    return Tried(Perturbation(kind, target, level), now, Moved(), "", refused=False, seconds=0.0)
+    return PerturbationRun(Perturbation(kind, target, level), now, SeriesChanges(), "", refused=False, seconds=0.0)
 
 
-def lost(kind: str, level: float) -> Tried:
-    return Tried(Perturbation(kind, "", level), None, Moved(), "it broke", refused=False, seconds=0.0)
+def lost(kind: str, level: float) -> PerturbationRun:
+    return PerturbationRun(Perturbation(kind, "", level), None, SeriesChanges(), "it broke", refused=False, seconds=0.0)
 
 
-def only(*found: Tried) -> Tolerance:
-    (one,) = tolerances(OWN, found, tuple(OWN.parameters), 0.05)
+def only(*found: PerturbationRun) -> Tolerance:
+    (one,) = find_tolerances(OWN, found, tuple(OWN.parameters), 0.05)
     return one
 
 
 def test_the_limit_is_a_share_of_the_size_or_a_stated_deviation() -> None:
-    assert ratio(MASS, replace(MASS, value=21.0), 0.05) == pytest.approx(1.0)
-    assert ratio(WEAK, replace(WEAK, value=1.5), 0.05) == pytest.approx(1.0)
-    assert ratio(MASS, None, 0.05) == math.inf
-    assert math.isnan(ratio(replace(MASS, value=math.nan), MASS, 0.05))
+    assert tolerance_ratio(MASS, replace(MASS, value=21.0), 0.05) == pytest.approx(1.0)
+    assert tolerance_ratio(WEAK, replace(WEAK, value=1.5), 0.05) == pytest.approx(1.0)
+    assert tolerance_ratio(MASS, None, 0.05) == math.inf
+    assert math.isnan(tolerance_ratio(replace(MASS, value=math.nan), MASS, 0.05))
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.sensitivity.asking import Asked, read_asked
 from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.plan import EVERYTHING, Wish, plan
+from mocap_id.workflows.sensitivity.options import SensitivityOptions, read_options
+from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, plan
 
 LEG = ("ankle", "knee", "hip")
 MISTAKES = [
     ("- kind: clock-ofset", "line 1", "did you mean `clock-offset`?"),
     ("- kind: drop-outs\n  levels: [0.1, 1.5]", "line 2", "the level 1.5 is not a share from 0 to below 1"),
     ("- kind: marker-count\n  levels: [2.5]", "line 2", "a whole number of markers"),
-    ("- kind: soft-tissue\n  on: [knee]", "line 2", "acts on everything alike"),
+    ("- kind: soft-tissue\n  on: [knee]", "line 2", "acts on everything"),
     ("- kind: wrench-bias\n  on: [Fz]", "line 2", "expected one of Fx, Fy, tauz"),
     ("- kind: filter-noise\n  on: [soft]", "line 2", "a marker's standard deviation above 0"),
     ("- kind: angle-bias\n  level: [0.1]", "line 2", "did you mean `levels`?"),
@@ -27,10 +27,10 @@ MISTAKES = [
 ]
 
 
-def asked(folder: Path, text: str) -> Asked:
+def asked(folder: Path, text: str) -> SensitivityOptions:
     file = folder / "asked.yaml"
     file.write_text(text)
-    return read_asked(file)
+    return read_options(file)
 
 
 @pytest.mark.parametrize(("text", "line", "said"), MISTAKES)
@@ -51,26 +51,26 @@ def test_a_list_alone_and_the_whole_form_say_the_same(tmp_path: Path) -> None:
     entries = "- kind: filter-noise\n  on: [0.001]\n  levels: [100]\n- kind: frame-rate\n"
     whole = "seed: 1\nperturbations:\n" + "".join(f"  {line}\n" for line in entries.splitlines())
     assert asked(tmp_path, entries) == asked(tmp_path, whole)
-    assert asked(tmp_path, entries).wishes == (Wish("filter-noise", (100.0,), ("0.001",)), Wish("frame-rate"))
+    assert asked(tmp_path, entries).selections == (KindSelection("filter-noise", (100.0,), ("0.001",)), KindSelection("frame-rate"))
 
 
 def test_without_perturbations_everything_is_tried(tmp_path: Path) -> None:
     found = asked(tmp_path, "seed: 7\ntolerance: 10\n")
-    assert found == Asked(EVERYTHING, 7, 0.10)
+    assert found == SensitivityOptions(ALL_KINDS, 7, 0.10)
 
 
 def test_only_some_kinds() -> None:
-    assert Asked().only(["frame-rate"]).wishes == (Wish("frame-rate"),)
-    assert Asked().only([]) == Asked()
+    assert SensitivityOptions().only(["frame-rate"]).selections == (KindSelection("frame-rate"),)
+    assert SensitivityOptions().only([]) == SensitivityOptions()
     with pytest.raises(ConfigError, match="did you mean `wrench-bias`"):
-        Asked().only(["wrench_bas"])
-    with pytest.raises(ConfigError, match="asks for no perturbation of that kind"):
-        Asked((Wish("frame-rate"),)).only(["drop-outs"])
+        SensitivityOptions().only(["wrench_bas"])
+    with pytest.raises(ConfigError, match="has no perturbation of this kind"):
+        SensitivityOptions((KindSelection("frame-rate"),)).only(["drop-outs"])
 
 
 def test_by_default_there_are_sixty_or_more_of_all_kinds() -> None:
     for joints in (LEG, ("elbow",)):
-        changes = plan(EVERYTHING, joints)
+        changes = plan(ALL_KINDS, joints)
         assert len(changes) >= 60
         assert {change.kind for change in changes} == set(KINDS)
         assert len({change.name for change in changes}) == len(changes)
@@ -78,8 +78,8 @@ def test_by_default_there_are_sixty_or_more_of_all_kinds() -> None:
 
 def test_a_joint_that_is_not_there_is_told_with_those_that_are() -> None:
     with pytest.raises(ConfigError, match="no 'elbow' to perturb in this trial; expected one of ankle, knee, hip, all"):
-        plan((Wish("angle-bias", (), ("elbow",)),), LEG)
+        plan((KindSelection("angle-bias", (), ("elbow",)),), LEG)
 
 
 def test_nothing_is_tried_twice() -> None:
-    assert len(plan((Wish("frame-rate", (2, 2)), Wish("frame-rate", (2,))), LEG)) == 1
+    assert len(plan((KindSelection("frame-rate", (2, 2)), KindSelection("frame-rate", (2,))), LEG)) == 1

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mocap_id.simulation import Options, generate
-from mocap_id.simulation.motion import smoothstep
+from mocap_id.simulation.joint_motion import smoothstep
 from mocap_id.simulation.scene import draw_scene, streams
-from mocap_id.simulation.schedule import MANNERS
+from mocap_id.simulation.schedule import STRATEGIES
 
-STRATEGIES = sorted(MANNERS)
+NAMES = sorted(STRATEGIES)
 
 
 def person(seed: int, strategy: str = "normal", repetitions: int = 2):
@@ -62,7 +62,7 @@ def test_the_order_of_a_repetition():
 
 
 def test_strategies_differ_as_they_should():
-    """Dynamic rising is quicker and leans further; stable rising comes to stand over the feet before it leaves."""
+    """Dynamic rising is quicker and leans further; stable rising moves over the feet before leaving the seat."""
     reached = {}
     for strategy in STRATEGIES:
         scene, state = person(5, strategy)

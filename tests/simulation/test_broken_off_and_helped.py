@@ -1,4 +1,4 @@
-"""Simulated rises that are broken off, stopped or helped: forces obey momentum and are what was asked for."""
+"""Failed, stopped and supported rises: forces agree with momentum and with the options."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
 from mocap_id.simulation import Options
-from mocap_id.simulation.rail import POINT, TRUNK
 from mocap_id.simulation.scene import Scene, draw_scene, streams
+from mocap_id.simulation.supports import POINT, TRUNK
 
 STEP = 2e-3
 

@@ -1,4 +1,4 @@
-"""The chair on a plate of its own: what that reads, and that it leaves everything else as it was."""
+"""The chair on its own plate: its readings, and unchanged results otherwise."""
 
 from __future__ import annotations
 

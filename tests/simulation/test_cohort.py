@@ -1,4 +1,4 @@
-"""A simulated cohort: persons who differ and stay themselves, in files that repeat and a study that runs."""
+"""A simulated cohort: different but consistent persons, repeatable files, and a study that runs."""
 
 from __future__ import annotations
 
@@ -96,21 +96,21 @@ def test_markers_stay_where_they_were_glued(cohort):
 
 
 def test_skin_slides_alike_in_every_motion(monkeypatch):
-    """Without its wander, skin depends on the angles alone: a part of a motion has the whole's displacement."""
+    """Without drift, the skin depends only on the angles: a part of a motion has the same displacements."""
     monkeypatch.setattr(skin, "WANDER", 0.0)
     made = generate("sit-to-stand", SHORT)
     q, time, markers = made.state.q, made.state.time, made.scene.markers
 
     def places(part: slice) -> np.ndarray:
         rng = (np.random.default_rng(1), np.random.default_rng(2))
-        moved, placed = skin.of_a_person(*rng, markers, q[part], time[part])
+        moved, placed = skin.subject_displacement(*rng, markers, q[part], time[part])
         return placed.local + moved
 
     np.testing.assert_allclose(places(slice(100, 250)), places(slice(None))[100:250], atol=1e-15)
 
 
 def test_truth_is_what_was_recorded(cohort):
-    """The markers' mean places on their links, from the truth alone, are the ones that the truth names."""
+    """The markers' mean positions, computed from the truth's arrays, agree with the truth's document."""
     told = truth(cohort, "s02-stable-1")
     with np.load(cohort.parent / "truth" / "s02-stable-1" / "truth.npz") as arrays:
         q, lab = arrays["q"].astype(float), arrays["markers_true_mm"] / 1e3
@@ -170,7 +170,7 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path):
         ({"trials": 0}, "trials is 0"),
         ({"strategies": ("normal", "slow")}, "strategies is 'normal,slow'; expected some of normal, dynamic, stable"),
         ({"strategies": ()}, "strategies is ''"),
-        ({"strategies": ("stable", "stable")}, "stands twice in 'stable,stable'"),
+        ({"strategies": ("stable", "stable")}, "is repeated in 'stable,stable'"),
     ],
 )
 def test_a_value_out_of_range_is_named_for_a_cohort(change, said):

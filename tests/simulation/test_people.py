@@ -1,4 +1,4 @@
-"""A person of several bodies: the forces of the truth against momentum, the regressor and the pinned chain."""
+"""A person of several bodies: true forces compared with momentum, the regressor and the pinned chain."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
-from mocap_id.simulation import Options, People, generate
-from mocap_id.simulation.body import person
-from mocap_id.simulation.forces import exact
-from mocap_id.simulation.loose_body import loosen
+from mocap_id.simulation import Options, PersonOptions, generate
+from mocap_id.simulation.body import draw_person
+from mocap_id.simulation.forces import true_state
+from mocap_id.simulation.loose_body import divide_body
 from mocap_id.simulation.scene import draw_scene, streams
 
-ALL = People(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
-ONE_EACH = {name: replace(People(), **{name: value}) for name, value in vars(ALL).items()}
+ALL = PersonOptions(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
+ONE_EACH = {name: replace(PersonOptions(), **{name: value}) for name, value in vars(ALL).items()}
 STEP = 1e-3
 UP = np.array([0.0, 9.81])
 
 
-def drawn(people: People, seed: int = 11, **more):
+def drawn(people: PersonOptions, seed: int = 11, **more):
     return draw_scene("sit-to-stand", Options(seed=seed, repetitions=2, people=people, **more), streams(seed))
 
 
@@ -35,7 +35,7 @@ def times(scene):
 
 
 def rates(scene, time):
-    """Velocity and acceleration (T, B, 3) of the bodies' centres of mass and angles, by differences of the poses."""
+    """Return velocity and acceleration (T, B, 3) of the bodies' centres of mass and angles, by differences."""
     coms = np.array([part.com for part in scene.loose.body.parts])
 
     def centres(now):
@@ -47,7 +47,7 @@ def rates(scene, time):
 
 
 def needed(scene, time):
-    """Force (T, B, 2) and moment about the plane's origin (T, B) that every body's motion needs."""
+    """Return the force (T, B, 2) and the moment about the plane's origin (T, B) that each body requires."""
     mass = np.array([part.mass for part in scene.loose.body.parts])
     inertia = np.array([part.inertia for part in scene.loose.body.parts])
     place, change = rates(scene, time)
@@ -89,7 +89,7 @@ def test_velocities_and_accelerations_are_those_of_the_poses(scene):
 
 
 def test_parameters_and_accelerations_give_the_wrench_by_the_regressor(scene):
-    """Each body on its own, with the measured motion of its frame: columns for m, mx, my and Izz."""
+    """Uses each body separately, with the motion of its frame: columns for m, mx, my and Izz."""
     state = scene.at(times(scene))
     pose, change, rate = state.bodies.pose, state.bodies.acceleration, state.bodies.velocity
     total = np.zeros((len(pose), 3))
@@ -107,8 +107,8 @@ def test_parameters_and_accelerations_give_the_wrench_by_the_regressor(scene):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_bodies_together_are_the_pinned_one(seed):
-    whole = person(np.random.default_rng(seed))
-    apart, held = loosen(np.random.default_rng(seed), whole, 2.0)
+    whole = draw_person(np.random.default_rng(seed))
+    apart, held = divide_body(np.random.default_rng(seed), whole, 2.0)
     assert held.mass == pytest.approx(whole.mass + 2.0)
     names = apart.names
     assert names == ("foot", "shank", "thigh", "pelvis", "trunk", "arms", "weight")
@@ -124,21 +124,21 @@ def test_the_bodies_together_are_the_pinned_one(seed):
 
 
 def test_a_trace_of_everything_is_the_pinned_chain():
-    scene = drawn(People(1e-6, 1e-6, 1e-6, 1e-6, 1e-6))
-    free, pinned = scene.at(times(scene)), exact(scene.body, scene.motion, scene.chair, times(scene))
+    scene = drawn(PersonOptions(1e-6, 1e-6, 1e-6, 1e-6, 1e-6))
+    free, pinned = scene.at(times(scene)), true_state(scene.body, scene.motion, scene.chair, times(scene))
     for name in ("q", "qd", "qdd", "joint_xy", "com", "wrench_total", "wrench", "tau", "chair_force", "chair_point"):
         np.testing.assert_allclose(getattr(free, name), getattr(pinned, name), atol=1e-4, err_msg=name)
-    plain = drawn(People())
+    plain = drawn(PersonOptions())
     assert plain.loose is None
     np.testing.assert_allclose(free.tau, plain.at(times(scene)).tau, atol=1e-3)
 
 
 def test_a_weight_alone_leaves_the_chain_on_its_pins():
     scene = drawn(ONE_EACH["held_mass_kg"])
-    free, pinned = scene.at(times(scene)), exact(scene.body, scene.motion, scene.chair, times(scene))
+    free, pinned = scene.at(times(scene)), true_state(scene.body, scene.motion, scene.chair, times(scene))
     np.testing.assert_allclose(free.tau, pinned.tau, atol=1e-6)
     np.testing.assert_allclose(free.wrench, pinned.wrench, atol=1e-6)
-    assert scene.body.mass == pytest.approx(drawn(People()).body.mass + 2)
+    assert scene.body.mass == pytest.approx(drawn(PersonOptions()).body.mass + 2)
 
 
 @pytest.mark.parametrize("strategy", ["normal", "dynamic", "stable"])
@@ -165,7 +165,7 @@ def test_ranges_are_about_what_was_asked_for(seed):
 
 
 def test_a_given_motion_has_no_room_for_people():
-    options, motion = Options(people=ALL), drawn(People()).motion
+    options, motion = Options(people=ALL), drawn(PersonOptions()).motion
     with pytest.raises(ConfigError, match="people is set and a motion is given"):
         generate("sit-to-stand", options, motion)
 
@@ -174,4 +174,4 @@ def test_a_given_motion_has_no_room_for_people():
 def test_a_value_out_of_range_is_named(name):
     for value in (-1.0, 1e4, float("nan")):
         with pytest.raises(ConfigError, match=f"simulate: people: {name} is .* expected 0"):
-            People(**{name: value})
+            PersonOptions(**{name: value})

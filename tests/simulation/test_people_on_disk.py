@@ -1,4 +1,4 @@
-"""A simulated person of several bodies on disk: markers, files, cohorts and commands."""
+"""Files of a simulated person of several bodies: markers, cohorts and commands."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
-from mocap_id.simulation import Cohort, Options, People, generate, simulate, simulate_cohort
-from mocap_id.simulation.people import read_people
+from mocap_id.simulation import Cohort, Options, PersonOptions, generate, simulate, simulate_cohort
+from mocap_id.simulation.options import read_people
 
-ALL = People(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
+ALL = PersonOptions(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
 QUICK = Options(seed=3, repetitions=1, people=ALL, soft_tissue=0.0, marker_noise=0.0, occlusions=0.0)
 BODIES = ["foot", "shank", "thigh", "pelvis", "trunk", "arms", "weight"]
 TEXT = "hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2"
@@ -78,7 +78,9 @@ def test_heel_markers_rise_and_the_plate_stands_still():
 
 
 def test_the_person_without_them_keeps_body_markers_and_plate():
-    made, plain = (generate("sit-to-stand", Options(seed=3, repetitions=1, people=each)) for each in (ALL, People()))
+    made, plain = (
+        generate("sit-to-stand", Options(seed=3, repetitions=1, people=each)) for each in (ALL, PersonOptions())
+    )
     assert plain.state.bodies is None
     np.testing.assert_array_equal(made.scene.markers.local, plain.scene.markers.local)
     assert made.scene.body.links[:3] == plain.scene.body.links[:3]
@@ -86,7 +88,7 @@ def test_the_person_without_them_keeps_body_markers_and_plate():
 
 
 def test_a_robot_has_none_of_it(tmp_path):
-    for name, people in (("a", ALL), ("b", People())):
+    for name, people in (("a", ALL), ("b", PersonOptions())):
         simulate("robot", tmp_path / name / "trial", Options(seed=3, repetitions=1, people=people))
     for path in (tmp_path / "a" / "trial").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / "trial" / path.name).read_bytes()

@@ -1,4 +1,4 @@
-"""The committed sample trials are what the commands in their README make."""
+"""The committed sample trials equal the output of the commands in their README."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `simulate` writes: complete, repeatable, never over something else, with the keys that scoring reads."""
+"""Output of `simulate`: complete, repeatable, never overwriting, with the keys needed for scoring."""
 
 from __future__ import annotations
 

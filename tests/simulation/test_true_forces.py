@@ -1,15 +1,15 @@
-"""The forces of the truth against momentum, energy and the regressor, none of which made them."""
+"""True forces, checked independently by momentum, energy and the regressor."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.base import structural_base
+from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import inverse_dynamics, planar
 from mocap_id.simulation import Options
-from mocap_id.simulation.body import person, robot
+from mocap_id.simulation.body import draw_person, draw_robot
 from mocap_id.simulation.forces import UP
 from mocap_id.simulation.scene import draw_scene, streams
 
@@ -27,7 +27,7 @@ def times(scene):
 
 
 def masses_and_places(scene, time):
-    """Centres of mass (T, L, 2) and angles (T, L) of every link."""
+    """Return centres of mass (T, L, 2) and angles (T, L) of every link."""
     q = scene.motion.at(time)[0]
     links = np.arange(len(scene.body.links))
     angle, _ = planar.segment_poses(q, scene.body.centres)
@@ -35,7 +35,7 @@ def masses_and_places(scene, time):
 
 
 def momentum(scene, time):
-    """Linear momentum (T, 2) and angular momentum (T,) about the origin, by central differences."""
+    """Return linear momentum (T, 2) and angular momentum (T,) about the origin, by central differences."""
     before, turned_before = masses_and_places(scene, time - STEP)
     after, turned_after = masses_and_places(scene, time + STEP)
     now, _ = masses_and_places(scene, time)
@@ -85,7 +85,7 @@ def test_work_of_torques_and_chair_is_the_change_of_energy(scene):
 
 
 def test_the_chair_as_an_applied_wrench_gives_the_same_ground_and_torques():
-    """The seat pushes on the thigh: the recursion with that wrench on link 2 agrees with subtracting it."""
+    """The recursion with the seat's wrench on link 2 agrees with subtracting that wrench."""
     scene = draw_scene("sit-to-stand", Options(seed=12, repetitions=2), streams(12))
     state = scene.at(times(scene))
     angle, _ = planar.segment_poses(state.q, scene.body.centres)
@@ -109,7 +109,7 @@ def test_the_regressor_of_the_identification_agrees(scene):
     np.testing.assert_allclose(regressor @ np.ravel(full), state.wrench_total, atol=1e-8)
 
 
-@pytest.mark.parametrize("make", [person, robot])
+@pytest.mark.parametrize("make", [draw_person, draw_robot])
 def test_base_parameters_are_those_of_the_regrouping(make):
     body = make(np.random.default_rng(7))
     full = np.ravel([[link.mass, *(link.mass * np.array(link.com)), link.about_origin] for link in body.links])
@@ -120,7 +120,7 @@ def test_base_parameters_are_those_of_the_regrouping(make):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_bodies_keep_to_winter_within_a_tenth(seed):
-    body = person(np.random.default_rng(seed))
+    body = draw_person(np.random.default_rng(seed))
     told = body.description["subject"]
     used, winter = told["fractions_used"], told["winter_fractions"]
     for name, value in used.items():

@@ -1,4 +1,4 @@
-"""Markers and plate of a simulated trial: noise, occlusions, soft tissue, and plates of every pose and sense."""
+"""Markers and plate of a simulated trial: noise, occlusions, soft tissue, plate poses and sign conventions."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def test_only_hidden_markers_vanish_in_bursts(trial):
     markers = trial.scene.markers
     assert trial.bursts
     assert all(5 <= burst.count <= 200 for burst in trial.bursts)
-    np.testing.assert_array_equal(np.isnan(trial.points).any(axis=2), ~trial.seen)
-    assert not (~trial.seen[:, ~markers.hidden]).any()
+    np.testing.assert_array_equal(np.isnan(trial.points).any(axis=2), ~trial.visible)
+    assert not (~trial.visible[:, ~markers.hidden]).any()
     assert (markers.link[markers.hidden] == 3).all()
-    assert 0.001 < 1 - trial.seen.mean() < 0.03
+    assert 0.001 < 1 - trial.visible.mean() < 0.03
 
 
 def test_noise_is_white_and_as_asked(trial):
@@ -55,7 +55,7 @@ def test_the_body_has_43_markers_and_the_plate_seven(trial):
 
 
 def rigid_residuals(flat, seen):
-    """Residual (T, M, 2) of the least-squares rigid fit of a mean shape to the markers (T, M, 2) of one link."""
+    """Return the residual (T, M, 2) of the rigid least-squares fit of a mean shape to one link's markers (T, M, 2)."""
     keep = seen.all(axis=1)
     z = (flat[..., 0] + 1j * flat[..., 1])[keep]
     z = z - z.mean(axis=1, keepdims=True)
@@ -69,7 +69,7 @@ def rigid_residuals(flat, seen):
 
 
 def size_and_memory(flat, seen, rate):
-    """Median rms (mm) over the markers of a link, and the residuals' mean correlation over half a second."""
+    """Return the median rms (mm) over a link's markers, and the residuals' mean correlation over half a second."""
     off = rigid_residuals(flat, seen)
     lag = round(rate / 2)
     memory = (off[lag:] * off[:-lag]).sum(axis=(0, 2)) / (off**2).sum(axis=(0, 2))
@@ -85,7 +85,7 @@ def bodies():
 @pytest.mark.recordings
 @pytest.mark.parametrize("link", [1, 2])
 def test_soft_tissue_is_as_large_and_as_slow_as_the_reference(recordings, bodies, link):
-    """Rigid-fit residuals of thigh and shank against the shared simulated trial, over several bodies."""
+    """Compares rigid-fit residuals of thigh and shank with the shared simulated trial, over several bodies."""
     folder = recordings / "simulated" / "sts-normal"
     truth = json.loads((folder / "truth.json").read_text())
     content = ezc3d.c3d(str(folder / "trial.c3d"))
@@ -98,7 +98,7 @@ def test_soft_tissue_is_as_large_and_as_slow_as_the_reference(recordings, bodies
         markers = made.scene.markers
         rows = [i for i in np.flatnonzero(markers.link == link) if markers.at_joint[i] is None]
         projected = made.scene.plane.to_plane(made.points[:, rows])[..., :2]
-        ours.append(size_and_memory(projected, made.seen[:, rows], 100.0))
+        ours.append(size_and_memory(projected, made.visible[:, rows], 100.0))
     found_size, found_memory = np.median(ours, axis=0)
     assert 0.67 < found_size / size < 1.5
     assert abs(found_memory - memory) < 0.15

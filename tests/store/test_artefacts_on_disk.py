@@ -1,4 +1,4 @@
-"""Artefacts survive the disk unchanged, say where they come from, and are refused when damaged."""
+"""Artefacts are read as they were written, with their provenance; damaged ones are refused."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def long(frames: int = 5, labels: tuple[str, ...] = ("RKNE", "LKNE", "ARM")) -> 
 
 @pytest.mark.parametrize("rows", [1, 4, 7, 1 << 18])
 def test_a_long_table_is_the_table_with_all_its_labels(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """However many rows are taken up at a time, of which none need be whole frames."""
+    """For any number of rows written at a time, also parts of a frame."""
     one = long()
     frame = pd.DataFrame(
         {
@@ -226,7 +226,7 @@ def test_a_long_table_of_nothing(empty: LongTable) -> None:
     assert found.columns.tolist() == [column.name for column in MARKERS.columns]
 
 
-def test_a_long_table_is_held_to_its_schema() -> None:
+def test_a_long_table_must_match_its_schema() -> None:
     one = long()
     with pytest.raises(ValueError, match="residual"):
         parquet.conform(replace(one, values={name: one.values[name] for name in ("x", "y")}))
@@ -341,7 +341,7 @@ def test_outputs_of_one_computation_belong_together(tmp_path: Path) -> None:
     assert folder.origin("segment", files) is None
 
 
-def test_documents_are_known_by_their_content(tmp_path: Path) -> None:
+def test_documents_are_identified_by_their_content(tmp_path: Path) -> None:
     folder = Folder(tmp_path)
     folder.write([Document("report.html", b"one"), Document("figures/a.svg", b"two")], ORIGIN)
     assert folder.origin("segment", ["report.html"]) == ORIGIN
@@ -349,7 +349,7 @@ def test_documents_are_known_by_their_content(tmp_path: Path) -> None:
     assert folder.origin("segment", ["report.html"]) is None
 
 
-def test_a_document_that_is_no_more_is_removed(tmp_path: Path) -> None:
+def test_a_document_that_is_no_longer_made_is_removed(tmp_path: Path) -> None:
     folder = Folder(tmp_path)
     folder.write([Document("report.html", b"one"), Document("figures/a.svg", b"two")], ORIGIN)
     folder.write([Document("report.html", b"one")], ORIGIN)
@@ -357,7 +357,7 @@ def test_a_document_that_is_no_more_is_removed(tmp_path: Path) -> None:
 
 
 def test_a_record_never_reaches_outside_its_folder(tmp_path: Path) -> None:
-    """Run folders are handed on: a record that names files elsewhere must not get them deleted."""
+    """Run folders are passed on: a record that names files outside must not delete them."""
     precious = tmp_path / "precious"
     precious.write_text("mine")
     folder = Folder(tmp_path / "run")

@@ -1,4 +1,4 @@
-"""A run folder is held by one run at a time, also on disks that know no locks."""
+"""A run folder is used by one run at a time, also on disks without locks."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_one_run_at_a_time(disk: Path) -> None:
 
 
 @pytest.mark.parametrize("number", WITHOUT)
-def test_a_killed_run_holds_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+def test_a_killed_run_keeps_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     ended = subprocess.run([sys.executable, "-c", SCRIPT, str(number), tmp_path], check=False)
     assert ended.returncode == -signal.SIGKILL
     assert (tmp_path / ".mocap-id" / locking.MARKER).exists()
@@ -64,14 +64,14 @@ def test_a_run_that_writes_nothing_leaves_nothing_there_either(tmp_path: Path, m
     assert list(tmp_path.iterdir()) == []
 
 
-def test_any_other_failure_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_other_failure_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fcntl, "flock", lambda *_: (_ for _ in ()).throw(OSError(errno.EIO, "Input/output error")))
     with pytest.raises(StoreError, match="Input/output error"), Folder(tmp_path).locked():
         pass
 
 
-def test_many_that_come_at_once(tmp_path: Path) -> None:
-    """Looking whether there are locks takes none away: of several that begin together, one gets the folder."""
+def test_several_runs_at_the_same_time(tmp_path: Path) -> None:
+    """Testing for locks does not break any: of several runs that start together, one gets the folder."""
     script = (
         "import pathlib, sys, time; from mocap_id.store import Folder; from mocap_id.errors import StoreError\n"
         "begin = float(sys.argv[2])\n"

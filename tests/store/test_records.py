@@ -1,4 +1,4 @@
-"""What stands beside the outputs: bytes that are those written need no decoding, all others are looked into."""
+"""Records of outputs: unchanged files need no decoding, changed files are detected."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder, LongTable, Origin, Table, Tree, hash_bytes, parquet
-from mocap_id.store.digest import HashedStream
+from mocap_id.store.hashing import HashedStream
 from mocap_id.store.schemas import CHAIN, PLANAR, SCHEMAS, SEGMENTS
 
 ORIGIN = Origin("segment", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)
@@ -55,7 +55,7 @@ def undecodable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mocap_id.store.hdf5.decode", refuse)
 
 
-def test_what_was_written_is_known_without_decoding(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unchanged_files_are_recognised_without_decoding(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     undecodable(monkeypatch)
     folder = Folder(written)
     assert folder.origin("segment", FILES) == ORIGIN
@@ -102,7 +102,7 @@ def planar(frames: int, markers: int) -> dict[str, np.ndarray]:
     return values | {"visible": np.ones((frames, markers), dtype=bool)}
 
 
-def test_an_exchanged_artefact_is_found(written: Path) -> None:
+def test_a_replaced_artefact_is_found(written: Path) -> None:
     (written / SEGMENTS.file).write_bytes(parquet.encode(segments(0.002), LATER))
     with pytest.raises(StoreError, match="is damaged or was edited"):
         Folder(written).origin("segment", FILES)
@@ -119,7 +119,7 @@ def test_one_folder_follows_what_it_writes(written: Path) -> None:
     assert not record(written).exists()
 
 
-def test_what_is_let_go_of_is_read_from_the_disk(written: Path) -> None:
+def test_a_released_artefact_is_read_from_the_disk(written: Path) -> None:
     folder = Folder(written)
     folder.write([segments(), chain()], LATER)
     (written / SEGMENTS.file).unlink()
@@ -129,7 +129,7 @@ def test_what_is_let_go_of_is_read_from_the_disk(written: Path) -> None:
         folder.read(SEGMENTS.file)
 
 
-def test_bytes_of_an_older_schema_are_not_taken_for_granted(written: Path) -> None:
+def test_files_of_an_older_schema_are_not_reused(written: Path) -> None:
     strings = json.loads(record(written).read_text())
     strings["artefacts"][SEGMENTS.file] |= {"schema_version": SCHEMAS[SEGMENTS.file].version + 1}
     record(written).write_text(json.dumps(strings))
@@ -147,7 +147,7 @@ def test_an_invalid_record_counts_as_absent(written: Path, artefacts: object) ->
     assert folder.origin("segment", FILES) is None
 
 
-def test_a_power_cut_between_two_replacements_leaves_files_that_nothing_vouches_for(
+def test_after_a_power_cut_between_two_renames_no_record_is_left(
     written: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replace, done = Path.replace, []
@@ -165,7 +165,7 @@ def test_a_power_cut_between_two_replacements_leaves_files_that_nothing_vouches_
     assert not record(written).exists()
 
 
-def test_looking_at_what_is_up_to_date_loads_no_library_of_tables(written: Path) -> None:
+def test_checking_outputs_loads_no_table_library(written: Path) -> None:
     asked = "import sys; from pathlib import Path; from mocap_id.store import Folder"
     looked = f"print(Folder(Path({str(written)!r})).origin('segment', {FILES}).key); print(*sys.modules)"
     said = subprocess.run([sys.executable, "-c", f"{asked}; {looked}"], capture_output=True, text=True, check=True)
@@ -174,7 +174,7 @@ def test_looking_at_what_is_up_to_date_loads_no_library_of_tables(written: Path)
     assert {"pandas", "pyarrow", "h5py", "scipy"} & set(modules.split()) == set()
 
 
-def test_a_stream_hashes_what_goes_through_it() -> None:
+def test_a_stream_hashes_the_bytes_written() -> None:
     stream = io.BytesIO()
     hashed = HashedStream(stream)
     for part in (b"one", bytearray(b"two"), memoryview(b"three")):

@@ -1,4 +1,4 @@
-"""Nothing is ever half-written, and two runs never share a folder."""
+"""No file is half-written, and two runs never share a folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ORIGIN = Origin("report", 1, {}, {}, "key", 0.0)
 def test_all_files_or_none(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"old")
     (tmp_path / "b").mkdir()
-    with pytest.raises(StoreError, match=r"b cannot be written: a folder stands where the file should go"):
+    with pytest.raises(StoreError, match=r"b cannot be written: a folder has the name of the file"):
         replace_together(tmp_path, {"a": b"new", "b": b"new", "c": b"new"})
     assert (tmp_path / "a").read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
@@ -46,8 +46,8 @@ def test_whatever_interrupts_leaves_the_old_files(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a limit on file sizes")
-def test_a_disk_that_takes_no_more_is_explained(tmp_path: Path) -> None:
-    """A real refusal by the system, in the middle of a file."""
+def test_a_full_disk_is_explained(tmp_path: Path) -> None:
+    """The system refuses to write in the middle of a file."""
     program = f"""
 import resource, sys
 from pathlib import Path
@@ -66,7 +66,7 @@ except StoreError as error:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a limit on file sizes")
 def test_a_disk_that_fills_up_under_a_table_is_explained(tmp_path: Path) -> None:
-    """The table is written a stretch at a time: what was there before stands, and nothing half-written beside it."""
+    """The table is written in blocks: the old file stays, and no half-written file remains."""
     program = f"""
 import resource, sys
 from pathlib import Path
@@ -98,11 +98,11 @@ print(len(folder.read("markers.parquet").frame))
 def test_a_file_where_the_folder_should_be(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("not a folder")
     for out in (tmp_path / "runs", tmp_path / "runs" / "trial"):
-        with pytest.raises(StoreError, match="a file stands where a folder is needed"), Folder(out).locked():
+        with pytest.raises(StoreError, match="there is a file where a folder is needed"), Folder(out).locked():
             pass
 
 
-def test_a_second_run_is_turned_away(tmp_path: Path) -> None:
+def test_a_second_run_is_rejected(tmp_path: Path) -> None:
     out = tmp_path / "run"
     with Folder(out).locked():
         with pytest.raises(StoreError, match="in use by another run") as caught, Folder(out).locked():

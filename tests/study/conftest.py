@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from small_study import NAME, STUDY, Ran, record
 
-from mocap_id.workflows.performing import Performed
-from mocap_id.workflows.study import run
+from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.study import run_study
 
 
 @pytest.fixture(scope="session")
@@ -23,5 +23,5 @@ def _run(folder: Path) -> Ran:
     record(folder / NAME)
     file = folder / "study.yaml"
     file.write_text(STUDY)
-    told: list[Performed] = []
-    return Ran(file, run(file, tell=told.append), tuple(told))
+    told: list[TrialRun] = []
+    return Ran(file, run_study(file, tell=told.append), tuple(told))

@@ -6,10 +6,10 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mocap_id.recording.writing import write_c3d
+from mocap_id.recording.writer import write_c3d
 from mocap_id.simulation import Options, generate
-from mocap_id.workflows.performing import Performed
-from mocap_id.workflows.study import Outcome
+from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.study import StudyResult
 
 NAME = "DoeJane"
 """What the person is called, in folder, file names and labels, and nowhere in what is made."""
@@ -33,8 +33,8 @@ class Ran:
     """A study that has run once."""
 
     file: Path
-    outcome: Outcome
-    told: tuple[Performed, ...]
+    outcome: StudyResult
+    told: tuple[TrialRun, ...]
 
     @property
     def folder(self) -> Path:

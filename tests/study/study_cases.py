@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from mocap_id.config.study import Landmarks, Person
-from mocap_id.dynamics.predict import Agreement
-from mocap_id.workflows.performing import Performed
-from mocap_id.workflows.study.cases import Case, Parameters, length_reference
-from mocap_id.workflows.transfer import Body
+from mocap_id.dynamics.comparison import Agreement
+from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult, length_reference
+from mocap_id.workflows.transfer import BodyErrors
 
 SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")
 UNITS = ("kg", "kg*m", "kg*m", "kg*m", "kg*m^2")
@@ -33,30 +33,28 @@ class Made:
     condition: float = 60.0
     value: tuple[float, ...] | None = (70.0, 1.0, 3.0, 4.0, 9.0)
     reference: tuple[float, ...] = (70.0, 2.0, 0.0, 5.0, 10.0)
-    bodies: tuple[Body, ...] = ()
+    bodies: tuple[BodyErrors, ...] = ()
     failed: str | None = None
     five_times: dict[str, Any] | None = None
 
-    def case(self) -> Case:
+    def case(self) -> TrialResult:
         well = self.failed is None
-        performed = Performed(
-            self.trial, 0 if well else 3, self.failed, self.failed, "key" if well else None, False, 0.1
-        )
+        run = TrialRun(self.trial, 0 if well else 3, self.failed, self.failed, "key" if well else None, False, 0.1)
         trial: Any = SimpleNamespace(name=self.trial, subject=self.subject, strategy=self.strategy)
-        done: Any = SimpleNamespace(
+        identified: Any = SimpleNamespace(
             name=self.trial,
             source=Path("runs") / self.trial,
             dynamics={"in_fit": np.array([True, True, False])},
             facts={},
             parameters=np.ones(8),
         )
-        return Case(
+        return TrialResult(
             trial=trial,
-            performed=performed,
+            run=run,
             reference=length_reference(self.person, "winter"),
             summary=self._summary() if well else None,
-            done=done if well else None,
-            at_home=self.bodies,
+            identified=identified if well else None,
+            bodies=self.bodies,
             parameters=self._parameters() if well else None,
         )
 
@@ -72,10 +70,10 @@ class Made:
             **({} if self.five_times is None else {"five_times": self.five_times}),
         }
 
-    def _parameters(self) -> Parameters | None:
+    def _parameters(self) -> BaseParameters | None:
         if self.value is None:
             return None
-        return Parameters(
+        return BaseParameters(
             SYMBOLS,
             ("m1+m2", "mx1+p2x*m2", "mx2", "my2", "I2"),
             UNITS,
@@ -97,7 +95,7 @@ def landmarks(shank: float | None, thigh: float | None, height: float | None = N
     return Person(height=height, landmarks_m=Landmarks(shank=shank, thigh=thigh))
 
 
-def body(name: str, bias: float, sd: float, torques: tuple[tuple[float, float], ...] = ()) -> Body:
+def body(name: str, bias: float, sd: float, torques: tuple[tuple[float, float], ...] = ()) -> BodyErrors:
     """A body whose every error is the same."""
     errors = {series: Agreement(bias, sd, 0.9) for series in ("Fx", "Fy", "tauz", "cop_x")}
-    return Body(name, errors, tuple(Agreement(b, s, 0.9) for b, s in torques))
+    return BodyErrors(name, errors, tuple(Agreement(b, s, 0.9) for b, s in torques))

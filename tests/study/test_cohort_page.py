@@ -9,11 +9,10 @@ import pytest
 from small_study import Ran
 from study_cases import Made, body, landmarks
 
-from mocap_id.reporting.cohort.material import CohortMaterial, TrialEntry
-from mocap_id.reporting.cohort.page import page
-from mocap_id.reporting.shape import ReasonEntry
-from mocap_id.workflows.study.cases import Case
-from mocap_id.workflows.study.study import tables
+from mocap_id.reporting.cohort.page import cohort_page
+from mocap_id.reporting.cohort.page_data import CohortData
+from mocap_id.workflows.study.study import make_tables
+from mocap_id.workflows.study.trial_results import TrialResult
 
 HOSTILE = '"><script>alert(1)</script>$\\frac{'
 
@@ -65,20 +64,14 @@ def checked(content: bytes) -> Parsed:
     return found
 
 
-def material(cases: list[Case]) -> CohortMaterial:
+def page(trials: list[TrialResult]) -> bytes:
+    """The page of a study with these trials."""
     entries = tuple(
-        TrialEntry(
-            case.trial.name,
-            case.subject,
-            case.strategy,
-            "failed" if case.summary is None else "caution",
-            [] if case.summary is None else [ReasonEntry(**one) for one in case.summary["verdict"]["reasons"]],
-            case.performed.published,
-            None if case.summary is None else f"../{case.trial.name}/report.html",
-        )
-        for case in cases
+        trial.entry(trial.name, f"{trial.subject}, {trial.strategy}", f"../{trial.name}/report.html")
+        for trial in trials
     )
-    return CohortMaterial("a study", "0", entries, tables(cases))
+    frames = {name: table.frame for name, table in make_tables(trials).items()}
+    return cohort_page(CohortData("a study", entries, frames))
 
 
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:
@@ -95,7 +88,7 @@ def test_every_reason_is_explained_in_words() -> None:
     person = landmarks(0.4, 0.4)
     own = (body("own", 0.001, 0.002), body("winter", 0.01, 0.02))
     cases = [Made("a", bodies=own, person=person).case(), Made("b", failed="the C3D file: empty").case()]
-    found = checked(page(material(cases)))
+    found = checked(page(cases))
     for words in ("Usable with care", "What to do.", "code parameters-weak", "The C3D file: empty."):
         assert words in found.text, words
 
@@ -103,14 +96,14 @@ def test_every_reason_is_explained_in_words() -> None:
 def test_what_comes_from_files_is_only_text() -> None:
     made = Made("a", subject=HOSTILE, strategy=HOSTILE, bodies=(body("own", 0.0, 1.0),))
     broken = Made("b", failed=HOSTILE)
-    content = page(material([made.case(), broken.case()]))
+    content = page([made.case(), broken.case()])
     checked(content)
     assert content.count(b"<script") == 3 and b"<script>alert" not in content
 
 
 @pytest.mark.parametrize("made", [Made("a", failed="gone"), Made("a", value=None, shank=None, thigh=None)])
 def test_where_nothing_was_found_the_page_says_so(made: Made) -> None:
-    found = checked(page(material([made.case()])))
+    found = checked(page([made.case()]))
     assert "No base parameters: nothing was identified on any trial." in found.text
     assert "No segment lengths" in found.text
     assert "No centre of pressure was predicted" in found.text

@@ -10,7 +10,7 @@ import pytest
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.workflows.study.discovery import discover
-from mocap_id.workflows.study.drafting import known_names, write
+from mocap_id.workflows.study.draft import known_names, write
 from mocap_id.workflows.study.patterns import Pattern, default
 
 LAYOUTS = {
@@ -102,7 +102,7 @@ def test_what_does_not_fit_is_told_and_nothing_found_is_an_error(tmp_path: Path)
     assert list(found.left_out.values()) == ["does not fit the pattern {subject}/{strategy}*"]
     with pytest.raises(ConfigError, match="none of the 2 recordings fits the pattern x/"):
         discover(folder, "x/{subject}/{strategy}*")
-    with pytest.raises(ConfigError, match="there is no recording in it"):
+    with pytest.raises(ConfigError, match="it contains no recording"):
         discover(touched(tmp_path / "empty", "readme.txt"))
     with pytest.raises(ConfigError, match="no such folder"):
         discover(tmp_path / "nowhere")
@@ -127,7 +127,7 @@ def test_nothing_is_overwritten_unasked_and_people_keep_their_ids(tmp_path: Path
     write(discover(folder), file)
     before = file.read_bytes()
     touched(folder, "anna/normal.c3d")
-    with pytest.raises(StoreError, match=r"study\.yaml is there already: .* --force"):
+    with pytest.raises(StoreError, match=r"study\.yaml exists already: .* --force"):
         write(discover(folder), file)
     assert file.read_bytes() == before
     write(discover(folder, known=known_names(file)), file, force=True)

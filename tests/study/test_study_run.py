@@ -17,11 +17,11 @@ from small_study import NAME, Ran
 
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder
-from mocap_id.workflows.finished import finished
-from mocap_id.workflows.performing import Here, Performed, perform_all
-from mocap_id.workflows.study import run
-from mocap_id.workflows.study.columns import TABLES
-from mocap_id.workflows.transfer import SERIES, apply
+from mocap_id.workflows.identified_trial import open_identified_trial
+from mocap_id.workflows.parallel import LocalBackend, TrialRun, run_trials
+from mocap_id.workflows.study import run_study
+from mocap_id.workflows.study.tables import TABLES
+from mocap_id.workflows.transfer import SERIES, apply_model
 
 
 def table(ran: Ran, name: str) -> pd.DataFrame:
@@ -35,7 +35,7 @@ def stamps(folder: Path) -> dict[str, int]:
 
 
 def test_a_broken_a_missing_and_a_refused_trial_stop_no_other(ran: Ran) -> None:
-    codes = {done.trial: done.exit_code for done in ran.outcome.performed}
+    codes = {done.trial: done.exit_code for done in ran.outcome.runs}
     assert codes == {"s01-normal-1": 0, "s01-gone": 3, "s01-broken": 3, "s01-dynamic-1": 0, "s01-refused": 4}
     assert [done.trial for done in ran.told] == list(codes), "each is told once, as it ends"
     assert {done.trial for done in ran.outcome.failed} == {"s01-gone", "s01-broken", "s01-refused"}
@@ -64,7 +64,7 @@ def test_no_file_of_the_study_names_the_person(ran: Ran) -> None:
 
 def test_again_nothing_is_computed_and_nothing_written(ran: Ran) -> None:
     before, told = stamps(ran.outcome.study.out), []
-    again = run(ran.file, tell=told.append)
+    again = run_study(ran.file, tell=told.append)
     assert again.reused
     assert not any(done.computed for done in told)
     assert again.document == ran.outcome.document
@@ -73,13 +73,13 @@ def test_again_nothing_is_computed_and_nothing_written(ran: Ran) -> None:
 
 
 def test_several_at_a_time_give_the_same(ran: Ran) -> None:
-    def fate(done: Performed) -> tuple[object, ...]:
+    def fate(done: TrialRun) -> tuple[object, ...]:
         return done.trial, done.exit_code, done.published, done.key
 
     trials = [one.trial for one in ran.outcome.study.trials]
-    told: list[Performed] = []
-    side_by_side = perform_all(trials, Here(2), told.append)
-    assert list(map(fate, side_by_side)) == list(map(fate, ran.outcome.performed))
+    told: list[TrialRun] = []
+    side_by_side = run_trials(trials, LocalBackend(2), told.append)
+    assert list(map(fate, side_by_side)) == list(map(fate, ran.outcome.runs))
     assert sorted(done.trial for done in told) == sorted(trial.name for trial in trials)
 
 
@@ -95,8 +95,8 @@ class Deadly:
 
 def test_a_killed_process_is_the_failure_of_its_trials() -> None:
     trials: Any = [Deadly("one"), Deadly("two")]
-    told: list[Performed] = []
-    done = perform_all(trials, Here(2), told.append)
+    told: list[TrialRun] = []
+    done = run_trials(trials, LocalBackend(2), told.append)
     assert [(one.trial, one.exit_code, one.key) for one in done] == [("one", 5, None), ("two", 5, None)]
     assert all("fewer --jobs" in (one.message or "") for one in told)
 
@@ -107,8 +107,8 @@ def test_a_damaged_table_is_made_anew_and_no_trial_computed(ran: Ran, tmp_path: 
     whole = lengths.read_bytes()
     lengths.write_bytes(whole[:-10])
     page.unlink()
-    told: list[Performed] = []
-    again = run(file, tell=told.append)
+    told: list[TrialRun] = []
+    again = run_study(file, tell=told.append)
     assert not again.reused
     assert not any(done.computed for done in told)
     assert lengths.read_bytes() == whole
@@ -118,8 +118,8 @@ def test_a_damaged_table_is_made_anew_and_no_trial_computed(ran: Ran, tmp_path: 
 def test_another_landmark_changes_tables_and_no_trial(ran: Ran, tmp_path: Path) -> None:
     file = ran.copy(tmp_path)
     file.write_text(file.read_text().replace("shank: 0.375", "shank: 0.400"))
-    told: list[Performed] = []
-    again = run(file, tell=told.append)
+    told: list[TrialRun] = []
+    again = run_study(file, tell=told.append)
     assert not any(done.computed for done in told)
     frame = pd.read_csv(again.study.folder / "lengths.csv")
     row = frame[(frame["subject"] == "cohort") & (frame["segment"] == "shank") & (frame["method"] == "framework")]
@@ -129,7 +129,7 @@ def test_another_landmark_changes_tables_and_no_trial(ran: Ran, tmp_path: Path) 
 
 def test_two_runs_at_once_are_turned_away(ran: Ran) -> None:
     with Folder(ran.folder).locked(), pytest.raises(StoreError, match="is in use by another run"):
-        run(ran.file)
+        run_study(ran.file)
 
 
 def test_parquet_has_units_and_csv_the_same_numbers(ran: Ran) -> None:
@@ -154,7 +154,7 @@ def test_parquet_has_units_and_csv_the_same_numbers(ran: Ran) -> None:
 
 def test_models_are_those_of_transfer(ran: Ran) -> None:
     out = ran.outcome.study.out
-    found = apply(finished(out / "s01-dynamic-1"), finished(out / "s01-normal-1"))
+    found = apply_model(open_identified_trial(out / "s01-dynamic-1"), open_identified_trial(out / "s01-normal-1"))
     frame = table(ran, "models")
     own = frame[frame["action_trial"] == "s01-normal-1"].set_index("model")
     for name, theirs in (

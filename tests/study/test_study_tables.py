@@ -10,19 +10,18 @@ import pytest
 from study_cases import Made, body, landmarks
 
 from mocap_id.config.study import Person
-from mocap_id.dynamics.predict import Agreement
+from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.study import (
-    lengths_table,
-    models_table,
-    parameters_table,
-    strategies_table,
-    trials_table,
-    variation_table,
-)
-from mocap_id.workflows.study.columns import TABLES, frame
+from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.workflows.study import models_table
+from mocap_id.workflows.study.lengths_table import length_rows
+from mocap_id.workflows.study.models_table import model_rows
+from mocap_id.workflows.study.parameters_table import parameter_rows
 from mocap_id.workflows.study.statistics import mean_sd, pooled
-from mocap_id.workflows.study.study import tables
+from mocap_id.workflows.study.strategies_table import strategy_rows
+from mocap_id.workflows.study.study import make_tables
+from mocap_id.workflows.study.tables import TABLES, TRIALS
+from mocap_id.workflows.study.variation_table import variation_rows
 
 
 def only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:
@@ -40,7 +39,7 @@ def test_lengths_are_held_against_landmarks_and_stature_beside_them() -> None:
         Made("b", shank=0.42, person=one).case(),
         Made("c", "s02", shank=0.36, person=two).case(),
     ]
-    rows = lengths_table.rows(cases)
+    rows = length_rows(cases)
     own = only(rows, subject="s01", segment="shank", method="framework")
     assert (own["error_mean"], own["trials"]) == (pytest.approx(2.5), 2)
     assert own["error_sd"] == pytest.approx(5 / math.sqrt(2))
@@ -57,7 +56,7 @@ def test_lengths_are_held_against_landmarks_and_stature_beside_them() -> None:
 
 
 def test_without_landmarks_lengths_are_held_against_stature() -> None:
-    rows = lengths_table.rows([Made(person=Person(height=1.70)).case()])
+    rows = length_rows([Made(person=Person(height=1.70)).case()])
     row = only(rows, subject="s01", segment="thigh")
     assert (row["reference"], row["method"]) == ("stature (winter)", "framework")
     assert row["error_mean"] == pytest.approx(100 * (0.42 / (0.245 * 1.70) - 1))
@@ -67,18 +66,18 @@ def test_without_landmarks_lengths_are_held_against_stature() -> None:
 def test_references_of_two_kinds_are_not_averaged() -> None:
     people = (landmarks(0.40, 0.40), Person(height=1.70), Person())
     cases = [Made(f"t{k}", f"s{k}", person=person).case() for k, person in enumerate(people)]
-    rows = lengths_table.rows(cases)
+    rows = length_rows(cases)
     kinds = [row["reference"] for row in rows if row["subject"] == "cohort" and row["segment"] == "shank"]
     assert kinds == ["landmarks", "stature (winter)"]
     nothing = only(rows, subject="s2", segment="shank")
     assert "neither landmarks_m nor height" in nothing["why"]
     assert math.isnan(nothing["error_mean"])
     assert nothing["length_mean"] == 0.40, "the length is known all the same"
-    assert [row["reference"] for row in strategies_table.rows(cases) if row["subject"] == "cohort"] == [*kinds, ""]
+    assert [row["reference"] for row in strategy_rows(cases) if row["subject"] == "cohort"] == [*kinds, ""]
 
 
 def test_a_landmark_of_one_segment_says_nothing_of_the_other() -> None:
-    rows = lengths_table.rows([Made(person=landmarks(0.40, None, height=1.7)).case()])
+    rows = length_rows([Made(person=landmarks(0.40, None, height=1.7)).case()])
     assert (
         only(rows, subject="s01", segment="thigh", method="framework")["why"] == "landmarks_m does not give the thigh"
     )
@@ -95,7 +94,7 @@ def test_strategies_average_over_people() -> None:
         Made("d", "s02", "stable", reprojection_mm=9.0, person=person).case(),
         Made("e", "s02", "stable", failed="broken").case(),
     ]
-    rows = strategies_table.rows(cases)
+    rows = strategy_rows(cases)
     assert only(rows, subject="s01", strategy="normal")["reprojection_mean"] == pytest.approx(0.003)
     cohort = only(rows, subject="cohort", strategy="normal")
     assert cohort["reprojection_mean"] == pytest.approx(0.0045)
@@ -108,11 +107,11 @@ def test_strategies_average_over_people() -> None:
 def test_every_model_meets_every_action_of_its_person_and_of_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def apply(source: Any, target: Any) -> Any:
+    def apply_model(source: Any, target: Any) -> Any:
         asked.append((source.name, target.name))
         raise ConfigError(f"{target.source}: the reason")
 
-    monkeypatch.setattr(models_table, "apply", apply)
+    monkeypatch.setattr(models_table, "apply_model", apply_model)
     own = (body("own", 0.0, 1.0), body("own, held out", 0.1, 1.0), body("winter", 3.0, 4.0, ((1.0, 2.0),)))
     cases = [
         Made("a", bodies=own).case(),
@@ -120,7 +119,7 @@ def test_every_model_meets_every_action_of_its_person_and_of_no_other(monkeypatc
         Made("c", "s02", bodies=own).case(),
         Made("d", "s02", failed="broken").case(),
     ]
-    rows = models_table.rows(cases)
+    rows = model_rows(cases)
     assert asked == [("b", "a"), ("a", "b")]
     impossible = only(rows, action_trial="a", model_trial="b")
     assert (impossible["why"], impossible["model"], impossible["pairs"]) == ("the reason", "stable", 0)
@@ -135,16 +134,16 @@ def test_every_model_meets_every_action_of_its_person_and_of_no_other(monkeypatc
 
 
 def test_a_model_without_a_body_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def apply(source: Any, target: Any) -> Any:
+    def apply_model(source: Any, target: Any) -> Any:
         assert source.name == "a", "the other one has nothing to apply"
         raise ConfigError("there is nothing to compare with")
 
-    monkeypatch.setattr(models_table, "apply", apply)
+    monkeypatch.setattr(models_table, "apply_model", apply_model)
     nothing = Made("b", value=None).case()
-    assert nothing.done is not None
-    nothing.done.parameters[:] = np.nan
-    rows = models_table.rows([Made("a", bodies=(body("own", 0, 1),)).case(), nothing])
-    assert "no body to carry over from b" in only(rows, action_trial="a", model_trial="b")["why"]
+    assert nothing.identified is not None
+    nothing.identified.parameters[:] = np.nan
+    rows = model_rows([Made("a", bodies=(body("own", 0, 1),)).case(), nothing])
+    assert "no body to transfer from b" in only(rows, action_trial="a", model_trial="b")["why"]
 
 
 def test_pooled_errors_are_those_of_the_samples_put_together() -> None:
@@ -166,7 +165,7 @@ def test_modified_parameters_do_not_feel_a_turned_frame() -> None:
     angles = (1.0, 1.2, 1.1)
     values = [(70.0, 1.0, 5 * math.cos(angle), 5 * math.sin(angle), 9.0) for angle in angles]
     cases = [Made(f"t{k}", value=value).case() for k, value in enumerate(values)]
-    rows = variation_table.rows(cases)
+    rows = variation_rows(cases)
     mr = only(rows, subject="s01", set="modified", parameter="mr2")
     assert (mr["mean"], mr["cv"], mr["unit"]) == (pytest.approx(5.0), pytest.approx(0.0, abs=1e-12), "kg*m")
     mx = only(rows, subject="s01", set="base", parameter="mx2")
@@ -184,7 +183,7 @@ def test_the_cohort_has_the_mean_of_the_peoples_coefficients() -> None:
         for subject, own in masses.items()
         for k, mass in enumerate(own)
     ]
-    rows = variation_table.rows(cases)
+    rows = variation_rows(cases)
     first, second = math.sqrt(2) / 71, math.sqrt(32) / 84
     cohort = only(rows, subject="cohort", set="base", parameter="m1")
     assert (cohort["cv"], cohort["subjects"]) == (pytest.approx((first + second) / 2), 2)
@@ -195,13 +194,13 @@ def test_the_cohort_has_the_mean_of_the_peoples_coefficients() -> None:
 
 def test_what_is_zero_but_for_rounding_has_no_coefficient_of_variation() -> None:
     cases = [Made(f"t{k}", reference=(70.0, 2.0, 1e-17 * k, 5.0, 10.0)).case() for k in (1, 2)]
-    row = only(variation_table.rows(cases), subject="s01", set="base", parameter="mx2")
+    row = only(variation_rows(cases), subject="s01", set="base", parameter="mx2")
     assert math.isnan(row["reference_cv"])
 
 
 def test_trials_tell_failures_and_how_the_models_did() -> None:
     cases = [Made("a", bodies=(body("own", 3.0, 4.0),)).case(), Made("b", failed="it is broken").case()]
-    good, bad = trials_table.rows(cases)
+    good, bad = ResultTable.of(TRIALS, cases).records
     assert (good["verdict"], good["codes"], good["complete"]) == ("caution", "joint-uncertain, parameters-weak", 1)
     assert (good["cop_x_own_rms"], good["reprojection"]) == (5.0, 0.002)
     assert (bad["verdict"], bad["exit_code"], bad["message"]) == ("failed", 3, "it is broken")
@@ -209,28 +208,28 @@ def test_trials_tell_failures_and_how_the_models_did() -> None:
 
 def test_times_are_taken_where_the_movement_is_timed() -> None:
     times = {"to_fifth_stand_s": 9.5, "to_fifth_seat_contact_s": 10.75, "mean_cycle_s": 2.0, "failed_attempts": 1}
-    timed, other = trials_table.rows([Made("a", five_times=times).case(), Made("b").case()])
+    timed, other = ResultTable.of(TRIALS, [Made("a", five_times=times).case(), Made("b").case()]).records
     assert (timed["five_times"], timed["five_times_seated"]) == (9.5, 10.75)
     assert (timed["cycle"], timed["failed_attempts"]) == (2.0, 1)
     assert other["five_times"] is None
 
 
 def test_every_parameter_stands_with_its_deviation() -> None:
-    rows = list(parameters_table.rows([Made("a").case(), Made("b", value=None).case()]))
+    rows = list(parameter_rows([Made("a").case(), Made("b", value=None).case()]))
     assert [row["parameter"] for row in rows] == ["m1", "mx1", "mx2", "my2", "I2"]
     assert (rows[2]["value"], rows[2]["sd"], rows[2]["reference"]) == (3.0, 0.1, 0.0)
     assert [row["verdict"] for row in rows] == ["known"] * 4 + ["weak"]
 
 
 def test_a_study_without_any_success_has_whole_if_empty_tables() -> None:
-    made = tables([Made("a", failed="broken").case()])
+    made = make_tables([Made("a", failed="broken").case()])
     assert list(made) == list(TABLES)
-    assert len(made["trials"]) == 1
-    assert made["models"].empty
+    assert len(made["trials"].frame) == 1
+    assert made["models"].frame.empty
     for name, schema in TABLES.items():
-        assert [column.name for column in schema.columns] == list(made[name].columns), name
+        assert [column.name for column in schema.columns] == list(made[name].frame.columns), name
 
 
 def test_a_row_may_not_hold_what_the_columns_do_not_name() -> None:
     with pytest.raises(ValueError, match=r"lengths\.parquet has no columns \['wrong'\]"):
-        frame(TABLES["lengths"], [{"wrong": 1}])
+        ResultTable.of(TABLES["lengths"], [{"wrong": 1}])

@@ -1,6 +1,6 @@
-"""Trial and study configurations: YAML in, frozen models out; every mistake with file, line, key and nearest name.
+"""Configuration files: YAML to frozen models, with every mistake reported by file, line and key.
 
-Studies are in :mod:`mocap_id.config.study`: who runs a trial does not load them.
+Studies are in :mod:`mocap_id.config.study`, so that running a trial does not import them.
 """
 
 from mocap_id.config.trial import Trial, load, schema, trial_model

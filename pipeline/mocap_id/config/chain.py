@@ -1,17 +1,16 @@
-"""A chain written in YAML: joints with their axes and limits, and a tip; for workspaces without a recording."""
+"""Configuration of a chain (joints with axes and limits, and a tip), for workspaces without a recording."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config.explain import explain
+from mocap_id.config.parsing import parse
 from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings
@@ -20,20 +19,20 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 class _Joint(Settings):
-    name: str = Field(min_length=1, max_length=60, description="what it is called")
+    name: str = Field(min_length=1, max_length=60, description="name of the joint")
     axis: Literal["x", "y", "z"] | tuple[float, float, float] = Field(
-        "z", description="axis of rotation in the frame of the link before, with all joints at 0"
+        "z", description="axis of rotation in the frame of the previous link, with all joints at 0"
     )
     at: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description="where it sits in the frame of the joint before, m"
+        (0.0, 0.0, 0.0), description="position in the frame of the previous joint, m"
     )
     limits_deg: tuple[float, float] = Field(description="smallest and largest angle, degrees")
 
 
 class _File(Settings):
     chain: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the chain")
-    joints: tuple[_Joint, ...] = Field(min_length=1, max_length=12, description="from the base to the tip")
-    tip: tuple[float, float, float] = Field(description="the point that reaches, in the frame of the last joint, m")
+    joints: tuple[_Joint, ...] = Field(min_length=1, max_length=12, description="joints from the base to the tip")
+    tip: tuple[float, float, float] = Field(description="end point in the frame of the last joint, m")
 
 
 @dataclass(frozen=True)
@@ -45,9 +44,9 @@ class ChainFile:
     name : str
     joints : tuple of str
     axes : (n, 3) array
-        Each in the frame of the link before.
+        Each in the frame of the previous link.
     places : (n, 3) array
-        m, likewise.
+        Positions in the frame of the previous link, m.
     limits : (n, 2) array
         Lower and upper, rad.
     tip : (3,) array
@@ -63,17 +62,17 @@ class ChainFile:
 
     @property
     def planar(self) -> bool:
-        """Whether every joint turns about z: then z counts nothing, and the workspace is an area."""
+        """Whether all joints turn about z, so that the workspace is an area."""
         return bool(np.all(self.axes == _AXES["z"]))
 
 
 def is_chain(file: Path) -> bool:
-    """Whether a YAML file is about a chain rather than a trial.
+    """Whether a YAML file describes a chain, not a trial.
 
     Raises
     ------
     ConfigError
-        It is missing or no YAML.
+        The file is missing or not YAML.
     """
     data = read(file.absolute()).data
     return isinstance(data, dict) and "chain" in data and "recording" not in data
@@ -88,12 +87,7 @@ def load_chain(file: Path) -> ChainFile:
         One line for every mistake: file, line, key, what was found, what was expected.
     """
     source = read(file.absolute())
-    if not isinstance(source.data, dict):
-        raise ConfigError(f"{source.where(())}: expected keys such as `chain:`, `joints:` and `tip:`")
-    try:
-        parsed = _File.model_validate_json(json.dumps(source.data), strict=True)
-    except ValidationError as error:
-        raise ConfigError(explain(error, _File, source)) from error
+    parsed = parse(source, _File, "keys such as `chain:`, `joints:` and `tip:`")
     axes = np.array([_axis(joint, index, source) for index, joint in enumerate(parsed.joints)])
     limits = np.array([_limits(joint.limits_deg, index, source) for index, joint in enumerate(parsed.joints)])
     return ChainFile(
@@ -119,5 +113,5 @@ def _limits(limits: tuple[float, float], index: int, source: Source) -> FloatArr
     low, high = limits
     if low >= high:
         where = source.where(("joints", index, "limits_deg"))
-        raise ConfigError(f"{where}: the limits are crossed: {low:g}° is not below {high:g}°")
+        raise ConfigError(f"{where}: the first limit, {low:g}°, is not below the second, {high:g}°")
     return np.radians([low, high])

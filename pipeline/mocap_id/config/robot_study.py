@@ -1,15 +1,14 @@
-"""A robot study's YAML file: which trials, which cell of the tables each belongs to, and what is known of the robot."""
+"""Configuration of a robot study: trials, their place in the tables, and reference values of the robot."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from mocap_id.config.explain import explain
+from mocap_id.config.parsing import parse
 from mocap_id.config.source import read
 from mocap_id.config.trial import Trial, absolute, load
 from mocap_id.errors import ConfigError
@@ -17,11 +16,11 @@ from mocap_id.stages.base import Settings
 
 
 class RobotReference(Settings):
-    """What is known of what moves beyond a joint, in the robot's own frame; everything optional."""
+    """Reference values of the part beyond a joint, in the robot's frame; all keys are optional."""
 
     base: float | None = Field(None, gt=0, description="distance of the joint from the plate's centre, m")
-    mass: float | None = Field(None, gt=0, description="of everything on the plate, kg")
-    mx1: float | None = Field(None, description="first moment along x of everything, the arm upright, kg*m")
+    mass: float | None = Field(None, gt=0, description="mass of everything on the plate, kg")
+    mx1: float | None = Field(None, description="first moment of everything along x with the arm upright, kg*m")
     mx2: float | None = Field(None, description="first moment of the arm across it, kg*m")
     my2: float | None = Field(None, description="first moment of the arm along it, kg*m")
     Izz2: float | None = Field(None, gt=0, description="moment of inertia of the arm about the joint, kg*m^2")
@@ -31,18 +30,18 @@ class _Entry(Settings):
     file: Path = Field(description="the trial's YAML file")
     joint: str = Field("", max_length=40, description="the joint that moves; its `reference` has the same name")
     speed: str = Field("", max_length=40, description="how it moves: slow, fast")
-    orientation: float | None = Field(None, description="of the robot about the vertical, degrees")
+    orientation: float | None = Field(None, description="angle of the robot about the vertical, degrees")
 
 
 class _File(Settings):
     study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
-    reference: dict[str, RobotReference] = Field({}, description="what is known of the robot, by joint")
+    reference: dict[str, RobotReference] = Field({}, description="reference values of the robot, by joint")
     trials: tuple[_Entry, ...] = Field(min_length=1, description="the trials and their place in the tables")
 
 
 @dataclass(frozen=True)
 class RobotTrial:
-    """A trial of a robot study: empty labels and None are unknown."""
+    """A trial of a robot study; an empty label or None means unknown."""
 
     trial: Trial
     joint: str = ""
@@ -52,7 +51,7 @@ class RobotTrial:
 
 @dataclass(frozen=True)
 class RobotStudy:
-    """A robot study, ready to run.
+    """A checked robot study, ready to run.
 
     Parameters
     ----------
@@ -68,12 +67,12 @@ class RobotStudy:
 
 
 def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
-    """Read a study's file, or trials' files.
+    """Read the file of a study, or the files of trials.
 
     Raises
     ------
     ConfigError
-        A file is wrong, or two trials have the same name.
+        A file has mistakes, or two trials have the same name.
     """
     if len(files) == 1 and "trials" in _keys(files[0]):
         study = _study(files[0])
@@ -82,7 +81,7 @@ def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
     names = [one.trial.name for one in study.trials]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ConfigError(f"two trials are called {twice[0]}: each needs a name of its own, for its run folder")
+        raise ConfigError(f"two trials are called {twice[0]}: each needs its own name, for its run folder")
     for one in study.trials:
         if one.trial.keys.protocol != "robot-joint":
             raise ConfigError(f"{one.trial.file}: has `protocol: {one.trial.keys.protocol}`, expected robot-joint")
@@ -96,10 +95,7 @@ def _keys(file: Path) -> set[str]:
 
 def _study(file: Path) -> RobotStudy:
     source = read(file.absolute())
-    try:
-        parsed = _File.model_validate_json(json.dumps(source.data), strict=True)
-    except ValidationError as error:
-        raise ConfigError(explain(error, _File, source)) from error
+    parsed = parse(source, _File, "keys such as `study:` and `trials:`")
     trials = tuple(
         RobotTrial(load(absolute(one.file, source.file.parent)), one.joint, one.speed, one.orientation)
         for one in parsed.trials

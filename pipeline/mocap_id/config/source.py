@@ -1,4 +1,4 @@
-"""YAML 1.2 as plain data, with the line of every key and value."""
+"""YAML 1.2 files as plain data, with the line of every key and value."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from mocap_id import plain_files
 from mocap_id.errors import ConfigError
 
 Location: TypeAlias = tuple[str | int, ...]
-"""Keys and indices from the root to a value."""
+"""Keys and list indices from the root to a value."""
 
 _MAX_BYTES = 1 << 20
 _MAX_DEPTH = 32
-_MAX_VALUES = 40_000  # some seconds' work; a study of a thousand trials has a third of them
+_MAX_VALUES = 40_000  # take some seconds; a study of a thousand trials has about a third of this
 _ADVICE = {
-    "'\\t'": "indent with blanks, not with tabs",
+    "'\\t'": "indent with spaces, not with tabs",
     "unknown escape character": "write a path with / or without quotes",
 }
 _YAML = "tag:yaml.org,2002:"
 _BROKEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
-"""What the YAML library raises on some broken files, beside its own errors."""
+"""Exceptions of the YAML library for some invalid files, besides its own errors."""
 _JSON_TAGS = tuple(_YAML + name for name in ("str", "int", "float", "bool", "null"))
 
 
 @dataclass(frozen=True)
 class Source:
-    """A YAML file's content: JSON-like data and, for each location, the line (from 1) on which it stands."""
+    """Contents of a YAML file: JSON-like data, and the line (from 1) of each location."""
 
     file: Path
     data: Any
     lines: Mapping[Location, int]
 
     def where(self, location: Location) -> str:
-        """``FILE, line N`` of a location, or of the nearest one above it."""
+        """Return ``FILE, line N`` of a location, or of the nearest enclosing one."""
         while location not in self.lines:
             location = location[:-1]
         return f"{self.file}, line {self.lines[location]}"
@@ -53,7 +53,7 @@ def read(file: Path) -> Source:
     Raises
     ------
     ConfigError
-        It is missing, not YAML, or uses what a configuration has no need of (aliases, tags, keys that stand twice).
+        The file is missing, not YAML, or has aliases, tags or duplicate keys.
     """
     text = _text(file)
     yaml = YAML(typ="safe", pure=True)
@@ -74,7 +74,7 @@ def read(file: Path) -> Source:
 
 
 def _advice(problem: str) -> str:
-    """What to do about what people write most often, whatever the parser calls it."""
+    """Return advice for the most common mistakes."""
     return next((f": {advice}" for words, advice in _ADVICE.items() if words in problem), "")
 
 
@@ -87,35 +87,37 @@ def _text(file: Path) -> str:
         raise ConfigError(f"{file}: not a text file in UTF-8; expected a YAML file such as trial.yaml") from error
     except OSError as error:
         if error.errno == errno.EFBIG:
-            many = f"{file}: more than {_MAX_BYTES} bytes are no configuration"
-            wanted = "expected a YAML file such as trial.yaml (`mocap-id inspect` takes a recording)"
-            raise ConfigError(f"{many}; {wanted}") from error
-        told = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
-        raise ConfigError(told) from error
+            message = (
+                f"{file}: larger than {_MAX_BYTES} bytes; expected a YAML file such as trial.yaml "
+                "(`mocap-id inspect` reads recordings)"
+            )
+        else:
+            message = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
+        raise ConfigError(message) from error
 
 
 class _Composer(Composer):
-    """Builds the tree of nodes, which a configuration keeps flat and small."""
+    """Composer with limits on depth and number of values."""
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
         self._depth = self._values = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """As the library does it; YAMLError where it goes on for too long."""
+        """Compose a node as the library does; YAMLError where a limit is exceeded."""
         self._depth += 1
         self._values += 1
         if self._depth > _MAX_DEPTH:
-            raise YAMLError(f"values lie within values more than {_MAX_DEPTH} deep, which no configuration needs")
+            raise YAMLError(f"values are nested more than {_MAX_DEPTH} levels deep, expected fewer")
         if self._values > _MAX_VALUES:
-            raise YAMLError(f"there are more than {_MAX_VALUES} values, which is no configuration")
+            raise YAMLError(f"there are more than {_MAX_VALUES} values, expected fewer")
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
 
 
 class _Reader:
-    """Builds the data of a node tree and notes where everything stands."""
+    """Builds the data of a node tree and collects the lines of all keys and values."""
 
     def __init__(self, file: Path, yaml: YAML) -> None:
         self.file, self.yaml = file, yaml
@@ -125,10 +127,10 @@ class _Reader:
     def build(self, node: Node, location: Location) -> Any:
         self.lines.setdefault(location, node.start_mark.line + 1)
         if id(node) in self._seen:
-            raise self._error(node, "an alias (`*name`) is of no use here: write the value out")
+            raise self._error(node, "aliases (`*name`) are not supported: write the value out")
         self._seen.add(id(node))
         if not isinstance(node, ScalarNode) and str(node.tag) not in (_YAML + "map", _YAML + "seq"):
-            raise self._error(node, f"the tag `{node.tag}` is of no use here: write the values alone")
+            raise self._error(node, f"the tag `{node.tag}` is not supported: write the values without it")
         match node:
             case MappingNode():
                 return self._mapping(node, location)
@@ -147,7 +149,7 @@ class _Reader:
             line = key_node.start_mark.line + 1
             if key in data:
                 first = self.lines[(*location, key)]
-                raise ConfigError(f"{self.file}, line {line}: `{key}` stands twice, first on line {first}: keep one")
+                raise ConfigError(f"{self.file}, line {line}: `{key}` is given twice, first on line {first}: keep one")
             self.lines[(*location, key)] = line
             data[key] = self.build(value_node, (*location, key))
         return data
@@ -156,12 +158,12 @@ class _Reader:
         if str(node.tag) == _YAML + "timestamp":  # a trial may be named after its date
             return node.value
         if str(node.tag) not in _JSON_TAGS:
-            raise self._error(node, f"the tag `{node.tag}` is of no use here: write the value alone")
+            raise self._error(node, f"the tag `{node.tag}` is not supported: write the value without it")
         try:
             return self.yaml.constructor.construct_object(node)
         except (YAMLError, *_BROKEN) as error:
             kind = str(node.tag).removeprefix(_YAML)
-            raise self._error(node, f"`{str(node.value)[:40]}` is no {kind} ({_first_line(error)})") from error
+            raise self._error(node, f"`{str(node.value)[:40]}` is not a valid {kind} ({_first_line(error)})") from error
 
     def _error(self, node: Node, message: str) -> ConfigError:
         return ConfigError(f"{self.file}, line {node.start_mark.line + 1}: {message}")

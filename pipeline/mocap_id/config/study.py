@@ -1,46 +1,44 @@
-"""The study model: many trials of many people in one YAML file, each of them a trial like any other."""
+"""Configuration of a study: many trials of many people in one YAML file."""
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from mocap_id.config.explain import explain, nearest
+from mocap_id.config.parsing import json_schema, nearest, parse, raise_mistakes
 from mocap_id.config.source import Location, Source, read
 from mocap_id.config.trial import Trial, absolute, compose, trial_model
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.cohort.material import COHORT
+from mocap_id.reporting.cohort.page_data import COHORT
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings, Subject, TrialKeys
 
 TABLES_FOLDER = "study"
-"""Where the tables and the page go, beside the trials' folders; so no trial may have this name."""
+"""Folder of the tables and the page, beside the trials' folders; no trial may have this name."""
 _ID = r"^\w[\w.+-]*$"
-_OWN_KEYS = ("trial", "recording", "subject", "strategy", "out")  # of every trial, so none of them a default
-_MAX_LINES = 30
+_OWN_KEYS = ("trial", "recording", "subject", "strategy", "out")  # keys without a default for all trials
 
 
 class Landmarks(Settings):
-    """Segment lengths measured on the body, by palpation, ultrasound or the like."""
+    """Segment lengths measured on the body, for example by palpation or ultrasound."""
 
     shank: float | None = Field(None, gt=0.1, lt=1, description="knee to ankle, m")
     thigh: float | None = Field(None, gt=0.1, lt=1, description="hip to knee, m")
 
 
 class Person(Subject):
-    """Who moves, and what was measured on them; everything optional."""
+    """A person and measurements of the body; all keys are optional."""
 
     landmarks_m: Landmarks = Field(Landmarks(), description="segment lengths measured on the body, m")
 
 
 class _Entry(BaseModel):
-    """A trial of the study; its other keys are those of a trial's file and are checked there."""
+    """A trial of the study; its other keys are checked by the model of a trial."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
@@ -52,8 +50,8 @@ class _Entry(BaseModel):
 class _File(Settings):
     study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
     out: Path = Field(Path("runs"), description="folder of the results")
-    defaults: dict[str, Any] = Field({}, description="keys of a trial's file that hold for every trial")
-    subjects: dict[str, Person] = Field(description="who moves: an id and what is known of the person")
+    defaults: dict[str, Any] = Field({}, description="keys of a trial's file, for every trial")
+    subjects: dict[str, Person] = Field(description="the people: an id and data of each person")
     trials: tuple[_Entry, ...] = Field(min_length=1, description="the recordings")
 
 
@@ -73,7 +71,7 @@ class StudyTrial:
 
 @dataclass(frozen=True)
 class Study:
-    """A study, ready to run.
+    """A checked study, ready to run.
 
     Parameters
     ----------
@@ -81,9 +79,9 @@ class Study:
         The YAML file, absolute.
     name : str
     out : Path
-        Folder of the results, absolute: a run folder for each trial, and ``study``.
+        Folder of the results, absolute; it contains a run folder for each trial, and ``study``.
     subjects : mapping of str to Person
-        By their ids, in the order of the file.
+        By id, in the order of the file.
     trials : tuple of StudyTrial
     """
 
@@ -95,12 +93,12 @@ class Study:
 
     @property
     def folder(self) -> Path:
-        """Where tables and page go."""
+        """Folder of the tables and the page."""
         return self.out / TABLES_FOLDER
 
     @property
     def strategies(self) -> tuple[str, ...]:
-        """Those of the trials, in the order in which they first stand there."""
+        """Strategies of the trials, in the order of first occurrence."""
         return tuple(dict.fromkeys(trial.strategy for trial in self.trials))
 
 
@@ -113,23 +111,19 @@ def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
         One line for every mistake: file, line, key, what was found, what was expected.
     """
     source = read(file.absolute())
-    if not isinstance(source.data, dict):
-        raise ConfigError(f"{source.where(())}: expected keys such as `study:`, `subjects:` and `trials:`")
-    if {"trial", "recording"} <= source.data.keys() and "trials" not in source.data:
+    keys = source.data.keys() if isinstance(source.data, dict) else set()
+    if {"trial", "recording"} <= keys and "trials" not in keys:
         raise ConfigError(f"{source.file} is a trial, not a study: `mocap-id run {source.file}` runs it")
-    try:
-        parsed = _File.model_validate_json(json.dumps(_written_out(source.data)), strict=True)
-    except ValidationError as error:
-        raise ConfigError(explain(error, _File, source)) from error
-    _raise(_contradictions(parsed, source))
+    parsed = parse(source, _File, "keys such as `study:`, `subjects:` and `trials:`", _completed)
+    raise_mistakes(_contradictions(parsed, source))
     out = absolute(parsed.out, source.file.parent)
     trials = _trials(parsed, source, out, stages)
     return Study(source.file, parsed.study, out, parsed.subjects, trials)
 
 
 def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
-    """JSON Schema of a study's YAML file, for editors."""
-    schema, trial = _File.model_json_schema(), trial_model(stages).model_json_schema(by_alias=True)
+    """Return the JSON Schema of a study's YAML file, for editors."""
+    schema, trial = json_schema(_File), json_schema(trial_model(stages))
     keys = {name: key for name, key in trial["properties"].items() if name not in ("subject", "out")}
     entry = schema["$defs"]["_Entry"]
     entry["properties"] = keys | entry["properties"]
@@ -144,11 +138,11 @@ def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
         "description": described,
     }
     schema["$defs"] = trial["$defs"] | schema["$defs"]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "Study"}
+    return {**schema, "title": "Study"}
 
 
 def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -> tuple[StudyTrial, ...]:
-    """Every trial; the mistakes of all of them together, each told once."""
+    """Return all trials; the mistakes of all trials are raised together, each once."""
     strategy: Any = (str, Field(description=_Entry.model_fields["strategy"].description))
     model = create_model("StudyTrial", __base__=trial_model(stages), strategy=strategy)
     found, wrong = [], []
@@ -160,12 +154,12 @@ def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -
             wrong += str(error).splitlines()
         else:
             found.append(StudyTrial(trial, entry.subject, entry.strategy))
-    _raise(dict.fromkeys(wrong))
+    raise_mistakes(dict.fromkeys(wrong))
     return tuple(found)
 
 
 def _below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
-    """The lines of each default and of each trial's key, gathered once: a study may have thousands of trials."""
+    """Return the lines below each default and each trial's key; collected once because there may be many trials."""
     found: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
     for place, line in source.lines.items():
         size = {"defaults": 2, "trials": 3}.get(str(place[0]), 0) if place else 0
@@ -177,7 +171,7 @@ def _below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
 def _one(
     source: Source, below: Mapping[Location, Mapping[Location, int]], index: int, subjects: Mapping[str, Person]
 ) -> Source:
-    """The keys of one trial with the defaults and the person's, each on the line on which it was written."""
+    """Return the keys of one trial with the defaults and the person's data, each with its line in the file."""
     entry: dict[str, Any] = source.data["trials"][index]
     defaults: dict[str, Any] = source.data.get("defaults") or {}
     person = subjects[entry["subject"]].model_dump(mode="json", exclude={"landmarks_m"}, exclude_none=True)
@@ -194,38 +188,38 @@ def _one(
 
 
 def _moved(below: Mapping[Location, int], here: Location) -> dict[Location, int]:
-    """The lines of everything below a location, under the name that it has in a trial's file."""
+    """Return the lines below a location, by their locations in a trial's file."""
     return {(*here, *place): line for place, line in below.items()}
 
 
 def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
-    """What no single key shows."""
+    """Yield mistakes that no single key shows."""
     for key in _OWN_KEYS:
         if key in parsed.defaults:
             where = source.where(("defaults", key))
-            told = "is the study's: write it at the top" if key == "out" else "is every trial's own: write it there"
-            yield f"{where}: `defaults.{key}` {told}"
+            place = "the top of the file" if key == "out" else "each trial"
+            yield f"{where}: `defaults.{key}` is not allowed: write `{key}` at {place}"
     for name in parsed.subjects:
         if name == COHORT:
-            yield f"{source.where(('subjects', name))}: nobody can be called `{COHORT}`: the tables call all that"
-    seen: dict[str, int] = {}
+            yield f"{source.where(('subjects', name))}: no subject can be called `{COHORT}`, the tables' name for all"
+    places: dict[str, int] = {}
     for index, entry in enumerate(parsed.trials):
         where = source.where(("trials", index, "trial"))
-        first = seen.setdefault(entry.trial.casefold(), index)  # folders of some systems do not tell case apart
+        first = places.setdefault(entry.trial.casefold(), index)  # file names of some systems ignore case
         if first != index:
             line = source.where(("trials", first, "trial")).rpartition(" ")[2]
-            yield f"{where}: the trial `{entry.trial}` stands twice, first on line {line}: give it a name of its own"
+            yield f"{where}: the trial `{entry.trial}` is given twice, first on line {line}: give it another name"
         if entry.trial.casefold() == TABLES_FOLDER:
             yield f"{where}: no trial can be called `{TABLES_FOLDER}`: the tables' folder has that name"
         if "out" in (entry.model_extra or {}):
-            yield f"{source.where(('trials', index, 'out'))}: `out` is the study's: write it at the top"
+            yield f"{source.where(('trials', index, 'out'))}: `out` is not allowed in a trial: write it at the top"
         if entry.subject not in parsed.subjects:
             where = source.where(("trials", index, "subject"))
             yield f"{where}: there is no subject `{entry.subject}`: {nearest(entry.subject, list(parsed.subjects))}"
 
 
-def _written_out(data: dict[str, Any]) -> dict[str, Any]:
-    """A subject or section of whom nothing is said, in full."""
+def _completed(data: dict[str, Any]) -> dict[str, Any]:
+    """Replace empty subjects and sections by empty mappings."""
     data = dict(data)
     subjects = data.get("subjects")
     if isinstance(subjects, dict):
@@ -233,10 +227,3 @@ def _written_out(data: dict[str, Any]) -> dict[str, Any]:
     if "defaults" in data and data["defaults"] is None:
         data["defaults"] = {}
     return data
-
-
-def _raise(lines: Any) -> None:
-    found = list(lines)
-    if found:
-        more = [f"… and {len(found) - _MAX_LINES} more"] if len(found) > _MAX_LINES else []
-        raise ConfigError("\n".join([*found[:_MAX_LINES], *more]))

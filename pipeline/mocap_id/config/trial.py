@@ -1,38 +1,37 @@
-"""The trial model, composed from the tuple of stages, and how a YAML file becomes one."""
+"""Configuration of a trial: a model composed from all stages, read from a YAML file."""
 
 from __future__ import annotations
 
 import errno
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, ValidationError, WithJsonSchema, create_model
+from pydantic import BaseModel, Field, WithJsonSchema, create_model
 
-from mocap_id.config.explain import explain
+from mocap_id.config.parsing import json_schema, parse
 from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Files, Settings, TrialKeys
 
 _LONGEST = 100
-"""Characters of a name that a run gives to a file in its folder, at most."""
+"""Largest number of characters of a file name in a run folder."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial, ready to run.
+    """A checked trial, ready to run.
 
     Parameters
     ----------
     file : Path
         The YAML file, absolute.
     keys : TrialKeys
-        What several stages read; paths absolute.
+        Keys that several stages read, with absolute paths.
     settings : mapping of str to Settings
-        Each stage's own, by the stage's name.
+        Settings of each stage, by its name.
     out : Path
         The run folder, absolute.
     """
@@ -63,7 +62,7 @@ class _TopLevel(TrialKeys):
 
 
 def trial_model(stages: Sequence[Stage] = STAGES) -> type[BaseModel]:
-    """The model of a whole YAML file: the trial's keys and one optional section a stage."""
+    """Return the model of a whole YAML file: the trial's keys and an optional section for each stage."""
     sections: dict[str, Any] = {
         stage.name.replace("-", "_"): (
             stage.settings,
@@ -75,17 +74,14 @@ def trial_model(stages: Sequence[Stage] = STAGES) -> type[BaseModel]:
 
 
 def load(file: Path, stages: Sequence[Stage] = STAGES) -> Trial:
-    """Read and check a trial's YAML file; nothing that it names is opened.
+    """Read and check a trial's YAML file; the files that it names are not opened.
 
     Raises
     ------
     ConfigError
         One line for every mistake: file, line, key, what was found, what was expected.
     """
-    source = read(file.absolute())
-    if not isinstance(source.data, dict):
-        raise ConfigError(f"{source.where(())}: expected keys such as `trial:` and `recording:`")
-    return compose(source, stages)
+    return compose(read(file.absolute()), stages)
 
 
 def compose(
@@ -95,17 +91,17 @@ def compose(
     out: Path | None = None,
     model: type[BaseModel] | None = None,
 ) -> Trial:
-    """A trial of its keys and values, wherever they were written.
+    """Return the trial with the keys of a file or of a part of a file.
 
     Parameters
     ----------
     source : Source
-        Keys and values as in a trial's file, with the lines on which they stand.
+        Keys and values as in a trial's file, with their lines.
     stages : sequence of Stage
     out : Path, optional
-        The run folder where the keys name none; by default ``runs/<trial>`` beside the file.
+        The run folder if there is no key ``out``; default: ``runs/<trial>`` beside the file.
     model : type of BaseModel, optional
-        What the keys are checked against: :func:`trial_model` or one made from it, which may ask for more.
+        Model of the keys: :func:`trial_model` or a subclass of it.
 
     Raises
     ------
@@ -115,10 +111,7 @@ def compose(
     if isinstance(source.data, dict) and {"study", "trials"} <= source.data.keys():
         raise ConfigError(f"{source.file} is a study, not a trial: `mocap-id study {source.file}` runs all its trials")
     model = trial_model(stages) if model is None else model
-    try:  # as JSON: strict about types, yet lists are tuples and text is a path
-        parsed = model.model_validate_json(json.dumps(_written_out(source.data, stages)), strict=True)
-    except ValidationError as error:
-        raise ConfigError(explain(error, model, source)) from error
+    parsed = parse(source, model, "keys such as `trial:` and `recording:`", lambda data: _completed(data, stages))
     folder = source.file.parent
     keys = TrialKeys.model_construct(
         **{name: absolute(getattr(parsed, name), folder) for name in TrialKeys.model_fields}
@@ -130,21 +123,21 @@ def compose(
 
 
 def _check_name(out: Path, source: Source) -> None:
-    """ConfigError where no file could be called so on this system."""
+    """Raise ConfigError where this system does not allow the folder's name."""
     shown = f"{source.where(('out',))}: the folder of the results, {str(out)[-40:]!r},"
-    beside = (source.file.parent / part for part in out.parts[1:])  # out's own folders may not be there yet
+    beside = (source.file.parent / part for part in out.parts[1:])  # the folders of out may not exist yet
     for path in (out / ".mocap-id" / ("x" * _LONGEST), *beside):
         try:
             path.stat()
         except ValueError as error:
-            raise ConfigError(f"{shown} can be none ({error}): choose another `out`") from error
+            raise ConfigError(f"{shown} is not a valid path ({error}): choose another `out`") from error
         except OSError as error:
             if error.errno == errno.ENAMETOOLONG:
                 raise ConfigError(f"{shown} is longer than this system allows: choose another `out`") from error
 
 
-def _written_out(data: dict[str, Any], stages: Sequence[Stage]) -> dict[str, Any]:
-    """The short forms in full: a recording in one file, and a section whose every line is commented out."""
+def _completed(data: dict[str, Any], stages: Sequence[Stage]) -> dict[str, Any]:
+    """Write out short forms: a recording in one file, and a section whose lines are all commented out."""
     data = dict(data)
     if isinstance(data.get("recording"), str):
         data["recording"] = {"markers": data["recording"]}
@@ -152,17 +145,14 @@ def _written_out(data: dict[str, Any], stages: Sequence[Stage]) -> dict[str, Any
 
 
 def schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
-    """JSON Schema of a trial's YAML file, for editors."""
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **trial_model(stages).model_json_schema(by_alias=True),
-    }
+    """Return the JSON Schema of a trial's YAML file, for editors."""
+    return json_schema(trial_model(stages))
 
 
 def absolute(value: Any, folder: Path) -> Any:
-    """Paths, wherever they stand in a value, relative to the YAML file's folder."""
+    """Return a value in which every path is absolute; relative paths start at the YAML file's folder."""
     if isinstance(value, Path):
-        return folder / _at_home(value)
+        return folder / _expanded(value)
     if isinstance(value, tuple):
         return tuple(absolute(item, folder) for item in value)
     if isinstance(value, BaseModel):
@@ -172,8 +162,8 @@ def absolute(value: Any, folder: Path) -> Any:
     return value
 
 
-def _at_home(path: Path) -> Path:
-    """With ``~`` written out, where there is such a person."""
+def _expanded(path: Path) -> Path:
+    """Replace ``~`` by the home folder, unless the user does not exist."""
     try:
         return path.expanduser()
     except RuntimeError:

@@ -1,17 +1,17 @@
-"""From states and wrench to inertial parameters: regressor, base parameters, consistency, clock, allometry (ch. 4).
+"""Identification of inertial parameters from states and contact wrench (thesis chapter 4).
 
-The order of the computation is :mod:`prepare`, :mod:`fit`, :mod:`identify`, :mod:`predict`, each a module with the
-function of its name.
+The steps, in order: :func:`preparation.prepare`, :func:`fit.fit`, :func:`identification.identify`,
+:func:`prediction.predict`.
 """
 
-from mocap_id.dynamics.base import BaseSet, base_names, base_set, base_units, full_names, structural_base
-from mocap_id.dynamics.consistent import Consistency, Solution
+from mocap_id.dynamics.base_parameters import BaseSet, base_names, base_set, base_units, full_names, structural_base
+from mocap_id.dynamics.consistency import Consistency, ConsistentSolution
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.grid import PointGrid, segment_grid
-from mocap_id.dynamics.identify import Identification
+from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.predict import Prediction
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded
+from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.prediction import Prediction
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData
 from mocap_id.dynamics.regressor import (
     planar_regressor,
     planar_torque_regressor,
@@ -22,15 +22,15 @@ from mocap_id.dynamics.regressor import (
 __all__ = [
     "BaseSet",
     "Consistency",
+    "ConsistentSolution",
     "Fit",
     "FitSettings",
     "Identification",
     "KinematicError",
     "PointGrid",
     "Prediction",
-    "Prepared",
-    "Recorded",
-    "Solution",
+    "PreparedTrial",
+    "TrialData",
     "base_names",
     "base_set",
     "base_units",

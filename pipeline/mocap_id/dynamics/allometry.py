@@ -1,9 +1,9 @@
 """Reference bodies from height, mass and sex: the tables of Winter (2009) and de Leva (1996).
 
-Both are fractions of body mass and of segment length; both legs are one segment here. A chain is read from the ground
-up, so a leg's segment begins at its lower joint: centres of mass, which the tables give from the upper one, are
-turned round. Head, arms and trunk are one rigid segment, HAT; where the chain has a joint within the trunk, its mass
-and inertia are shared between pelvis and the rest so that the upright whole stays the table's.
+The tables give fractions of body mass and of segment length; both legs are one segment here. A chain starts at the
+ground, so a leg's segment begins at its lower joint; centres of mass, which the tables give from the upper joint, are
+converted. Head, arms and trunk are one rigid segment, HAT. If the chain has a joint within the trunk, HAT is divided
+into the pelvis and the rest so that both together, upright, are the table's HAT.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ Sex = Literal["female", "male"]
 
 
 @dataclass(frozen=True)
-class Link:
-    """One segment of a table.
+class SegmentFractions:
+    """One segment of a reference table, as fractions.
 
     Parameters
     ----------
     mass : float
-        Of the body's, both sides together.
+        Mass of both sides together, as a fraction of body mass.
     centre : float
-        Centre of mass from the lower end, of the segment's length; the foot's from the heel.
+        Distance of the centre of mass from the lower end (of the foot: from the heel), as a fraction of the length.
     gyration : float
-        Radius of gyration about the centre of mass and the transverse axis, of the segment's length.
+        Radius of gyration about the transverse axis through the centre of mass, as a fraction of the length.
     length : float
-        Of the body's height.
+        Length as a fraction of body height.
     """
 
     mass: float
@@ -42,42 +42,42 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Table:
-    """A reference body.
+class ReferenceTable:
+    """A table of a reference body.
 
     Parameters
     ----------
     name : str
-    foot, shank, thigh, hat, pelvis : Link
+    foot, shank, thigh, hat, pelvis : SegmentFractions
         ``pelvis`` is the part of ``hat`` below a joint within the trunk.
     ankle_height : float
-        Of the body's height.
+        As a fraction of body height.
     """
 
     name: str
-    foot: Link
-    shank: Link
-    thigh: Link
-    hat: Link
-    pelvis: Link
+    foot: SegmentFractions
+    shank: SegmentFractions
+    thigh: SegmentFractions
+    hat: SegmentFractions
+    pelvis: SegmentFractions
     ankle_height: float
 
 
-def table(name: TableName, sex: Sex | None) -> Table:
-    """The reference body of one table.
+def reference_table(name: TableName, sex: Sex | None) -> ReferenceTable:
+    """Return the reference table of this name.
 
     Parameters
     ----------
     name : {"winter", "de-leva"}
     sex : {"female", "male"} or None
-        De Leva's table depends on it; without it the mean of both is taken. Winter's does not.
+        Used for de Leva's table only; None gives the mean of both sexes.
     """
     if name == "winter":
         return _winter()
     if sex is not None:
         return _de_leva(sex)
     female, male = _de_leva("female"), _de_leva("male")
-    return Table(
+    return ReferenceTable(
         "de-leva",
         foot=_mean(female.foot, male.foot),
         shank=_mean(female.shank, male.shank),
@@ -88,13 +88,13 @@ def table(name: TableName, sex: Sex | None) -> Table:
     )
 
 
-def height_from_legs(reference: Table, shank: float, thigh: float) -> float:
-    """Stature, m, that the lengths of shank and thigh, m, suggest."""
+def height_from_legs(reference: ReferenceTable, shank: float, thigh: float) -> float:
+    """Estimate the stature, m, from the lengths of shank and thigh, m."""
     return (shank + thigh) / (reference.shank.length + reference.thigh.length)
 
 
 def full_parameters(
-    reference: Table,
+    reference: ReferenceTable,
     centres: FloatArray,
     height: float,
     mass: float,
@@ -102,24 +102,24 @@ def full_parameters(
     *,
     standing: FloatArray | None = None,
 ) -> FloatArray:
-    """Full planar parameters of a foot-shank-thigh-torso chain, or foot-shank-thigh-pelvis-trunk.
+    """Return the full planar parameters of a foot-shank-thigh-torso or foot-shank-thigh-pelvis-trunk chain.
 
-    The lengths of shank, thigh and pelvis are the chain's own; those of foot and HAT come from the height. The foot
-    lies flat under the ankle, a quarter of its length behind it. HAT is upright while the person stands: the last
-    segment's own frame follows its markers, which need not lie above the hip.
+    The lengths of shank, thigh and pelvis are those of the chain; those of foot and HAT follow from the height. The
+    foot is flat on the ground, with a quarter of its length behind the ankle. HAT is upright while the person stands;
+    the frame of the last segment follows its markers, which need not lie above the hip.
 
     Parameters
     ----------
-    reference : Table
+    reference : ReferenceTable
     centres : (3, 2) or (4, 2) array
-        Joint centres in the segment before, m; segment frames have +Y towards the next joint.
+        Centre of each joint in the frame of the segment before it, m; segment frames have +Y towards the next joint.
     height, mass : float
         m, kg.
     facing : {-1, 1}
         Sign of the plane frame's x in front of the subject.
     standing : (n,) array, optional
-        Angle of each segment's frame from the plane's while the person stands, base left out, rad; by default the
-        frames from the hip on are taken to be upright.
+        Angle of each segment's frame, without the base, in the plane frame while the person stands, rad; by default the
+        frames from the hip on are upright.
 
     Returns
     -------
@@ -148,15 +148,15 @@ def full_parameters(
 _HEEL = 0.25  # of the foot's length: how far the ankle is in front of the heel
 
 
-def _winter() -> Table:
-    """Winter (2009), table 4.1; his pelvis has no radius of gyration, and takes de Leva's lower trunk's."""
-    return Table(
+def _winter() -> ReferenceTable:
+    """Winter (2009), table 4.1; it lacks the pelvis's radius of gyration, which is that of de Leva's lower trunk."""
+    return ReferenceTable(
         "winter",
-        foot=Link(2 * 0.0145, 0.50, 0.475, 0.152),
-        shank=Link(2 * 0.0465, 1 - 0.433, 0.302, 0.246),
-        thigh=Link(2 * 0.100, 1 - 0.433, 0.323, 0.245),
-        hat=Link(0.678, 0.626, 0.496, 0.288),
-        pelvis=Link(0.142, 0.105, 0.151, 0.288),
+        foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
+        shank=SegmentFractions(2 * 0.0465, 1 - 0.433, 0.302, 0.246),
+        thigh=SegmentFractions(2 * 0.100, 1 - 0.433, 0.323, 0.245),
+        hat=SegmentFractions(0.678, 0.626, 0.496, 0.288),
+        pelvis=SegmentFractions(0.142, 0.105, 0.151, 0.288),
         ankle_height=0.039,
     )
 
@@ -190,27 +190,27 @@ _STATURE: dict[Sex, float] = {"female": 1735.0, "male": 1741.0}  # mm, of the pe
 _SHOULDER: dict[Sex, float] = {"female": 497.9, "male": 515.5}  # mm, mid-shoulder above mid-hip
 
 
-def _de_leva(sex: Sex) -> Table:
-    """De Leva (1996), table 4; HAT is composed with the arms hanging from the shoulders."""
+def _de_leva(sex: Sex) -> ReferenceTable:
+    """De Leva (1996), table 4; in HAT, the arms hang from the shoulders."""
     rows, stature = _DE_LEVA[sex], _STATURE[sex]
     total = sum(rows[n][0] for n in ("head", "trunk")) + 2 * sum(
         rows[n][0] for n in ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
     )  # 100 to rounding
 
-    def link(name: str, sides: int = 2, *, from_top: bool = False) -> Link:
+    def link(name: str, sides: int = 2, *, from_top: bool = False) -> SegmentFractions:
         mass, length, centre, gyration = rows[name]
         fraction = centre / 100 if from_top else 1 - centre / 100
-        return Link(sides * mass / total, fraction, gyration / 100, length / stature)
+        return SegmentFractions(sides * mass / total, fraction, gyration / 100, length / stature)
 
     lower = link("lower trunk", 1)
     hat = _hat(rows, sex, total)
-    return Table(
+    return ReferenceTable(
         "de-leva",
         foot=link("foot", from_top=True),
         shank=link("shank"),
         thigh=link("thigh"),
         hat=hat,
-        pelvis=Link(
+        pelvis=SegmentFractions(
             lower.mass,
             lower.centre * lower.length / hat.length,
             lower.gyration * lower.length / hat.length,
@@ -220,8 +220,8 @@ def _de_leva(sex: Sex) -> Table:
     )
 
 
-def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> Link:
-    """Head, arms and trunk as one body above the hip; its length is hip to shoulder, as in Winter's table."""
+def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
+    """Head, arms and trunk as one body above the hip; its length is that from hip to shoulder, as in Winter's table."""
     tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": _SHOULDER[sex]}
     tops["forearm"] = tops["upper arm"] - rows["upper arm"][1]
     tops["hand"] = tops["forearm"] - rows["forearm"][1]
@@ -232,20 +232,20 @@ def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: fl
     whole = float(mass @ centre / mass.sum())
     radius = float(np.sqrt(mass @ (gyration**2 + (centre - whole) ** 2) / mass.sum()))
     length = _SHOULDER[sex]
-    return Link(float(mass.sum()), whole / length, radius / length, length / _STATURE[sex])
+    return SegmentFractions(float(mass.sum()), whole / length, radius / length, length / _STATURE[sex])
 
 
-def _mean(a: Link, b: Link) -> Link:
-    return Link(*((getattr(a, f) + getattr(b, f)) / 2 for f in ("mass", "centre", "gyration", "length")))
+def _mean(a: SegmentFractions, b: SegmentFractions) -> SegmentFractions:
+    return SegmentFractions(*((getattr(a, f) + getattr(b, f)) / 2 for f in ("mass", "centre", "gyration", "length")))
 
 
 def _point_form(mass: float, centre: FloatArray, gyration: float) -> FloatArray:
-    """m, mx, my, Izz about the frame's origin of a body with this centre of mass (2,) and radius of gyration."""
+    """m, mx, my, Izz about the frame's origin, from the centre of mass (2,) and the radius of gyration."""
     return np.array([mass, *(mass * centre), mass * (gyration**2 + float(centre @ centre))])
 
 
 def _on_the_hip(mass: float, centre: float, gyration: float, length: float) -> FloatArray:
-    """A body upright above the hip; centre of mass and radius of gyration as fractions of a length."""
+    """Parameters of a body upright above the hip; centre of mass and radius of gyration are fractions of the length."""
     return _point_form(mass, np.array([0.0, centre * length]), gyration * length)
 
 
@@ -254,12 +254,12 @@ def _turn(angle: float) -> FloatArray:
 
 
 def _turned(parameters: FloatArray, angle: float) -> FloatArray:
-    """Parameters of the same body after a turn about the origin."""
+    """Parameters of the body after a rotation about the origin."""
     return np.array([parameters[0], *(_turn(angle) @ parameters[1:3]), parameters[3]])
 
 
 def _shifted(parameters: FloatArray, shift: FloatArray) -> FloatArray:
-    """Parameters of the same body after a move by ``shift`` (2,)."""
+    """Parameters of the body after a translation by ``shift`` (2,)."""
     mass, first = parameters[0], parameters[1:3]
     moved = first + mass * shift
     inertia = parameters[3] + 2 * float(first @ shift) + mass * float(shift @ shift)

@@ -1,4 +1,4 @@
-"""The fit itself: clock offset, weights, parameters, covariance, for one choice of samples."""
+"""Least-squares fit of clock offset, weights and parameters, with their covariance, on chosen samples."""
 
 from __future__ import annotations
 
@@ -9,61 +9,61 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base import triangular_factor
-from mocap_id.dynamics.clock import profile_offset
-from mocap_id.dynamics.folds import LEAST_SECONDS
+from mocap_id.dynamics.base_parameters import triangular_factor
+from mocap_id.dynamics.clock_offset import profile_offset
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
 from mocap_id.dynamics.lowpass import erode
-from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.prior_weight import REFERENCE, left_out_memory
-from mocap_id.dynamics.solve import Compressed
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
 Rows: TypeAlias = tuple[FloatArray, FloatArray]
 """Rows (r, b) and right-hand side (r,) of a least-squares problem."""
 
 _ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
-DEPENDENT = 1e8  # condition number of unit columns that stands for linear dependence
+DEPENDENT = 1e8
+"""Condition number with unit columns from which the columns count as linearly dependent."""
 _SHARP = 0.01  # s: an offset less certain than this is not applied
-_LEAST_SPREAD = 1e-4  # of a component's rms: residuals below that are rounding and must not make a weight explode
+_LEAST_SPREAD = 1e-4  # of a component's rms: smaller residuals are rounding and must not make a weight explode
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Least squares on one choice of samples, before any constraint.
+    """Unconstrained least-squares fit on chosen samples.
 
     Parameters
     ----------
     in_fit : (T,) bool array
-        Samples used: the gate less the filter's reach, where usable. Of these the fit takes as many as the filtered
-        signals need; the others repeat them.
+        Usable samples within the gate, without the filter's reach at its edges.
     samples : (R,) int array
-        Those.
+        Indices of the samples used in the fit: every :attr:`PreparedTrial.step`-th of ``in_fit``.
     base : int
-        Number of base parameters b; the nuisance parameter, the plate's Fx bias, comes after them.
+        Number of base parameters b; the k nuisance parameters (the plate's bias in Fx) follow them.
     found, offset_sd : float
-        Clock offset of least residual and its standard deviation from the residuals, s; at the search's limit there
-        is no minimum.
+        Clock offset with the least residual and its standard deviation from the residuals, s. At the limit of the
+        search there is no minimum.
     offset : float
-        The offset in force: ``found``, or 0 where it is not applied or not known.
+        The offset used: ``found``, or 0 if it is not applied or not known.
     offset_known : bool
-        There is a minimum within the search's limit, and it is sharper than 10 ms.
+        Whether there is a minimum within the search's limit, with a standard deviation below 10 ms.
     applied : bool
-        The offset in force is the one that was found.
+        Whether ``offset`` is ``found``.
     weights : (c,) array
-        Inverse residual spread of each component. With a prior, times the square root of the share of independent
-        samples (:mod:`mocap_id.dynamics.prior_weight`), so that data and prior have their proper weights.
-    problem : Compressed
+        Inverse residual spread of each component. With a prior, multiplied by the square root of the share of
+        independent samples (:mod:`mocap_id.dynamics.prior_weight`), so that data and prior are weighted correctly.
+    problem : CompressedProblem
         Weighted rows, b + k columns.
     design : (R, c, b + k + 1) array
-        Weighted rows; the last column is the wrench's rate of change, along which the offset shifts it.
+        Weighted rows. The last column is the wrench's rate of change, along which a clock offset shifts the wrench.
     target : (R, c) array
-        Weighted, filtered wrench at the offset in force.
+        Weighted, filtered wrench at ``offset``.
     covariance : (b + k + 1, b + k + 1) array
-        Of base parameters, nuisance and offset, from the residuals.
+        Covariance of base parameters, nuisance parameters and offset from the residuals.
     condition, condition_scaled : float
-        Of the stacked, filtered, gated minimal regressor, in SI and with unit columns.
+        Condition number of the stacked, filtered, gated minimal regressor, in SI units and with unit columns.
     prior : ((p, b + k) array, (p,) array) or None
-        Rows and right-hand side of the prior; ``problem`` and ``covariance`` hold it too.
+        Rows and right-hand side of the prior; ``problem`` and ``covariance`` include it.
     """
 
     in_fit: BoolArray
@@ -75,7 +75,7 @@ class Fit:
     offset_known: bool
     applied: bool
     weights: FloatArray
-    problem: Compressed
+    problem: CompressedProblem
     design: FloatArray
     target: FloatArray
     covariance: FloatArray
@@ -83,32 +83,32 @@ class Fit:
     condition_scaled: float
     prior: Rows | None = None
 
-    def answer(self, wrench: FloatArray) -> FloatArray:
-        """Change of the solution (b + k + 1, s) that weighted errors (R, c, s) of the wrench cause."""
+    def response(self, wrench: FloatArray) -> FloatArray:
+        """Return the change of the solution (b + k + 1, s) that weighted errors (R, c, s) of the wrench cause."""
         rows = self.design.reshape(-1, self.design.shape[-1])
-        seen = wrench.reshape(len(rows), -1)
+        errors = wrench.reshape(len(rows), -1)
         both = rows if self.prior is None else np.concatenate([rows, np.pad(self.prior[0], ((0, 0), (0, 1)))])
         factor = triangular_factor(both)
-        half = solve_triangular(factor, rows.T @ seen, trans="T")
+        half = solve_triangular(factor, rows.T @ errors, trans="T")
         return np.asarray(solve_triangular(factor, half))
 
     @property
     def prior_precision(self) -> FloatArray:
-        """Precision matrix of the prior over the fitted parameters (b + k + 1, b + k + 1); zeros without one."""
+        """Precision matrix (b + k + 1, b + k + 1) of the prior; zeros without a prior."""
         size = self.design.shape[-1]
         own = np.zeros((0, size)) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
         return np.asarray(own.T @ own)
 
 
-def select(prepared: Prepared, gate: BoolArray) -> BoolArray:
-    """Samples to fit on: the gate less the filter's reach, where regressor and wrench are known."""
+def select(prepared: PreparedTrial, gate: BoolArray) -> BoolArray:
+    """Return the samples to fit: usable ones within the gate, without the filter's reach at its edges."""
     return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
 
 
-def determined(prepared: Prepared, gate: BoolArray) -> bool:
-    """Whether the gate leaves enough to tell the base parameters apart: a second of samples, and no dependent columns.
+def determined(prepared: PreparedTrial, gate: BoolArray) -> bool:
+    """Return whether the gated samples determine the base parameters: a second of them, and no dependent columns.
 
-    A joint that rests while the gate is open leaves columns that another cannot be told from.
+    Columns are dependent if a joint rests throughout the gated samples.
     """
     chosen = select(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
@@ -119,20 +119,16 @@ def determined(prepared: Prepared, gate: BoolArray) -> bool:
     return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
-def fit(prepared: Prepared, gate: BoolArray, like: Fit | None = None) -> Fit:
-    """Fit base parameters, plate bias and clock offset on the samples that the gate lets through.
+def fit(prepared: PreparedTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
+    """Fit base parameters, plate bias and clock offset to the gated samples.
 
     Parameters
     ----------
-    prepared : Prepared
+    prepared : PreparedTrial
     gate : (T,) bool array
-        Samples where the ground is all that the body touches.
+        Samples in which the body touches only the ground.
     like : Fit, optional
-        A fit of the same trial; its clock offset and weights are used, and not searched for again.
-
-    Returns
-    -------
-    Fit
+        A fit of the same trial whose clock offset and weights are reused.
     """
     settings = prepared.settings
     in_fit = select(prepared, gate)
@@ -178,9 +174,9 @@ def fit(prepared: Prepared, gate: BoolArray, like: Fit | None = None) -> Fit:
 
 
 def _searched(
-    prepared: Prepared, gate: BoolArray, samples: IntArray, design: FloatArray
+    prepared: PreparedTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Weights before and after the samples are counted, the clock offset, and whether it is within the search."""
+    """Weights without and with the share of independent samples, the clock offset, and whether it is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
     weights = spread = np.ones(len(prepared.settings.components))
     found, at_edge = 0.0, True
@@ -199,19 +195,19 @@ def _searched(
     return spread, weights, found, not at_edge
 
 
-def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> Compressed:
-    """Least squares over weighted rows (R, c, b + k), and over the prior's."""
+def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> CompressedProblem:
+    """Least-squares problem of weighted rows (R, c, b + k) and the prior."""
     rows, aim = design.reshape(-1, design.shape[-1]), target.reshape(-1)
     if prior is not None:
         rows, aim = np.concatenate([rows, prior[0]]), np.concatenate([aim, prior[1]])
-    return Compressed.of(rows, aim)
+    return CompressedProblem.of(rows, aim)
 
 
-def _design(prepared: Prepared, samples: IntArray) -> FloatArray:
+def _design(prepared: PreparedTrial, samples: IntArray) -> FloatArray:
     """Rows (R, c, b + k): filtered base columns and the nuisance column.
 
-    A constant error of Fx is told from the parameters, since gravity puts nothing constant there. One of tauz is the
-    very column of mx1, and one of Fy that of m1: those two cannot be told apart and stay in the parameters.
+    A constant error of Fx can be estimated, since gravity causes no constant Fx. A constant error of Fy or tauz has the
+    same column as m1 or mx1; it cannot be separated and remains in these parameters.
     """
     components = prepared.settings.components
     rows = prepared.filtered[samples][:, list(components), :]
@@ -222,11 +218,11 @@ def _design(prepared: Prepared, samples: IntArray) -> FloatArray:
     return np.concatenate([rows, bias], axis=-1)
 
 
-def _measured(prepared: Prepared, samples: IntArray, stamped: FloatArray) -> FloatArray:
+def _measured(prepared: PreparedTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
     return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
-def _prior_rows(prepared: Prepared, design: FloatArray) -> Rows | None:
+def _prior_rows(prepared: PreparedTrial, design: FloatArray) -> Rows | None:
     return None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
 
 
@@ -235,24 +231,21 @@ def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> Flo
     return target - design @ _problem(design, target, prior).free_solution()
 
 
-def _weights(prepared: Prepared, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Inverse residual spread of each component, after a fit with these weights.
-
-    Against a prior so much of the recording counts as one sample as :data:`REFERENCE` says.
-    """
+def _weights(prepared: PreparedTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+    """Inverse residual spread of each component after a fit with these weights; with a prior, at :data:`REFERENCE`."""
     residual = _residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
     found = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
     return found if prepared.prior is None else found * np.sqrt(_share(prepared, REFERENCE))
 
 
-def _share(prepared: Prepared, seconds: float) -> float:
-    """Share of the fit's samples that are independent where so much of the recording counts as one."""
+def _share(prepared: PreparedTrial, seconds: float) -> float:
+    """Share of the fit's samples that are independent if this time counts as one sample."""
     return min(1.0, prepared.step / prepared.recorded.rate / seconds)
 
 
 def _counted(
-    prepared: Prepared,
+    prepared: PreparedTrial,
     gate: BoolArray,
     samples: IntArray,
     design: FloatArray,
@@ -260,7 +253,7 @@ def _counted(
     *,
     weights: FloatArray,
 ) -> FloatArray:
-    """The weights, with the samples counted against the prior as left-out repetitions are predicted well."""
+    """The weights with the share of independent samples with which left-out repetitions are predicted well."""
     prior = _prior_rows(prepared, design)
     if prior is None or prepared.prior is None:
         return weights
@@ -272,9 +265,9 @@ def _counted(
 
 
 def _covariance(
-    prepared: Prepared, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
+    prepared: PreparedTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Weighted rows with the offset's column, and the parameters' covariance from the residuals."""
+    """Weighted rows with the column of the offset, and the covariance of the parameters from the residuals."""
     time = prepared.recorded.time[samples]
     rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
     prior = _prior_rows(prepared, design)
@@ -287,7 +280,7 @@ def _covariance(
 
 
 def conditions(rows: FloatArray) -> tuple[float, float]:
-    """2-norm condition number of rows (R, c, b) stacked, in SI and with unit columns."""
+    """Return the 2-norm condition number of stacked rows (R, c, b), in SI units and with unit columns."""
     factor = triangular_factor(rows.reshape(-1, rows.shape[-1]))
     size = np.linalg.norm(factor, axis=0)
     return float(np.linalg.cond(factor)), float(np.linalg.cond(factor / np.where(size > 0.0, size, 1.0)))

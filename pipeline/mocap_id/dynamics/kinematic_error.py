@@ -1,43 +1,41 @@
-"""Errors of the geometry that repeat with the movement, and what they do to the parameters.
+"""Errors of the geometry that repeat with the movement, and their effect on the parameters.
 
-Skin slides over bone as the joints turn: the same error in every repetition. No resampling of the trial sees it, yet
-it is the larger part of the parameters' error (in simulated sit-to-stands residuals alone give intervals that hold
-the truth half of the time). So it is modelled: each marker's slide, with what it did to the joint centres and does to
-the angles in every posture, is an error mode of its own, and each mode is carried through the least squares. A slide
-that misplaces a joint and one that turns a segment are one and the same here; taken as independent they would make
-some parameters' deviations too large and others' too small.
+Skin slides over bone as the joints turn, with the same error in every repetition. Resampling the trial does not show
+this error, yet it is the largest part of the parameters' error: in simulated sit-to-stands, intervals from the
+residuals alone contain the truth only half of the time. It is therefore modelled. The slide of each marker is an error
+mode, with its effect on the joint centres and on the angles in every posture, and each mode is propagated through the
+least squares. One slide displaces a joint and turns a segment at the same time; as independent errors, the two would
+make some deviations too large and others too small. See docs/concepts/sliding-skin.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.base import triangular_factor
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
-_SAMPLES = 300  # of the fit: what repeats with the movement needs no more
-_MOMENT = 1.0 / 30.0  # s, over which errors of the posture are differentiated in time
-_RATE = 10.0  # Hz; postures a second at which torques are looked at, a movement's own frequencies being below 3 Hz
-_STEP = 1e-6  # rad, rad/s …, m, of a numerical derivative
+_SAMPLES = 300  # number of the fit's samples used: enough for errors that repeat with the movement
+_MOMENT = 1.0 / 30.0  # s: time step for derivatives of the posture's errors
+_RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
+_STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
 
 
 @dataclass(frozen=True)
 class KinematicError:
-    """What is uncertain of the geometry: independent modes of one standard deviation each.
+    """Uncertainty of the geometry as S independent modes of one standard deviation each.
 
     Parameters
     ----------
     angle : callable
-        From joint angles (T, n), rad, to every mode's errors of them (T, n, S), rad.
+        From joint angles (T, n), rad, to their errors in every mode (T, n, S), rad.
     centre : (n, 2, S) array
-        Every mode's error of the joint centres in the segment before, m.
+        Error of the joint centres in every mode, in the frame of the segment before the joint, m.
     """
 
     angle: Callable[[FloatArray], FloatArray]
@@ -45,11 +43,11 @@ class KinematicError:
 
     @classmethod
     def none(cls, joints: int) -> KinematicError:
-        """A geometry that is exact."""
+        """Return the error of an exact geometry."""
         return cls(lambda q: np.zeros((*q.shape, 0)), np.zeros((joints, 2, 0)))
 
     def states(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """(T, 3 n, S) errors of angles, velocities, accelerations: the errors of the postures a moment ago, now, soon.
+        """Return errors (T, 3 n, S) of angles, velocities and accelerations, by differences over three postures.
 
         Parameters
         ----------
@@ -63,15 +61,15 @@ class KinematicError:
         return np.concatenate([now, velocity, acceleration], axis=1)
 
 
-def kinematic_response(prepared: Prepared, found: Fit, base: FloatArray, error: KinematicError) -> FloatArray:
-    """By how much every mode moves the fit's parameters.
+def kinematic_response(prepared: PreparedTrial, found: Fit, base: FloatArray, error: KinematicError) -> FloatArray:
+    """Return the change of the fitted parameters with every mode.
 
-    With q + e in the place of q the wrench of the true parameters changes by its derivatives times the error; least
-    squares answers with minus what the columns explain of that.
+    If q has the error e, the modelled wrench changes by its derivatives times e. The least-squares parameters change by
+    minus the part of this that the columns explain.
 
     Parameters
     ----------
-    prepared : Prepared
+    prepared : PreparedTrial
     found : Fit
     base : (b,) array
         Base parameters.
@@ -80,7 +78,7 @@ def kinematic_response(prepared: Prepared, found: Fit, base: FloatArray, error: 
     Returns
     -------
     (b + k + 1, S) array
-        In the order of ``found.covariance``, which its outer product is to be added to.
+        In the order of ``found.covariance``, to which its outer product is added.
     """
     if error.centre.shape[-1] == 0:
         return np.zeros((found.design.shape[-1], 0))
@@ -92,24 +90,23 @@ def kinematic_response(prepared: Prepared, found: Fit, base: FloatArray, error: 
         return _regressor(prepared, states, centres)[:, components] @ _full(prepared, base)
 
     effect = _effect(wrench, prepared, samples, error) * found.weights[:, None]  # (R, c, S)
-    rows = design.reshape(-1, design.shape[-1])
-    factor = triangular_factor(rows)
-    half = solve_triangular(factor, rows.T @ effect.reshape(len(rows), -1), trans="T")
-    return -np.asarray(solve_triangular(factor, half))
+    return -replace(found, design=design, prior=None).response(effect)
 
 
-def torque_variance(prepared: Prepared, base: FloatArray, error: KinematicError, response: FloatArray) -> FloatArray:
-    """Variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is unknown.
+def torque_variance(
+    prepared: PreparedTrial, base: FloatArray, error: KinematicError, response: FloatArray
+) -> FloatArray:
+    """Return the variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is unknown.
 
-    What a mode does to the states and what the parameters answered with belong together: most of it cancels.
+    In each mode, the errors of the states and of the parameters are correlated; their effects largely cancel.
 
     Parameters
     ----------
-    prepared : Prepared
+    prepared : PreparedTrial
     base : (b,) array
     error : KinematicError
     response : (b, S) array
-        Of the base parameters to every mode.
+        Change of the base parameters with every mode.
     """
     recorded, kept = prepared.recorded, prepared.base.kept
     known = np.flatnonzero(np.isfinite(prepared.regressor).all(axis=(1, 2)))
@@ -137,11 +134,11 @@ def torque_variance(prepared: Prepared, base: FloatArray, error: KinematicError,
 
 def _effect(
     function: Callable[[FloatArray, FloatArray], FloatArray],
-    prepared: Prepared,
+    prepared: PreparedTrial,
     samples: IntArray,
     error: KinematicError,
 ) -> FloatArray:
-    """(R, k, S) changes of a function of states (R, 3 n) and joint centres with every mode."""
+    """Changes (R, k, S) of a function of states (R, 3 n) and joint centres with every mode."""
     recorded = prepared.recorded
     errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
     states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
@@ -155,14 +152,14 @@ def _effect(
     return np.asarray(of_states @ errors + of_centres @ error.centre.reshape(centres.size, errors.shape[-1]))
 
 
-def _regressor(prepared: Prepared, states: FloatArray, centres: FloatArray) -> FloatArray:
-    """(R, 3, 4(n + 1)) of states (R, 3 n)."""
+def _regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
+    """Full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
     q, dq, ddq = np.split(states, 3, axis=1)
     return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
 
 
-def _full(prepared: Prepared, base: FloatArray) -> FloatArray:
-    """(4(n + 1),) full parameters that the base parameters stand for, zero where a column was regrouped."""
+def _full(prepared: PreparedTrial, base: FloatArray) -> FloatArray:
+    """Full parameters (4(n + 1),) with the base parameters in the kept columns and zeros elsewhere."""
     full = np.zeros(4 * (len(prepared.recorded.centres) + 1))
     full[prepared.base.kept] = base
     return full

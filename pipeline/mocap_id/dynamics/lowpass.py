@@ -1,8 +1,8 @@
-"""One zero-phase low-pass for regressor and wrench alike, and how far its memory reaches.
+"""Zero-phase low-pass of regressor and wrench, and its reach.
 
-The wrench is linear in the regressor, so the same linear filter on both leaves the parameters untouched and takes
-away the noise of the accelerations, which would otherwise bias them. Samples beyond a gap or a contact leak into
-their neighbours; what may be used is therefore eroded by the filter's reach.
+The wrench is linear in the regressor. The same linear filter on both therefore does not change the parameters, but
+removes noise of the accelerations, which would bias them. Samples beyond a gap or a contact affect their neighbours, so
+the usable samples are eroded by the filter's reach.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
 _SHARE, _MARGIN, _LOWEST, _HIGHEST = 0.999, 2.0, 3.0, 10.0
 _OVERSAMPLED = 10
@@ -22,16 +22,16 @@ _OVERSAMPLED = 10
 class LowPass:
     """Butterworth filter of order 2, run forwards and backwards.
 
-    That has no phase, and at the frequency f the gain 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which multiplies
-    the Fourier transform of a stretch. The straight line through its ends passes such a filter as it is and is left
-    out; the rest is continued beyond both ends by its reflection with the sign turned.
+    It has no phase; its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which multiplies the
+    Fourier transform of a stretch. The straight line through the ends of the stretch passes unchanged and is subtracted
+    before; the remainder is extended beyond both ends by its reflection with the opposite sign.
 
     Parameters
     ----------
     cutoff : float
-        Hz, of the single pass.
+        Cut-off of a single pass, Hz.
     rate : float
-        Samples a second.
+        Samples per second.
     """
 
     cutoff: float
@@ -39,7 +39,7 @@ class LowPass:
 
     @property
     def reach(self) -> float:
-        """How far one sample is felt, s: beyond it the impulse response holds 3 % of its area."""
+        """Reach of one sample, s: 3 % of the impulse response's area is beyond it."""
         return 0.8 / self.cutoff
 
     @property
@@ -49,34 +49,34 @@ class LowPass:
 
     @property
     def step(self) -> int:
-        """Every how many-th sample of a filtered signal is enough: ten to the period of the cut-off."""
+        """Step between the samples of a filtered signal that are needed: ten per period of the cut-off."""
         return max(1, int(self.rate / (_OVERSAMPLED * self.cutoff)))
 
     def __call__(self, signal: FloatArray) -> FloatArray:
-        """Filter along the first axis, each finite stretch by itself.
+        """Filter each finite stretch along the first axis.
 
         Parameters
         ----------
         signal : (T, ...) array
-            A sample is missing where any of its values is NaN.
+            A sample with any NaN counts as missing.
 
         Returns
         -------
         (T, ...) array
-            NaN where the sample is missing or its stretch is shorter than the filter's reach on both sides.
+            NaN where the sample is missing or its stretch is shorter than twice the filter's reach.
         """
         flat = signal.reshape(len(signal), -1)
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
         out = np.zeros_like(flat)
         out[:] = np.nan
-        for run in runs(known(flat)):
+        for run in find_runs(known(flat)):
             if run.stop - run.start > 2 * self.reach_samples:
                 out[run] = 0.0
                 out[run, moving] = self._stretch(flat[run, moving])
         return out.reshape(signal.shape)
 
     def _stretch(self, signal: FloatArray) -> FloatArray:
-        """A stretch (T, c) without gaps."""
+        """Filter a stretch (T, c) without gaps."""
         count, beyond = len(signal), 2 * self.reach_samples
         place = np.arange(count)[:, None] / (count - 1)
         line: FloatArray = (1.0 - place) * signal[0] + place * signal[-1]
@@ -90,24 +90,24 @@ class LowPass:
 
 
 def cutoff_from_velocity(dq: FloatArray, rate: float) -> float:
-    """Cut-off by the default rule: twice the frequency that holds 99.9 % of the fastest joint's velocity power.
+    """Return the default cut-off: twice the frequency below which 99.9 % of the fastest joint's velocity power lies.
 
-    Velocity, because its spectrum is the movement's and not yet the noise's, as that of the acceleration is. The
-    result is held between 3 and 10 Hz and under a fifth of the rate.
+    The velocity's spectrum shows the movement, whereas that of the acceleration is dominated by noise. The result is
+    between 3 and 10 Hz, and at most a fifth of the rate.
 
     Parameters
     ----------
     dq : (T, n) array
         Joint velocities, rad/s; the longest finite stretch is used.
     rate : float
-        Samples a second.
+        Samples per second.
 
     Returns
     -------
     float
         Hz.
     """
-    longest = max(runs(known(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
+    longest = max(find_runs(known(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
     signal = dq[longest]
     if len(signal) < 2:
         return _LOWEST
@@ -117,19 +117,19 @@ def cutoff_from_velocity(dq: FloatArray, rate: float) -> float:
     return float(np.clip(_MARGIN * highest, _LOWEST, min(_HIGHEST, rate / 5)))
 
 
-def restored(filtered: FloatArray, samples: float) -> FloatArray:
-    """A filtered signal whose samples were means over some time, as it was without the averaging.
+def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
+    """Correct a filtered signal for the averaging of its samples over a time window.
 
-    The mean over a width W of a smooth signal w is w + W²/24 · w'' and a term in W⁴. The second derivative is that of
-    the filtered signal, which has next to no noise left that differences could raise: under a tenth of the rate the
-    correction is less than 2 % for W of one sample.
+    The mean of a smooth signal w over a width W is w + W²/24 · w'' plus a term in W⁴. The second derivative is taken
+    from the filtered signal, in which little noise is left to amplify. Below a tenth of the rate the correction is less
+    than 2 % for W of one sample.
 
     Parameters
     ----------
     filtered : (T, c) array
-        After the low-pass; NaN is missing.
+        Signal after the low-pass; NaN marks missing values.
     samples : float
-        W in samples.
+        Width W in samples.
 
     Returns
     -------
@@ -142,19 +142,13 @@ def restored(filtered: FloatArray, samples: float) -> FloatArray:
 
 
 def known(values: FloatArray) -> BoolArray:
-    """Samples (T,) of which every value (T, ...) is finite."""
+    """Return the samples (T,) in which every value (T, ...) is finite."""
     return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1), dtype=np.bool_)
 
 
-def runs(mask: BoolArray) -> list[slice]:
-    """Stretches of true samples, in order."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [slice(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def erode(mask: BoolArray, samples: int) -> BoolArray:
-    """Take ``samples`` off both ends of every stretch; the ends of the recording count as ends."""
+    """Remove ``samples`` from both ends of every stretch, also at the ends of the recording."""
     out = np.zeros_like(mask)
-    for run in runs(mask):
+    for run in find_runs(mask):
         out[run.start + samples : max(run.stop - samples, run.start + samples)] = True
     return out

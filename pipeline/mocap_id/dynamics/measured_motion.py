@@ -1,8 +1,9 @@
-"""Motion of bodies from their measured poses: pins where the joints hold, low-pass filters, derivatives.
+"""Motion of bodies from their measured poses: pinned joints, low-pass filters, derivatives.
 
-A person's joints give way: hip and pelvis part by a centimetre and more. The measured poses hold that, and with it how
-the mass really moved. Noise is taken out by a zero-phase low-pass of each coordinate of the pose; horizontal
-position, vertical position and angle have a cut-off each, since the wrench needs them up to different frequencies.
+A person's joints are not perfect pins: at the hip, the thigh and the trunk move apart by a centimetre and more. The
+measured poses include this, and therefore the real motion of the mass. A zero-phase low-pass removes noise from each
+coordinate of the pose. Horizontal position, vertical position and angle have a cut-off each, because the wrench
+requires them up to different frequencies.
 """
 
 from __future__ import annotations
@@ -12,37 +13,39 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
-from mocap_id.dynamics.lowpass import LowPass, known, runs
-from mocap_id.dynamics.motion import Motion, point_acceleration
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.dynamics.lowpass import LowPass, known
+from mocap_id.dynamics.motion import PlanarMotion, point_acceleration
 from mocap_id.geometry import planar
 
-BRIDGED = 0.25  # s; a longer gap in a body's pose stays a gap
+BRIDGED = 0.25
+"""Longest interval without a pose that is filled, s."""
 CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 """Cut-offs to choose from, Hz."""
 USUAL = (3.0, 5.0, 4.0)
-"""Cut-offs of x, y and angle where nothing shows better ones, Hz."""
-_GAP_BAND = 3.0  # Hz, in which gaps are judged: camera noise is small there, movement is not
+"""Default cut-offs of x, y and angle, Hz."""
+_GAP_BAND = 3.0  # Hz: gaps are measured below; there, camera noise is small compared with movement
 GIVES_WAY = 0.03
-"""m/s² rms of a gap's acceleration; camera noise and skin of simulated people whose joints hold reach 0.02 to 0.05."""
+"""Rms acceleration of a gap above which a joint gives way, m/s². In simulated people with perfect joints, camera noise
+and skin reach 0.02 to 0.05."""
 SURELY = 0.1
-"""m/s² rms: in simulated people whose joints hold, slipping skin shows at most 0.06."""
+"""Rms acceleration of a gap above which a joint surely gives way, m/s². With perfect joints, skin reaches 0.06."""
 
 
 @dataclass(frozen=True)
 class BodyPoses:
-    """Poses of K bodies as they were measured, and how the chain's joints lie in them.
+    """Measured poses of K bodies, and the positions of the chain's joints in them.
 
     Parameters
     ----------
     time : (T,) array
-        s, even steps.
+        Even steps, s.
     position : (T, K, 2) array
         Centroid of each body's markers, plane frame, m; NaN where unknown.
     angle : (T, K) array
-        Of the body's frame from the plane's, rad; NaN where unknown.
+        Angle of each body's frame in the plane frame, rad; NaN where unknown.
     centroid : (K, 2) array
-        The same point in the body's frame, m.
+        Centroid of the markers in the body's frame, m.
     information : (K, 2) array
         Inverse variance of one frame's position, 1/m², and angle, 1/rad², up to a common factor.
     body : (n + 1,) int array
@@ -61,16 +64,16 @@ class BodyPoses:
 
     @property
     def rate(self) -> float:
-        """Samples a second."""
+        """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     @property
     def joints(self) -> list[int]:
-        """Joints, from 0, whose two sides are different bodies."""
+        """Joints, from 0, between two different bodies."""
         return [j for j in range(len(self.centres)) if self.body[j] != self.body[j + 1]]
 
     def one(self, body: int) -> BodyPoses:
-        """One of the bodies by itself, without joints."""
+        """Return one of the bodies alone, without joints."""
         own = slice(body, body + 1)
         return BodyPoses(
             time=self.time,
@@ -84,11 +87,11 @@ class BodyPoses:
 
     @property
     def origin(self) -> FloatArray:
-        """(T, K, 2) origins of the bodies' frames, m."""
+        """Origins (T, K, 2) of the bodies' frames, m."""
         return np.asarray(self.position - planar.rotate(self.angle, self.centroid))
 
     def gap(self, joint: int) -> FloatArray:
-        """(T, 2) from the joint's centre on the segment before it to that on the segment after it, m."""
+        """Return the vector (T, 2) from the joint's centre on the segment before it to that on the one after it, m."""
         before, after = int(self.body[joint]), int(self.body[joint + 1])
         origin = self.origin
         return np.asarray(
@@ -96,10 +99,10 @@ class BodyPoses:
         )
 
     def place_variance(self, joint: int) -> float:
-        """Variance of a joint's place in the bodies on its two sides, m² a coordinate.
+        """Return the variance of a joint's position in the bodies on its two sides, m² per coordinate.
 
-        The markers' residuals show how far a body is from rigid: where its markers move relative to each other, so does
-        a joint.
+        The residuals of the markers show how rigid a body is: where its markers move relative to each other, so does a
+        joint.
         """
         found = 0.0
         for body, point in ((self.body[joint], self.centres[joint]), (self.body[joint + 1], np.zeros(2))):
@@ -110,17 +113,17 @@ class BodyPoses:
 
 
 @dataclass(frozen=True)
-class Gap:
-    """How far a joint gives way.
+class JointGap:
+    """Relative motion of the two sides of a joint.
 
     Parameters
     ----------
     size : float
-        rms of the gap's change, m.
+        Rms change of the gap, m.
     acceleration : float
-        rms of the gap's acceleration below 3 Hz, m/s²; NaN where no stretch is long enough.
+        Rms acceleration of the gap below 3 Hz, m/s²; NaN if no stretch is long enough.
     place : float
-        Variance of the joint's place in the bodies on its two sides, m² a coordinate.
+        Variance of the joint's position in the bodies on its two sides, m² per coordinate.
     """
 
     size: float
@@ -129,23 +132,23 @@ class Gap:
 
     @property
     def pinned(self) -> bool:
-        """The gap is at the noise: the joint holds. Where it is not known, it counts as holding."""
+        """Whether the gap is within the noise or unknown, so that the joint counts as a pin."""
         return not self.acceleration > GIVES_WAY
 
     @property
     def centre_variance(self) -> float:
-        """Variance of the joint's centre that gap and bodies leave, m² a coordinate; 0 where the gap is not known."""
+        """Variance of the joint's centre from gap and bodies, m² per coordinate; 0 if the gap is unknown."""
         return self.size**2 / 2 + self.place if np.isfinite(self.size) else 0.0
 
 
-def bridged(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
-    """Fill short gaps of the poses linearly.
+def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
+    """Interpolate short intervals without poses linearly.
 
     Returns
     -------
     BodyPoses
     observed : (T,) bool array
-        Samples on which every pose was measured.
+        Samples in which every pose was measured.
     """
     series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
     longest = round(BRIDGED * poses.rate)
@@ -154,7 +157,7 @@ def bridged(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
     for k in range(series.shape[1]):
         there = np.isfinite(series[:, k]).all(axis=1)
         samples = np.flatnonzero(there)
-        for hole in runs(~there):
+        for hole in find_runs(~there):
             inside = len(samples) and hole.start > samples[0] and hole.stop <= samples[-1]
             if inside and hole.stop - hole.start <= longest:
                 at = np.arange(hole.start, hole.stop)
@@ -163,20 +166,20 @@ def bridged(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
     return replace(poses, position=filled[..., :2], angle=filled[..., 2]), observed
 
 
-def gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, Gap]:
-    """How far each joint between two bodies gives way.
+def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
+    """Measure the relative motion in each joint between two bodies.
 
     Parameters
     ----------
     poses : BodyPoses
-        Without short gaps.
+        Poses with short intervals filled.
     samples : (T,) bool array
-        Those to judge on.
+        Samples to use.
 
     Returns
     -------
-    dict of int to Gap
-        By the joint, from 0.
+    dict of int to JointGap
+        Gap of each joint, from 0.
     """
     lowpass = LowPass(min(_GAP_BAND, poses.rate / 5), poses.rate)
     found = {}
@@ -187,21 +190,21 @@ def gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, Gap]:
         moving = samples & known(acceleration)
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
         felt = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
-        found[joint] = Gap(size, felt, poses.place_variance(joint))
+        found[joint] = JointGap(size, felt, poses.place_variance(joint))
     return found
 
 
-def pinned(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
+def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
     """Close the gaps of some joints by the smallest change of the poses.
 
-    With W the information of the poses, J the gaps' Jacobian and g the gaps, the change is -W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ g; a
-    second step removes the rest, which comes from the bodies' rotation.
+    With the information W of the poses, the gaps g and their Jacobian J, the change is -W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ g. A second
+    step removes the remainder, which is due to the bodies' rotation.
 
     Parameters
     ----------
     poses : BodyPoses
     joints : sequence of int
-        From 0, each between two bodies.
+        Joints, from 0, each between two bodies.
     """
     if not joints:
         return poses
@@ -213,7 +216,7 @@ def pinned(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
 
 
 def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
-    """Change (f, K, 3) of position and angle that closes gaps (f, j, 2) at angles (f, K); 0 where one is unknown."""
+    """Change (f, K, 3) of positions and angles that closes gaps (f, j, 2) at angles (f, K); 0 where one is unknown."""
     size, bodies = angle.shape
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
     jacobian = np.zeros((size, len(joints), 2, bodies, 3))
@@ -235,12 +238,12 @@ def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: Fl
 
 
 class PoseFilter:
-    """Poses ready to be filtered with any cut-offs; every coordinate is filtered with each cut-off once.
+    """Filter of poses for several cut-offs; every coordinate is filtered only once with each cut-off.
 
     Parameters
     ----------
     poses : BodyPoses
-        Pinned and bridged as they are to be used.
+        Poses with joints closed and short intervals filled as needed.
     """
 
     def __init__(self, poses: BodyPoses) -> None:
@@ -248,8 +251,8 @@ class PoseFilter:
         self._series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
         self._known: dict[tuple[int, float], tuple[FloatArray, FloatArray, FloatArray]] = {}
 
-    def motion(self, bands: tuple[float, float, float]) -> Motion:
-        """Filtered motion of the bodies; a joint's centre is the mean of those on its two sides.
+    def motion(self, bands: tuple[float, float, float]) -> PlanarMotion:
+        """Return the filtered motion of the bodies; a joint's centre is the mean of those on its two sides.
 
         Parameters
         ----------
@@ -261,10 +264,10 @@ class PoseFilter:
         arm = planar.rotate(angle, -poses.centroid)  # from the centroid to the frame's origin
         origin = np.stack([x, y], axis=-1) + arm
         acceleration = np.stack([ddx, ddy], axis=-1) + point_acceleration(arm, omega, alpha)
-        place = np.full(angle.shape[1], len(poses.body))  # bodies of no segment are beyond every joint
+        place = np.full(angle.shape[1], len(poses.body))  # bodies without a segment are beyond every joint
         place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
         beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
-        return Motion(angle, omega, alpha, origin, acceleration, joint_centres(poses, angle, origin), beyond)
+        return PlanarMotion(angle, omega, alpha, origin, acceleration, joint_centres(poses, angle, origin), beyond)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One coordinate of all bodies (T, K) and its two derivatives."""
@@ -278,14 +281,14 @@ class PoseFilter:
 
 
 def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
-    """(T, n, 2) means of the joints' places on their two sides, m; NaN where both sides are one body.
+    """Return the joints' positions (T, n, 2) as means of their two sides, m; NaN where both sides are one body.
 
     Parameters
     ----------
     poses : BodyPoses
-        How the joints lie in the bodies.
+        Gives the positions of the joints in the bodies.
     angle, origin : (T, K) and (T, K, 2) arrays
-        Of the bodies' frames, rad and m.
+        Angle and origin of the bodies' frames, rad and m.
     """
     joint = np.full((len(angle), len(poses.centres), 2), np.nan)
     for j in poses.joints:
@@ -295,13 +298,13 @@ def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> Fl
     return joint
 
 
-def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Motion:
-    """Motion of the bodies, filtered with cut-offs of x, y and angle, Hz: :meth:`PoseFilter.motion`."""
+def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> PlanarMotion:
+    """Return the motion of the bodies, filtered with cut-offs of x, y and angle, Hz, by :meth:`PoseFilter.motion`."""
     return PoseFilter(poses).motion(bands)
 
 
 def _derivatives(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """First and second time derivative by central differences of fourth order; NaN at the ends of a stretch."""
+    """First and second time derivatives by central differences of fourth order; NaN at the ends of a stretch."""
     first, second = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
     back, before, now, after, ahead = (values[k : len(values) - 4 + k] for k in range(5))
     first[2:-2] = (back - 8 * before + 8 * after - ahead) * (rate / 12)

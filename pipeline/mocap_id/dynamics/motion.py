@@ -1,7 +1,7 @@
-"""Motion of a body's segments in the plane: what the regressor needs of it, whatever it comes from.
+"""Planar motion of a body's segments, the input of the regressor.
 
-Two sources give it. The chain's joint angles move segments that are pinned to each other (:func:`chain_motion`). The
-measured poses of marker clusters move every body by itself (:mod:`mocap_id.dynamics.measured_motion`).
+It comes from the joint angles of a chain whose segments are pinned to each other (:func:`chain_motion`), or from the
+measured poses of marker clusters, in which every body moves by itself (:mod:`mocap_id.dynamics.measured_motion`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mocap_id.geometry import planar
 
 
 @dataclass(frozen=True)
-class Motion:
+class PlanarMotion:
     """Poses of K bodies, their derivatives, and the n joints between them, in the plane frame.
 
     Parameters
@@ -23,11 +23,11 @@ class Motion:
     angle, omega, alpha : (T, K) arrays
         Angle of each body's frame, rad, and its time derivatives.
     origin, acceleration : (T, K, 2) arrays
-        Origin of each body's frame, m, and its acceleration without gravity, m/s².
+        Origin of each body's frame, m, and its kinematic acceleration, without gravity, m/s².
     joint : (T, n, 2) array
-        Centres of the joints, m; NaN where both sides of a joint are one body.
+        Centres of the joints, m; NaN where both sides of a joint belong to one body.
     beyond : (n, K) bool array
-        The bodies that a joint carries: those distal to it.
+        Whether each body is distal to each joint.
     """
 
     angle: FloatArray
@@ -40,13 +40,13 @@ class Motion:
 
     @property
     def jacobian(self) -> FloatArray:
-        """(T, 3, n) unit twists (p_y, -p_x, 1) of the joints: times a wrench, its moment about each joint."""
+        """Unit twists (p_y, -p_x, 1) of the joints, (T, 3, n); their product with a wrench is its moment about them."""
         x, y = self.joint[..., 0], self.joint[..., 1]
         return np.stack([y, -x, np.ones_like(x)], axis=1)
 
 
-def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> Motion:
-    """Motion of the segments of a pinned chain on a fixed base.
+def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
+    """Return the motion of the segments of a pinned chain on a fixed base.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatA
 
     Returns
     -------
-    Motion
-        Of n + 1 segments, base first.
+    PlanarMotion
+        Motion of n + 1 segments, base first.
     """
     angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
     omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)
@@ -68,11 +68,11 @@ def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatA
     acceleration[:, 1:] = np.cumsum(steps, axis=1)
     joints = len(centres)
     beyond: BoolArray = np.arange(joints + 1) > np.arange(joints)[:, None]
-    return Motion(angle, omega, alpha, origin, acceleration, origin[:, 1:], beyond)
+    return PlanarMotion(angle, omega, alpha, origin, acceleration, origin[:, 1:], beyond)
 
 
 def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Acceleration of a point at ``arm`` (..., 2) from the origin of a body that turns, relative to that origin."""
+    """Return the acceleration of a point at ``arm`` (..., 2) in a rotating body, relative to the body's origin."""
     turned = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
     acceleration: FloatArray = alpha[..., None] * turned - (omega**2)[..., None] * arm
     return acceleration

@@ -1,17 +1,17 @@
-"""Whether a solution is the best: the Karush-Kuhn-Tucker conditions, checked without asking the solver.
+"""Proof that a solution is optimal: the Karush-Kuhn-Tucker conditions, checked independently of the solver.
 
-Every set of bodies that is fitted here is a convex cone: masses at points, none negative. The cost is convex, so a
-solution is a best one exactly when
+Every set of bodies that is fitted here is a convex cone of non-negative point masses, and the cost is convex. A
+solution is therefore optimal exactly if it meets four conditions:
 
 - **primal feasibility**: it is in the cone;
-- **stationarity**: the cost does not change to first order with the parameters that are free;
-- **dual feasibility**: no mass at any point of the set would lower the cost. The cost's derivative by a mass is that
-  mass's *price*; the multipliers of the constraints are the prices, and none may be negative;
-- **complementarity**: what carries mass has the price zero.
+- **stationarity**: the cost does not change to first order with the free parameters;
+- **dual feasibility**: no mass at any point of the set would lower the cost. The derivative of the cost with respect to
+  a mass is the *price* of that mass. The prices are the multipliers of the constraints; none may be negative;
+- **complementarity**: points that carry mass have the price zero.
 
-The last three are given in the cost's own unit and relative to it: as what each leaves to gain. Their sum bounds how
-far the cost is above the least one, because a convex function lies above its tangents. None can leave more to gain than
-dropping the cone altogether would.
+The last three are expressed as the decrease of the cost that they still allow, relative to the cost. Their sum is an
+upper bound of the distance to the least cost, because a convex function lies above its tangents. None can exceed the
+decrease without the cone.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ from typing import Protocol
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.solve import Compressed
+from mocap_id.dynamics.least_squares import CompressedProblem
 
 PROVEN = 1e-6
-"""Relative to the cost: a solution that leaves less to gain counts as the best."""
-_INSIDE = 1e-9  # relative violation that is rounding
-_HEAVIER = 2.0  # bodies up to so many times the mass are considered in the bound
+"""Possible decrease of the cost, relative to it, below which a solution counts as optimal."""
+_INSIDE = 1e-9  # relative violation that counts as rounding
+_HEAVIER = 2.0  # the bound holds against bodies of up to this multiple of the mass
 
 
-class Bodies(Protocol):
-    """A convex cone of bodies, described by v numbers that map linearly to the problem's first b parameters."""
+class BodyCone(Protocol):
+    """A convex cone of bodies, each given by v numbers that map linearly to the first b parameters of a problem."""
 
     @property
     def mapping(self) -> FloatArray:
-        """(b, v)."""
+        """Matrix (b, v) from the numbers to the parameters."""
 
     def outside(self, body: FloatArray) -> float:
-        """How far a body (v,) violates the cone's conditions, relative to its size; 0 inside."""
+        """Return by how much a body (v,) violates the conditions of the cone, relative to its size; 0 inside."""
 
     def mass(self, body: FloatArray) -> float:
-        """Total mass of a body (v,), kg."""
+        """Return the total mass of a body (v,), kg."""
 
     def cheapest(self, prices: FloatArray) -> FloatArray:
-        """Bodies (v, q) of 1 kg at one point each, the cheapest among them, given each number's price (v,)."""
+        """Return bodies (v, q) of 1 kg at single points that include the cheapest one for prices (v,)."""
 
 
 @dataclass(frozen=True)
 class Optimality:
-    """How far a solution is from meeting each condition.
+    """Deviation of a solution from each optimality condition.
 
     Parameters
     ----------
     primal : float
         Violation of the cone, relative to the body.
     stationarity, dual, complementarity : float
-        What free parameters, absent masses and present masses leave to gain, relative to the cost.
+        Decrease of the cost that free parameters, absent masses and present masses still allow, relative to the cost.
     """
 
     primal: float
@@ -66,12 +66,12 @@ class Optimality:
 
     @property
     def excess(self) -> float:
-        """Upper bound on how far the cost is above the least one, relative to it."""
+        """Upper bound of the cost's distance to the least cost, relative to the cost."""
         return self.stationarity + self.dual + self.complementarity
 
     @property
     def proven(self) -> bool:
-        """All four conditions hold; false where any is not a number."""
+        """Whether all four conditions hold; false if any is NaN."""
         return self.primal <= _INSIDE and self.excess <= PROVEN
 
 
@@ -79,20 +79,20 @@ _UNKNOWN = Optimality(np.inf, np.inf, np.inf, np.inf)
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What one solver gives.
+class SolverAnswer:
+    """The solution and the report of a solver.
 
     Parameters
     ----------
     solver : str
     body : (v,) array
-        NaN where the solver gives nothing.
+        NaN if the solver found no solution.
     cost : float
     optimality : Optimality
     status : str
-        The solver's own word.
+        The solver's own status text.
     iterations : int
-        0 where the solver does not tell.
+        0 if the solver does not report it.
     """
 
     solver: str
@@ -106,22 +106,24 @@ class Answer:
 _NO_OTHERS: FloatArray = np.zeros(0)
 
 
-def check(problem: Compressed, bodies: Bodies, body: FloatArray, others: FloatArray = _NO_OTHERS) -> Optimality:
+def check_optimality(
+    problem: CompressedProblem, bodies: BodyCone, body: FloatArray, others: FloatArray = _NO_OTHERS
+) -> Optimality:
     """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
 
     Parameters
     ----------
-    problem : Compressed
-        b + k columns: those that the bodies map to, then k free parameters.
-    bodies : Bodies
+    problem : CompressedProblem
+        b + k columns: the parameters that the bodies map to, then k free parameters.
+    bodies : BodyCone
     body : (v,) array
     others : (k,) array
-        None by default.
+        Values of the free parameters; by default there are none.
 
     Returns
     -------
     Optimality
-        The bound holds against bodies of up to twice the mass.
+        Its bound holds against bodies of up to twice the mass.
     """
     if not (np.isfinite(body).all() and np.isfinite(others).all()):
         return _UNKNOWN
@@ -142,7 +144,7 @@ def check(problem: Compressed, bodies: Bodies, body: FloatArray, others: FloatAr
 
 
 def _gain(columns: FloatArray, rest: FloatArray) -> float:
-    """What the best change of free parameters takes off the cost: the residual's part in the columns' span."""
+    """Decrease of the cost by the best change of free parameters: the residual's part in the columns' span."""
     if columns.shape[1] == 0:
         return 0.0
     step = np.linalg.lstsq(columns, rest, rcond=None)[0]
@@ -150,12 +152,12 @@ def _gain(columns: FloatArray, rest: FloatArray) -> float:
 
 
 def _bound(prices: FloatArray, mass: float) -> float:
-    """What bodies of up to ``_HEAVIER`` times the mass could gain at most, all of it at the lowest price (q,)."""
+    """Largest decrease by bodies of up to ``_HEAVIER`` times the mass, all at the lowest price (q,)."""
     return _HEAVIER * mass * abs(float(prices.min(initial=0.0)))
 
 
 def _best_single(columns: FloatArray, rest: FloatArray) -> float:
-    """What the best mass at one point takes off the cost; it counts where the solution has no mass to compare with."""
+    """Decrease of the cost by the best single point mass, which matters if the solution has no mass."""
     size = np.sum(columns**2, axis=0)
     downhill = np.maximum(-(columns.T @ rest), 0.0)
     gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)

@@ -1,11 +1,11 @@
-"""Least squares over point masses that are not negative (eq. 4.26), and its answer checked.
+"""Least squares over non-negative point masses (eq. 4.26), with a proof of optimality.
 
-With B = M P the cost is ‖R [B ρ; c] - d‖², ρ ≥ 0: non-negative least squares, an active-set method that is exact. OSQP
-is there for the problem that defeats it, and for tests to compare. OSQP gets the problem in split form, with ρ and
-y = R B ρ as variables, so that nothing is squared. Its tolerances are relative to the whole wrench, while the cost is
-what little of it is left: it says "solved" where the cost is several per cent off (docs/solvers.md). So it is asked for
-corrections: after each answer for the step from there, in the residual's own scale, until the optimality conditions
-hold.
+With B = M P the cost is ‖R [B ρ; c] - d‖², ρ ≥ 0. Non-negative least squares, an exact active-set method, solves it.
+OSQP serves for problems in which this fails, and for comparison in tests. It gets the problem in split form, with
+variables ρ and y = R B ρ, so that the condition number is not squared. Its tolerances are relative to the whole wrench,
+whereas the cost is the small remaining residual; it can report "solved" when the cost is several per cent too high
+(docs/measured/dynamics.md). It is therefore run repeatedly for corrections in the scale of the residual, until the
+optimality conditions hold.
 """
 
 from __future__ import annotations
@@ -17,48 +17,48 @@ from scipy import sparse
 from scipy.optimize import nnls
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.optimality import Answer, check
-from mocap_id.dynamics.solve import Compressed
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 from mocap_id.errors import NumericalError
 
-_ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # of each round, relative to the residual that it starts from
-_ITERATIONS = 20_000  # of one round
-_ENOUGH = 1e-9  # of the cost: with less to gain there is no further round
+_ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # of each round, relative to the residual at its start
+_ITERATIONS = 20_000  # per round
+_ENOUGH = 1e-9  # possible relative decrease of the cost that ends the rounds
 _EQUAL, _EVEN = 1e5, 1e-3
 
 
 @dataclass(frozen=True)
 class GridBodies:
-    """Masses at given points: the numbers of :class:`~mocap_id.dynamics.optimality.Bodies` are the masses.
+    """Bodies of masses at given points; the masses are the numbers of :class:`~mocap_id.dynamics.optimality.BodyCone`.
 
     Parameters
     ----------
     mapping : (b, p) array
-        B.
+        Matrix B.
     """
 
     mapping: FloatArray
 
     def outside(self, body: FloatArray) -> float:
-        """The most negative mass, of the largest."""
+        """Return the size of the most negative mass, relative to the largest."""
         return abs(float(body.min(initial=0.0))) / max(float(np.abs(body).max(initial=0.0)), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
-        """Total mass, kg."""
+        """Return the total mass, kg."""
         return float(np.abs(body).sum())
 
     def cheapest(self, prices: FloatArray) -> FloatArray:
-        """Every point."""
+        """Return a body of 1 kg at every point."""
         return np.eye(len(prices))
 
 
-def solve_osqp(problem: Compressed, moments: FloatArray) -> Answer:
-    """Point masses by OSQP in split form.
+def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
+    """Solve for the point masses by OSQP in split form.
 
     Parameters
     ----------
-    problem : Compressed
-        b columns; parameters that are free are taken out before (:meth:`Compressed.over`).
+    problem : CompressedProblem
+        b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
     moments : (b, p) array
         B = M P of eq. 4.25.
     """
@@ -71,13 +71,13 @@ def solve_osqp(problem: Compressed, moments: FloatArray) -> Answer:
         moved = np.maximum(masses + step, 0.0)
         if problem.cost(moments @ moved) < problem.cost(moments @ masses):
             masses = moved
-        if check(problem, GridBodies(moments), masses).excess <= _ENOUGH:
+        if check_optimality(problem, GridBodies(moments), masses).excess <= _ENOUGH:
             break
     return _answer("osqp", problem, moments, masses, status=status, iterations=iterations)
 
 
-def solve_nnls(problem: Compressed, moments: FloatArray) -> Answer:
-    """Point masses by non-negative least squares, an active-set method; arguments as for :func:`solve_osqp`."""
+def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
+    """Solve for the point masses by non-negative least squares; arguments as for :func:`solve_osqp`."""
     points = moments.shape[1]
     status = "solved"
     try:
@@ -95,7 +95,7 @@ def osqp_split(
     accuracy: float,
     iterations: int = _ITERATIONS,
 ) -> tuple[FloatArray, str, int]:
-    """One round of OSQP: min ‖y - target‖² over ρ ≥ least and y = mapped · ρ, both in units of order one.
+    """Run one round of OSQP: min ‖y - target‖² over ρ ≥ least and y = mapped · ρ, both scaled to order one.
 
     Parameters
     ----------
@@ -107,18 +107,18 @@ def osqp_split(
     accuracy : float
         OSQP's tolerances, relative to the target.
     iterations : int
-        At most.
+        Largest number of iterations.
 
     Returns
     -------
     (p,) array
-        ρ, within OSQP's tolerance of its bounds; zero where OSQP has no answer.
+        ρ, within OSQP's tolerance of its bounds; zero if OSQP finds no solution.
     str
-        OSQP's own word.
+        OSQP's status text.
     int
-        Iterations.
+        Number of iterations.
     """
-    import osqp  # noqa: PLC0415  hardly a run needs it
+    import osqp  # noqa: PLC0415  rarely needed
 
     base, points = mapped.shape
     length = max(float(np.linalg.norm(target)), 1e-300)
@@ -146,24 +146,23 @@ def osqp_split(
 def spread_masses(
     moments: FloatArray, fitted: FloatArray, full_moments: FloatArray, target: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Of all point masses with the same base parameters, those closest to a target in the full parameters.
+    """Return the point masses with given base parameters whose full parameters are closest to a target.
 
-    The data fix B ρ alone. This decides the rest without touching what the data say, which a penalty inside the fit
-    would: the equality is held by a weight 1e5 times that of the aim. Where there is no aim the masses are spread
-    evenly.
+    The data determine only B ρ. A penalty within the fit would change B ρ; here, a weight of 1e5 times that of the
+    target keeps it constant. Without a target the masses are spread evenly.
 
     Parameters
     ----------
     moments : (b, p) array
-        B.
+        Matrix B.
     fitted : (p,) array
-        Point masses that fit, ρ ≥ 0.
+        Point masses of the fit, ρ ≥ 0.
     full_moments : (f, p) array
-        P.
+        Matrix P.
     target : (f,) array
-        Full parameters aimed at; NaN where there is no aim.
+        Target for the full parameters; NaN for none.
     scale : (f,) array
-        Deviation that counts as one, of each full parameter.
+        Standard deviation of each full parameter of the target.
 
     Returns
     -------
@@ -190,13 +189,19 @@ def spread_masses(
         return np.asarray(nnls(rows, aims, maxiter=50 * rows.shape[1])[0], dtype=np.float64)
     except RuntimeError as error:
         raise NumericalError(
-            f"the {rows.shape[1]} point masses could not be spread: {error}; check the chain for two joints in one "
-            "place or units that are off"
+            f"the {rows.shape[1]} point masses could not be spread: {error}; check the chain for two joints at the "
+            "same place, or for wrong units"
         ) from error
 
 
 def _answer(
-    solver: str, problem: Compressed, moments: FloatArray, masses: FloatArray, *, status: str, iterations: int = 0
-) -> Answer:
-    optimality = check(problem, GridBodies(moments), masses)
-    return Answer(solver, masses, problem.cost(moments @ masses), optimality, status, iterations)
+    solver: str,
+    problem: CompressedProblem,
+    moments: FloatArray,
+    masses: FloatArray,
+    *,
+    status: str,
+    iterations: int = 0,
+) -> SolverAnswer:
+    optimality = check_optimality(problem, GridBodies(moments), masses)
+    return SolverAnswer(solver, masses, problem.cost(moments @ masses), optimality, status, iterations)

@@ -1,13 +1,13 @@
-"""Errors of measured poses that repeat with the movement, and what they do to parameters and torques.
+"""Errors of measured poses that repeat with the movement, and their effect on parameters and torques.
 
-Skin slides over bone as the joints turn, the same way in every repetition, so no resampling of the trial shows it. A
-slide d of one marker among the m of a body moves the body's measured pose by
+Skin slides over bone as the joints turn, with the same error in every repetition, which resampling the trial does not
+show. A slide d of one of the m markers of a body changes the body's measured pose by
 
     (d / m, ρ × d / Σ|ρ|²),
 
-with ρ the marker's place from the centroid. Slides follow the angle of the joint below or above the body, as in
-:mod:`mocap_id.kinematics.skin_slides`. All markers of a body together give a covariance of three numbers, the pose's
-error in x, y and angle for one standard deviation of the joint's angle; each is carried through the fit.
+where ρ is the marker's position relative to the centroid. Slides follow the angle of the joint below or above the body,
+as in :mod:`mocap_id.kinematics.skin_slides`. The markers of a body together give a (3, 3) covariance of the pose's
+error in x, y and angle, for one standard deviation of the joint's angle. Its modes are propagated through the fit.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.measured_motion import BodyPoses, joint_centres, measured_motion
-from mocap_id.dynamics.motion import Motion
-from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.motion import PlanarMotion
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.geometry import planar
 
 _RATE = 50.0  # Hz; movements are below 3 Hz
-_STEP = 1e-4  # m, rad: of a numerical derivative
+_STEP = 1e-4  # m, rad: step of numerical derivatives
 
 
 @dataclass(frozen=True)
 class SlidingBody:
-    """How the markers of one body slide.
+    """Error of one body's pose by sliding markers.
 
     Parameters
     ----------
     covariance : (3, 3) array
-        Of the pose's error in x, y (body's frame, m) and angle (rad) for one standard deviation of the joint angle.
+        Covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint angle.
     joints : tuple of int
         Joints, from 0, whose angles the slides follow.
     """
@@ -46,12 +46,12 @@ class SlidingBody:
 
 @dataclass(frozen=True)
 class PoseEffect:
-    """What the poses' errors do, mode by mode of one standard deviation.
+    """Effect of the poses' errors, as modes of one standard deviation each.
 
     Parameters
     ----------
     parameters : (b + k + 1, S) array
-        Changes of what is fitted, in the order of the fit's covariance.
+        Changes of the fitted values with each mode, in the order of the fit's covariance.
     torque : (T, n) array
         Variance of the joint torques, (N·m)².
     """
@@ -61,14 +61,14 @@ class PoseEffect:
 
 
 def sliding_body(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
-    """Covariance of a body's pose from its markers' slides.
+    """Compute the covariance of a body's pose from the slides of its markers.
 
     Parameters
     ----------
     local : (m, 2) array
         Markers in the body's frame, m.
     variance : (m,) array
-        Of each marker's slide, a coordinate, m².
+        Variance of each marker's slide, per coordinate, m².
     joints : tuple of int
         Joints whose angles the slides follow.
     """
@@ -82,12 +82,12 @@ def sliding_body(local: FloatArray, variance: FloatArray, joints: tuple[int, ...
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Measured poses and how they err.
+    """Measured poses and their errors.
 
     Parameters
     ----------
     poses : BodyPoses
-        What the motion was made from.
+        The poses from which the motion was computed.
     sliding : tuple of SlidingBody
         One for each body.
     bands : (x, y, angle)
@@ -99,13 +99,13 @@ class PoseErrors:
     bands: tuple[float, float, float]
 
 
-def pose_effect(prepared: Prepared, found: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Carry the errors of every body's pose through the fit.
+def pose_effect(prepared: PreparedTrial, found: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
+    """Propagate the errors of every body's pose through the fit.
 
     Parameters
     ----------
-    prepared : Prepared
-        On the bodies' motion.
+    prepared : PreparedTrial
+        Prepared with the bodies' measured motion.
     found : Fit
     full : (4K,) array
         Parameters of the bodies.
@@ -124,8 +124,8 @@ def pose_effect(prepared: Prepared, found: Fit, full: FloatArray, errors: PoseEr
         for joint in own.joints:
             wrench, torque = trace.effects(body, shapes[:, joint])
             known = np.isfinite(wrench).all(axis=(1, 2))
-            seen = _at(recorded.time[found.samples], thin.time[known], wrench[known] @ root)
-            rows.append(-found.answer(seen[:, list(prepared.settings.components)] * found.weights[:, None]))
+            wrench_errors = _at(recorded.time[found.samples], thin.time[known], wrench[known] @ root)
+            rows.append(-found.response(wrench_errors[:, list(prepared.settings.components)] * found.weights[:, None]))
             torques.append(torque @ root)
     parameters = np.concatenate(rows, axis=1)
     felt = np.concatenate(torques, axis=2) + _torque_rows(motion, gravity) @ parameters[: len(full)]  # (t, n, S)
@@ -137,19 +137,19 @@ def pose_effect(prepared: Prepared, found: Fit, full: FloatArray, errors: PoseEr
 
 @dataclass(frozen=True)
 class _Trace:
-    """Thinned poses, their motion, and the wrench (t, K, 3) that each body needs."""
+    """Thinned poses, their motion, and the wrench (t, K, 3) that each body requires."""
 
     poses: BodyPoses
     bands: tuple[float, float, float]
-    motion: Motion
+    motion: PlanarMotion
     full: FloatArray
     gravity: float
     wrenches: FloatArray
 
     def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives (t, 3, 3) of the wrench and (t, n, 3) of the torques by errors of one body's x, y and angle.
+        """Derivatives (t, 3, 3) of the wrench and (t, n, 3) of the torques with respect to one body's x, y and angle.
 
-        The errors follow ``shape`` (t,), in the body's frame.
+        The errors are in the body's frame and vary over time as ``shape`` (t,).
         """
         poses, base, wrench, torque = self.poses.one(body), self.motion, [], []
         for axis in range(3):
@@ -169,40 +169,40 @@ class _Trace:
 
 
 def _shapes(q: FloatArray, samples: BoolArray) -> FloatArray:
-    """(T, n) joint angles from their mean over some samples, in standard deviations; 0 where unknown."""
+    """Joint angles (T, n) relative to their mean over some samples, in standard deviations; 0 where unknown."""
     own = q[samples]
     spread = np.nanstd(own, axis=0)
     return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
 
 
-def _wrenches(motion: Motion, full: FloatArray, gravity: float) -> FloatArray:
-    """(t, K, 3) wrench that each body needs, about the plane frame's origin."""
+def _wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
+    """Wrench (t, K, 3) that each body requires, about the plane frame's origin."""
     regressor = wrench_regressor(motion, gravity)
     blocks = regressor.reshape(len(regressor), 3, -1, 4)
     return np.asarray(np.einsum("tckp,kp->tkc", blocks, full.reshape(-1, 4)))
 
 
-def _torques(motion: Motion, wrenches: FloatArray) -> FloatArray:
-    """(t, n) moments about the joints of what the bodies beyond them need."""
-    carried = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
-    return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, carried))
+def _torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
+    """Moments (t, n) about the joints of the wrenches on the bodies beyond them."""
+    distal_wrench = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
+    return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, distal_wrench))
 
 
-def _torque_rows(motion: Motion, gravity: float) -> FloatArray:
-    """(t, n, 4K) regressor of the torques."""
+def _torque_rows(motion: PlanarMotion, gravity: float) -> FloatArray:
+    """Regressor (t, n, 4K) of the torques."""
     regressor = wrench_regressor(motion, gravity)
-    carried = np.repeat(motion.beyond, 4, axis=1)
-    return np.asarray((np.swapaxes(motion.jacobian, 1, 2) @ regressor) * carried)
+    distal = np.repeat(motion.beyond, 4, axis=1)
+    return np.asarray((np.swapaxes(motion.jacobian, 1, 2) @ regressor) * distal)
 
 
 def _root(covariance: FloatArray) -> FloatArray:
-    """(3, 3) square root of a covariance."""
+    """Square root (3, 3) of a covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _at(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
-    """Values (t, ...) at known times, linear at other ones."""
+    """Values (t, ...) at known times, interpolated linearly at other times."""
     flat = values.reshape(len(known), -1)
     out = np.stack([np.interp(time, known, column) for column in flat.T], axis=-1)
     return np.asarray(out.reshape(len(time), *values.shape[1:]))

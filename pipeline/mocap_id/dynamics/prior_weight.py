@@ -1,9 +1,9 @@
-"""How much of the recording counts as one sample against the prior, so that left-out repetitions are predicted well.
+"""Weight of the data against the prior: the time of the recording that counts as one independent sample.
 
-Errors of poses last, and return in every repetition. Residuals show only what the parameters have not taken up of
-them, and so do not tell how many samples are independent. How well left-out repetitions are predicted hardly depends on
-the prior's weight over a wide range. The one-standard-error rule (Hastie, Tibshirani and Friedman, The Elements of
-Statistical Learning, 7.10) takes the strongest prior that they do not speak against.
+Errors of poses are correlated over time and recur in every repetition. The residuals contain only the part of them that
+the parameters have not absorbed, and thus do not show how many samples are independent. The prediction of left-out
+repetitions hardly depends on the prior's weight over a wide range. The one-standard-error rule (Hastie, Tibshirani and
+Friedman, The Elements of Statistical Learning, 7.10) selects the strongest prior that is consistent with them.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.folds import LEAST_SECONDS, parts, without
-from mocap_id.dynamics.prepare import Prepared
+from mocap_id.dynamics.left_out_samples import LEAST_SECONDS, number_parts, samples_without_part
+from mocap_id.dynamics.preparation import PreparedTrial
 
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-"""Time of the recording that may count as one sample, s."""
+"""Candidates for the time of the recording that counts as one sample, s."""
 REFERENCE = 0.4
-"""What counts as one sample where the spreads of the residuals are found, and where too little can be left out, s."""
-_LEAST_FOLDS = 3  # two give no standard error to speak of
+"""The time used to estimate the residuals' spread, and if too few repetitions can be left out, s."""
+_LEAST_FOLDS = 3  # fewer give no useful standard error
 
 
 def left_out_memory(
-    prepared: Prepared,
+    prepared: PreparedTrial,
     gate: BoolArray,
     samples: IntArray,
     *,
@@ -30,42 +30,42 @@ def left_out_memory(
     target: FloatArray,
     prior: tuple[FloatArray, FloatArray],
 ) -> float:
-    """Time of the recording that counts as one sample, s.
+    """Return the time of the recording that counts as one sample, s.
 
-    :data:`REFERENCE` where fewer than three parts can be left out.
+    It is :data:`REFERENCE` if fewer than three parts can be left out.
 
     Parameters
     ----------
-    prepared : Prepared
-        With a prior, whose repetitions are left out in turn.
+    prepared : PreparedTrial
+        Trial with a prior, whose repetitions are left out in turn.
     gate : (T,) bool array
-        Samples where the ground is all that the body touches.
+        Samples in which the body touches only the ground.
     samples : (R,) int array
-        Those of the fit.
+        Indices of the samples used in the fit.
     rows, target : (R, c, b) and (R, c) arrays
-        The fit's rows there and the wrench, every component over the spread of its residual.
+        The fit's rows and the wrench, each component divided by the spread of its residual.
     prior : ((p, b) array, (p,) array)
-        Rows and right-hand side, one standard deviation each.
+        Rows and right-hand side of the prior, in standard deviations.
     """
     if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
         return REFERENCE
     apart = prepared.step / prepared.recorded.rate
-    part = parts(prepared.recorded.time, prepared.prior.spans)
+    part = number_parts(prepared.recorded.time, prepared.prior.spans)
     errors = []
     for k in np.unique(part[samples]).tolist():
-        fitted = without(prepared, gate, part, k)[samples]
+        fitted = samples_without_part(prepared, gate, part, k)[samples]
         if apart * fitted.sum() >= LEAST_SECONDS:
             errors.append(left_out_error(rows, target, prior, apart=apart, fitted=fitted, predicted=part[samples] == k))
     return choose_memory(np.array(errors)) if len(errors) >= _LEAST_FOLDS else REFERENCE
 
 
 def choose_memory(errors: FloatArray) -> float:
-    """The longest memory whose error is within one standard error of the least one.
+    """Return the longest time whose error is within one standard error of the least error.
 
     Parameters
     ----------
     errors : (K, M) array
-        Mean squared error on each left-out repetition with each of :data:`MEMORIES`.
+        Mean squared error of each left-out part with each of :data:`MEMORIES`.
     """
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
@@ -82,7 +82,7 @@ def left_out_error(
     fitted: BoolArray,
     predicted: BoolArray,
 ) -> FloatArray:
-    """Mean squared error (M,) of a fit on the samples that it did not see, with each of :data:`MEMORIES`.
+    """Return the mean squared error (M,) of a fit on samples that were left out, with each of :data:`MEMORIES`.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ def left_out_error(
     fitted, predicted : (R,) bool arrays
         Rows to fit to and rows to predict.
     """
-    seen = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
+    data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)
     share = np.minimum(1.0, apart / np.array(MEMORIES))[:, None, None]
-    normal = share * (seen.T @ seen) + known.T @ known  # (M, b + 1, b + 1)
+    normal = share * (data.T @ data) + known.T @ known  # (M, b + 1, b + 1)
     found = np.linalg.solve(normal[:, :-1, :-1], normal[:, :-1, -1:])[..., 0]
     off = rows[predicted] @ found.T - target[predicted, :, None]
     return np.asarray(np.mean(off**2, axis=(0, 1)))

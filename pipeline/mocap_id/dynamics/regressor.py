@@ -1,8 +1,8 @@
 """Geometric regressor: the wrench and the joint torques as linear maps of the inertial parameters (thesis 4.2.1).
 
-Ten parameters a link, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
-the link's frame; Ixy is the matrix element. A planar link keeps four of them: m, mx, my, Izz. Columns run from the
-base to the tip. Gravity is a base that accelerates upwards.
+A link has ten parameters, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
+the link's frame; Ixy is the matrix element. A planar link has four of them: m, mx, my, Izz. The columns run from the
+base to the tip. Gravity is modelled as an upward acceleration of the base.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.motion import Motion, chain_motion, point_acceleration
-from mocap_id.geometry import Chain, motion, planar, se3, so3, spatial_jacobian
+from mocap_id.dynamics.motion import PlanarMotion, chain_motion, point_acceleration
+from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 PLANAR_PARAMETERS = ("m", "mx", "my", "Izz")
@@ -19,7 +19,7 @@ WRENCH_COMPONENTS = ("Fx", "Fy", "tauz")
 
 
 def momentum_regressor(twist: FloatArray) -> FloatArray:
-    """Regressor Y_V of the momentum I V of one link (eq. 4.15; 4.16 is the same function of the acceleration).
+    """Return the regressor Y_V of the momentum I V of one link (eq. 4.15; of an acceleration, eq. 4.16).
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def momentum_regressor(twist: FloatArray) -> FloatArray:
 
 
 def link_regressor(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Regressor Y_i of the wrench that gives one link its motion, in its own frame (eq. 4.17, 4.18).
+    """Return the regressor Y_i of the wrench on one link, in its own frame (eq. 4.17, 4.18).
 
     Parameters
     ----------
     velocity, acceleration : (..., 6) arrays
-        Body velocity and its derivative, link frame.
+        Body velocity and its derivative, in the link frame.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def link_regressor(velocity: FloatArray, acceleration: FloatArray) -> FloatArray
 def spatial_regressor(
     chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
 ) -> FloatArray:
-    """Regressor Y of the ground's wrench on the whole chain (eq. 4.19-4.22).
+    """Return the regressor Y of the ground's wrench on the whole chain (eq. 4.19-4.22).
 
     Parameters
     ----------
@@ -74,20 +74,21 @@ def spatial_regressor(
     Returns
     -------
     (..., 6, 10(n + 1)) array
-        Times the full parameters, base first: wrench (F, τ) of the ground on the chain, world frame, about its origin.
+        Its product with the full parameters, base first, is the wrench (F, τ) of the ground on the chain about the
+        origin of the world frame, in that frame.
     """
-    moving = motion(chain, q, dq, ddq, base_acceleration)
+    moving = link_motion(chain, q, dq, ddq, base_acceleration)
     to_base = np.swapaxes(se3.Ad(se3.inverse(chain.poses(q))), -1, -2)  # (..., n + 1, 6, 6)
     blocks = to_base @ link_regressor(moving.velocity, moving.acceleration)
     return np.moveaxis(blocks, -3, -2).reshape(*q.shape[:-1], 6, -1)
 
 
 def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
-    """Torques of the joints that wrenches on single segments call for: in space and in the plane.
+    """Return the joint torques that wrenches on single segments cause, in space or in the plane.
 
-    The wrench through joint j is the sum of those on the segments beyond it; its power on the joint's own spatial
-    twist, a column of the spatial Jacobian (eq. 2.47), is the torque. Columns of a regressor and external wrenches
-    (:mod:`mocap_id.dynamics.external`) are both wrenches on segments.
+    The wrench through joint j is the sum of the wrenches on the segments beyond it. Its product with the joint's
+    spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. Columns of a regressor and external
+    wrenches (:mod:`mocap_id.dynamics.external_wrenches`) are both wrenches on segments.
 
     Parameters
     ----------
@@ -96,9 +97,9 @@ def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, 
     joint : (N,) int array
         The joint, from 1, to which each coordinate belongs.
     wrenches : (..., c, P) array
-        World (plane) frame, about its origin.
+        Wrenches about the origin of the world (plane) frame, in that frame.
     segment : (P,) int array
-        The segment, from 0, on which each of them acts.
+        The segment, from 0, on which each wrench acts.
 
     Returns
     -------
@@ -110,7 +111,7 @@ def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, 
 
 
 def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Regressor of the joint torques, from that of the wrench.
+    """Return the regressor of the joint torques, given the regressor of the wrench.
 
     Parameters
     ----------
@@ -128,24 +129,24 @@ def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray)
 
 
 def joint_of_coordinate(chain: Chain) -> IntArray:
-    """The joint, from 1, to which each of the N coordinates belongs."""
+    """Return the joint, from 1, to which each of the N coordinates belongs."""
     return np.repeat(np.arange(1, len(chain.joints) + 1), [joint.dimension for joint in chain.joints])
 
 
-def wrench_regressor(motion: Motion, gravity: float = 9.81) -> FloatArray:
-    """Regressor of the ground's wrench on K bodies in the plane (eq. 4.15 to 4.22 for planar links).
+def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
+    """Return the regressor of the ground's wrench on K bodies in the plane (eq. 4.15 to 4.22 for planar links).
 
     Parameters
     ----------
-    motion : Motion
+    motion : PlanarMotion
     gravity : float
         m/s², along -y.
 
     Returns
     -------
     (T, 3, 4K) array
-        Rows Fx, Fy, tauz: wrench of the ground on the bodies about the plane-frame origin, plane frame. Columns
-        m, mx, my, Izz of every body about its frame's origin, in the order of the bodies.
+        Rows: Fx, Fy, tauz of the ground on the bodies about the origin of the plane frame, in that frame. Columns: m,
+        mx, my, Izz of every body about its frame's origin, in the order of the bodies.
     """
     acceleration = motion.acceleration.copy()
     acceleration[..., 1] += gravity
@@ -160,31 +161,31 @@ def wrench_regressor(motion: Motion, gravity: float = 9.81) -> FloatArray:
     return np.moveaxis(blocks, 1, 2).reshape(len(motion.angle), 3, -1)
 
 
-def torque_regressor(motion: Motion, regressor: FloatArray) -> FloatArray:
-    """Regressor of the joint torques in the plane, from that of the wrench.
+def torque_regressor(motion: PlanarMotion, regressor: FloatArray) -> FloatArray:
+    """Return the regressor of the joint torques in the plane, given the regressor of the wrench.
 
     Parameters
     ----------
-    motion : Motion
+    motion : PlanarMotion
     regressor : (T, 3, 4K) array
         As :func:`wrench_regressor` returns it.
 
     Returns
     -------
     (T, n, 4K) array
-        tau_j is the moment about joint j of what the bodies beyond it need, N·m; NaN where a joint has no centre.
+        For tau_j, the moment about joint j of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
     """
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
-    carried = np.repeat(motion.beyond, len(PLANAR_PARAMETERS), axis=1)
-    return np.where(carried, torque, np.where(np.isnan(torque), np.nan, 0.0))
+    distal = np.repeat(motion.beyond, len(PLANAR_PARAMETERS), axis=1)
+    return np.where(distal, torque, np.where(np.isnan(torque), np.nan, 0.0))
 
 
 def planar_regressor(
     centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, gravity: float = 9.81
 ) -> FloatArray:
-    """Regressor of the ground's wrench on a planar chain: what :func:`spatial_regressor` is in the plane.
+    """Return the regressor of the ground's wrench on a planar chain.
 
-    Written out because it is eighty times faster there; a test holds the two together.
+    It equals :func:`spatial_regressor` for such a chain and is eighty times faster; a test compares the two.
 
     Parameters
     ----------
@@ -198,13 +199,13 @@ def planar_regressor(
     Returns
     -------
     (T, 3, 4(n + 1)) array
-        As :func:`wrench_regressor`, the segments base first.
+        As :func:`wrench_regressor` returns it, with the segments base first.
     """
     return wrench_regressor(chain_motion(centres, q, dq, ddq), gravity)
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Regressor of the joint torques of a planar chain, from that of the wrench.
+    """Return the regressor of the joint torques of a planar chain, given the regressor of the wrench.
 
     Parameters
     ----------
@@ -216,8 +217,8 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
     Returns
     -------
     (T, n, 4(n + 1)) array
-        tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of what the segments beyond
-        it need.
+        For tau_j, the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
+        beyond it.
     """
     segment = np.repeat(np.arange(len(centres) + 1), len(PLANAR_PARAMETERS))
     jacobian = planar.spatial_jacobian(q, centres)

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.base import triangular_factor
+from mocap_id.dynamics.base_parameters import triangular_factor
 
 
 def time_blocks(time: FloatArray, length: float) -> IntArray:
-    """Number the blocks of ``length`` s that samples at ``time`` (R,) fall into, without gaps in the count."""
+    """Number the blocks of ``length`` s that contain the samples at ``time`` (R,); empty blocks are not counted."""
     _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
     return block.astype(np.int64)
 
@@ -18,24 +18,23 @@ def time_blocks(time: FloatArray, length: float) -> IntArray:
 def block_covariance(
     design: FloatArray, residual: FloatArray, block: IntArray, prior: FloatArray | None = None
 ) -> FloatArray:
-    """Covariance of least-squares parameters, free of any model of the residuals within a block.
+    """Return the covariance of least-squares parameters without assuming a model of the residuals within a block.
 
-    The sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g: what a block bootstrap converges to, without
-    its draws. Residuals may be correlated and heteroscedastic within a block; blocks are taken as independent, so
-    they must be longer than the residuals' memory. The factor G/(G - 1) · (r - 1)/(r - b) is the usual one for few
-    blocks.
+    It is the sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g, to which a block bootstrap converges.
+    Residuals may be correlated and heteroscedastic within a block. Blocks count as independent, so they must be longer
+    than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) is the usual one for few blocks.
 
     Parameters
     ----------
     design : (R, c, b) array
         Weighted regressor.
     residual : (R, c) array
-        Weighted.
+        Weighted residuals.
     block : (R,) int array
         Block of each sample, 0 … G - 1.
     prior : (p, b) array, optional
-        Rows of a prior that the parameters were fitted to as well, one standard deviation each. With X and P the rows
-        of data and prior the covariance is (XᵀX + PᵀP)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g + PᵀP) (XᵀX + PᵀP)⁻¹.
+        Rows of a prior that took part in the fit, in standard deviations. With X and P the rows of data and prior, the
+        covariance is (XᵀX + PᵀP)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g + PᵀP) (XᵀX + PᵀP)⁻¹.
 
     Returns
     -------
@@ -57,7 +56,16 @@ def block_covariance(
     return np.asarray(covariance + rest @ rest.T)
 
 
+def unit_covariance(rows: FloatArray) -> FloatArray:
+    """Return (XᵀX)⁻¹ of rows X (r, p); the columns are scaled internally, so that it is accurate at any condition."""
+    length = np.linalg.norm(rows, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    _, size, turned = np.linalg.svd(triangular_factor(rows / length))
+    half = turned / (np.maximum(size, 1e-12 * size[0])[:, None] * length)
+    return np.asarray(half.T @ half)
+
+
 def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Variance (...) of rows (..., b) times parameters of this covariance (b, b)."""
+    """Return the variance (...) of rows (..., b) times parameters with this covariance (b, b)."""
     values: FloatArray = np.einsum("...b,...b->...", rows @ covariance, rows)
     return np.maximum(values, 0.0)

@@ -1,9 +1,9 @@
-"""An encoder against the cameras: its sense, its zero and its clock, from the one movement that both saw.
+"""Sign, zero and clock offset of an encoder relative to the cameras, from the movement seen by both.
 
-With the joint's angle c(t) by the cameras and e(t) by the encoder's own clock, ``c(t) = sign * e(t - offset) + zero``:
-the encoder's row at t is the state at t + offset on the markers' clock. The squared difference is profiled over the
-offset for both senses; the sense and the offset that leave least are taken. Differences are anything but white, as both
-series are smoothed, so that the standard deviations are those of a sum with correlated terms (Newey and West).
+With the joint angle c(t) by the cameras and e(t) by the encoder's own clock, ``c(t) = sign * e(t - offset) + zero``:
+the encoder's row at t is the state at t + offset on the markers' clock. For both signs, the squared difference is
+minimised over the offset, and the better sign is taken. Both series are smoothed, so their differences are correlated;
+the standard deviations allow for this (Newey and West).
 """
 
 from __future__ import annotations
@@ -16,39 +16,39 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.encoder import Fused
+from mocap_id.estimation.encoder_smoothing import EncoderStates
 
 LEAST_OVERLAP = 0.5
-"""Share of the cameras' frames that the encoder must cover, at any offset that is tried."""
+"""Least share of the cameras' frames that the encoder must cover at an offset."""
 
 _COARSE = 5e-3  # s
 _FINE = 1e-8  # s
-_LAG = 0.5  # s: differences farther apart have nothing to do with each other
-_AT_ONCE = 400  # frames of the coarse search
+_LAG = 0.5  # s; lag beyond which differences are uncorrelated
+_AT_ONCE = 400  # frames used in the coarse search
 
 
 @dataclass(frozen=True)
-class Match:
-    """How an encoder's angle becomes the cameras'.
+class EncoderMatch:
+    """Transformation from the encoder's angle to the cameras' angle.
 
     Parameters
     ----------
     sign : int
-        1 where the encoder counts the same way round as the plane, -1 where the other way.
+        1 if the encoder counts in the same direction as the plane, otherwise -1.
     zero, zero_sd : float
-        The plane's angle where the encoder reads zero, rad.
+        Angle in the plane at the encoder's zero, and its standard deviation, rad.
     offset, offset_sd : float
-        The encoder's row at t is the state at t + offset on the markers' clock, s.
+        The encoder's row at t is the state at t + offset on the markers' clock; and the standard deviation, s.
     r2 : float
-        Of the encoder's angle, so brought over, against the cameras'.
+        r² of the transformed encoder angle relative to the cameras' angle.
     rms : float
-        Of their difference, rad.
+        rms of their difference, rad.
     other_sense : float
-        rms difference with the other sense, at its best offset, rad.
+        rms difference with the opposite sign, at its best offset, rad.
     gain : float
-        Factor on the encoder's angle that would fit best; 1 where both measure the same angle.
+        Best factor on the encoder's angle; 1 if both measure the same angle.
     at_edge : bool
-        The least difference lies at an end of the search.
+        The least difference is at an end of the search range.
     """
 
     sign: int
@@ -63,7 +63,7 @@ class Match:
     at_edge: bool
 
     def into_plane(self, mean: FloatArray) -> FloatArray:
-        """States (K, 3) in the plane's sense and from its zero."""
+        """Return states (K, 3) with the plane's sign and zero."""
         moved = self.sign * mean
         moved[:, 0] += self.zero
         return np.asarray(moved)
@@ -71,7 +71,7 @@ class Match:
 
 @dataclass(frozen=True)
 class _Curves:
-    """Both angles: the cameras' frames that are known, and the encoder's curve."""
+    """Both angles: known frames of the cameras, and the encoder's curve."""
 
     time: FloatArray
     angle: FloatArray
@@ -80,37 +80,37 @@ class _Curves:
     end: float
 
     def encoder(self, offset: float, frames: slice = slice(None)) -> tuple[FloatArray, BoolArray]:
-        """The encoder's angle at the frames at an offset, and where it has one."""
+        """Return the encoder's angle at the frames for an offset, and the frames inside its record."""
         time = self.time[frames] - offset
         inside: BoolArray = (time >= self.start) & (time <= self.end)
         return np.asarray(self.curve(np.clip(time, self.start, self.end))), inside
 
     def cost(self, offset: float, sign: int, frames: slice = slice(None)) -> float:
-        """Mean square difference with the best zero, rad²; infinite without enough frames in common."""
+        """Return the mean square difference with the best zero, rad²; infinite with too few common frames."""
         encoder, inside = self.encoder(offset, frames)
         if np.count_nonzero(inside) < LEAST_OVERLAP * len(inside):
             return math.inf
         return float(np.var((self.angle[frames] - sign * encoder)[inside]))
 
 
-def match(time: FloatArray, angle: FloatArray, encoder: Fused, limit: float) -> Match | None:
-    """Sense, zero and clock of an encoder.
+def match_encoder(time: FloatArray, angle: FloatArray, encoder: EncoderStates, limit: float) -> EncoderMatch | None:
+    """Find sign, zero and clock offset of an encoder.
 
     Parameters
     ----------
     time : (F,) array
-        Of the cameras, s.
+        Times of the cameras' frames, s.
     angle : (F,) array
         Joint angle by the cameras, unwrapped, rad; NaN where unknown.
-    encoder : Fused
-        The encoder's states at its own times.
+    encoder : EncoderStates
+        Encoder states at its own times.
     limit : float
-        Offsets up to ± this are tried, s.
+        Largest offset tried in either direction, s.
 
     Returns
     -------
-    Match or None
-        None where fewer than half of the frames are covered at every offset.
+    EncoderMatch or None
+        None if at every offset fewer than half of the frames are covered.
     """
     known = np.isfinite(angle)
     curve = CubicHermiteSpline(encoder.time, encoder.mean[:, 0], encoder.mean[:, 1])
@@ -123,11 +123,10 @@ def match(time: FloatArray, angle: FloatArray, encoder: Fused, limit: float) -> 
     sign = min(best, key=lambda each: best[each][1])
     offset = best[sign][0]
     edge = abs(offset) > limit - _COARSE / 10
-    return _judged(curves, sign, offset, other=math.sqrt(best[-sign][1]), at_edge=edge)
+    return _matched(curves, sign, offset, other=math.sqrt(best[-sign][1]), at_edge=edge)
 
 
 def _best_offset(curves: _Curves, sign: int, limit: float) -> tuple[float, float]:
-    """The offset that leaves least, and what it leaves."""
     frames = slice(None, None, max(1, len(curves.time) // _AT_ONCE))
     grid = np.linspace(-limit, limit, 2 * math.ceil(limit / _COARSE) + 1)
     coarse = [curves.cost(float(offset), sign, frames) for offset in grid]
@@ -144,7 +143,7 @@ def _best_offset(curves: _Curves, sign: int, limit: float) -> tuple[float, float
     return float(found.x), float(found.fun)
 
 
-def _judged(curves: _Curves, sign: int, offset: float, *, other: float, at_edge: bool) -> Match:
+def _matched(curves: _Curves, sign: int, offset: float, *, other: float, at_edge: bool) -> EncoderMatch:
     encoder, inside = curves.encoder(offset)
     angle, encoder, time = curves.angle[inside], encoder[inside], curves.time[inside]
     zero = float(np.mean(angle - sign * encoder))
@@ -153,7 +152,7 @@ def _judged(curves: _Curves, sign: int, offset: float, *, other: float, at_edge:
     slopes = np.column_stack([-sign * curves.curve(time - offset, 1), np.ones(len(time))])
     sds = _sds(slopes, rest, max(1, round(_LAG / float(np.median(np.diff(time))))))
     spread, moved = float(np.var(angle)), float(np.var(encoder))
-    return Match(
+    return EncoderMatch(
         sign=sign,
         zero=zero,
         zero_sd=float(sds[1]),
@@ -168,7 +167,7 @@ def _judged(curves: _Curves, sign: int, offset: float, *, other: float, at_edge:
 
 
 def _sds(slopes: FloatArray, rest: FloatArray, lag: int) -> FloatArray:
-    """Standard deviations (p,) of least squares with slopes (N, p), from residuals that are correlated up to a lag."""
+    """Return least-squares standard deviations (p,) with slopes (N, p), for residuals correlated up to a lag."""
     inverse = np.linalg.pinv(slopes.T @ slopes)
     scores = slopes * rest[:, None]
     meat = scores.T @ scores

@@ -1,9 +1,9 @@
-"""Noise by maximum likelihood of the innovations, on the linear problem that the angles of single frames make.
+"""Marker and process noise by maximum likelihood, from the linear problem of the single frames' angles.
 
-To first order the likelihood of the markers splits in two. What the chain cannot follow within a frame tells the
-marker noise alone; the angles that the frames give by themselves, with the covariance that the marker noise gives
-them, are linear measurements of the process and tell the density of its noise. The second part is taken joint by
-joint, from the marginal variance of each angle, which costs a scalar filter of four states for every trial value.
+To first order, the likelihood of the markers splits in two. The residuals of the chain within each frame determine the
+marker noise alone. The angles of the frames, with the covariance from the marker noise, are linear measurements of the
+process and determine its noise density. The second part is solved joint by joint, from the marginal variance of each
+angle, with a scalar-measurement filter of four states for every trial value.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import BoolArray, FloatArray, chunks
-from mocap_id.estimation.compiling import compiled
-from mocap_id.estimation.inverse import FrameAngles
-from mocap_id.estimation.problem import Anchors, start_sd
-from mocap_id.estimation.process import ORDER, noise_shape, transition
+from mocap_id.compilation import compiled
+from mocap_id.estimation.filter_problem import Anchors, start_sd
+from mocap_id.estimation.inverse_kinematics import FrameAngles
+from mocap_id.estimation.process_model import ORDER, noise_shape, transition
 
 SIGMA_V_BOUNDS = (1.0, 1e6)
-"""Where the snap's standard deviation over one frame is sought, rad/s^4."""
+"""Search range of the snap's standard deviation over one frame, rad/s^4."""
 
-_FREEDOM_LEVER = 1e-4  # m^2: an angle takes up freedom of the residuals where its markers have a lever above 1 cm
+_LEVER_SQUARED = 1e-4  # m^2; an angle uses a degree of freedom if its markers have a lever above 1 cm
 OUTLIER_SHARE = 1e-3
-"""Share of the angles of single frames that may be anything; what jumps counts as such, not as process noise."""
+"""Share of outliers among the angles of single frames; jumps count as outliers, not as process noise."""
 
-_SETTLE = 10  # innovations that the unknown start takes up
+_SETTLE = 10  # innovations that determine the unknown start, not counted
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Noise of the measurement and of the process.
+class FilterNoise:
+    """Measurement and process noise of the filter.
 
     Parameters
     ----------
@@ -47,27 +47,29 @@ class Noise:
 
 
 def marker_noise(frames: FrameAngles, floor: float) -> float:
-    """Marker noise (m) from the residuals of the frame-by-frame fit, unbiased by the angles it took up; ≥ ``floor``.
+    """Return the marker noise (m), at least ``floor``, from the residuals of single frames, without bias.
 
-    The floor keeps filtered or synthetic recordings, which hold no noise, from being trusted without limit.
+    The degrees of freedom used by the angles are subtracted. The floor limits the weight of filtered or synthetic
+    recordings, which have no noise.
     """
     sound: BoolArray = np.all(frames.reliable, axis=1)
-    taken = np.concatenate([_taken_up(frames.information[s]) for s in chunks(len(sound))])
+    taken = np.concatenate([_freedom_used(frames.information[s]) for s in chunks(len(sound))])
     freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(np.sum(taken[sound]))
     return max(floor, math.sqrt(frames.squares / freedom)) if freedom >= 1.0 else floor
 
 
-def _taken_up(information: FloatArray) -> FloatArray:
-    """Freedom (f,) of the residuals that the angles of each frame take up, from Jᵀ J (f, n, n)."""
+def _freedom_used(information: FloatArray) -> FloatArray:
+    """Return the degrees of freedom (f,) used by the angles of each frame, from Jᵀ J (f, n, n)."""
     n = information.shape[1]
-    kept = np.linalg.inv(np.eye(n) + information / _FREEDOM_LEVER)
+    kept = np.linalg.inv(np.eye(n) + information / _LEVER_SQUARED)
     return np.asarray(n - np.trace(kept, axis1=1, axis2=2))
 
 
 def process_noise(anchors: Anchors, dt: float) -> FloatArray:
-    """Standard deviation of each joint's snap over one frame (n,), rad/s^4, within :data:`SIGMA_V_BOUNDS`.
+    """Estimate the standard deviation of each joint's snap over one frame (n,), rad/s^4.
 
-    Where too few angles are observed to tell, it is the upper bound: states then rest on their own frames alone.
+    The search is limited to :data:`SIGMA_V_BOUNDS`. With too few observed angles the result is the upper bound, and the
+    states then follow the angles of their own frames.
 
     Parameters
     ----------
@@ -96,20 +98,20 @@ def process_noise(anchors: Anchors, dt: float) -> FloatArray:
 def log_likelihood(  # noqa: PLR0917
     angle: FloatArray, variance: FloatArray, step: FloatArray, process: FloatArray, start: FloatArray, outliers: float
 ) -> float:
-    """Log-likelihood of the innovations of one angle under eq. 3.17, outliers apart.
+    """Return the log-likelihood of the innovations of one angle under eq. 3.17, robust against outliers.
 
     Parameters
     ----------
     angle, variance : (F,) array
-        Measured angle, rad, NaN where unobserved, and the variance of its noise, rad^2.
+        Measured angle, rad, NaN where unobserved, and its noise variance, rad^2.
     step : (4,) array
         dt^k / k!.
     process : (4, 4) array
         Process noise of a step.
     start : (4,) array
-        Variances of the state when nothing is known: at the start, and after a gap that ends beyond them.
+        Initial variances of the state, also used after a gap that leaves a larger variance.
     outliers : float
-        Share of angles that may lie anywhere on the circle. One that is likelier to be such is not followed.
+        Share of angles that may lie anywhere on the circle. An angle more likely to be such an outlier is ignored.
     """
     x, p, gain = np.zeros(ORDER), np.zeros((ORDER, ORDER)), np.empty(ORDER)
     p[0, 0] = math.inf
@@ -144,7 +146,7 @@ def log_likelihood(  # noqa: PLR0917
 
 @compiled
 def _predict(x: FloatArray, p: FloatArray, step: FloatArray, process: FloatArray) -> None:
-    """F x and F P Fᵀ + Q of one joint, in their place."""
+    """Replace x by F x and P by F P Fᵀ + Q for one joint."""
     for d in range(ORDER):
         for e in range(d + 1, ORDER):
             x[d] += step[e - d] * x[e]

@@ -1,10 +1,10 @@
-"""The reference engine: filterpy's unscented Kalman filter, and the smoother written out.
+"""Reference engine: filterpy's unscented Kalman filter, and a smoother in plain numpy.
 
-It is slow, and is there to prove the compiled one.
+It is slow and serves to verify the compiled engine.
 
-filterpy leaves three things to its caller. A missing marker must be left out of measurement, noise and forward map,
-since one NaN spoils the state. The first frame needs its sigma points drawn by hand, because ``update`` takes those of
-the ``predict`` before it. Its smoother knows one process noise for all steps, and no joint that starts over.
+filterpy leaves three things to its caller. A missing marker must be removed from measurement, noise and forward map,
+because one NaN spoils the state. The first frame needs explicit sigma points, because ``update`` takes those of the
+preceding ``predict``. Its smoother has one process noise for all steps and no restarts of joints.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
-from mocap_id.estimation.problem import ANCHOR_SD, START_SD, Problem, Track, start_sd
-from mocap_id.estimation.process import joint_noise, joint_transition
+from mocap_id.estimation.filter_problem import ANCHOR_SD, START_SD, FilterProblem, Track, start_sd
+from mocap_id.estimation.process_model import joint_noise, joint_transition
 from mocap_id.geometry.planar import marker_positions
 
 
-def filter_forwards(problem: Problem) -> Track:
+def filter_forwards(problem: FilterProblem) -> Track:
     """Run the filter over all frames.
 
     Raises
     ------
     NumericalError
-        Where a covariance stops being positive definite.
+        A covariance is not positive definite.
     """
     frames, markers = problem.observed.shape[:2]
     n = problem.joints
     mean, covariance = np.empty((frames, 4 * n)), np.empty((frames, 4 * n, 4 * n))
     used, restarted = np.zeros((frames, markers), dtype=np.bool_), np.zeros((frames, n), dtype=np.bool_)
-    ukf, held, log_likelihood = _filterpy(problem), problem.anchors.angles[0].copy(), 0.0
+    ukf, last_angle, log_likelihood = _filterpy(problem), problem.anchors.angles[0].copy(), 0.0
     failing = np.zeros(n, dtype=np.int64)
     for k in range(frames):
         try:
@@ -39,7 +39,7 @@ def filter_forwards(problem: Problem) -> Track:
                 ukf.predict()
             restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | (failing > problem.patience)
             failing[restarted[k]] = 0
-            _restart(ukf, held, restarted[k], problem.dt)
+            _restart(ukf, last_angle, restarted[k], problem.dt)
             gained, used[k] = _measure(ukf, problem, k)
         except np.linalg.LinAlgError as error:
             raise NumericalError(
@@ -47,12 +47,12 @@ def filter_forwards(problem: Problem) -> Track:
             ) from error
         log_likelihood += gained
         failing = _failing(problem, k, used[k], failing)
-        held = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], held)
+        last_angle = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], last_angle)
         mean[k], covariance[k] = ukf.x, ukf.P
     return Track(mean, covariance, used, restarted, log_likelihood)
 
 
-def smooth_backwards(problem: Problem, track: Track) -> Track:
+def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
     """Run the Rauch–Tung–Striebel smoother over a filtered track."""
     n = problem.joints
     f, q = joint_transition(problem.dt, n), joint_noise(problem.dt, problem.density)
@@ -73,7 +73,7 @@ def smooth_backwards(problem: Problem, track: Track) -> Track:
     return Track(mean, covariance, track.used, track.restarted, track.log_likelihood)
 
 
-def _filterpy(problem: Problem) -> UnscentedKalmanFilter:
+def _filterpy(problem: FilterProblem) -> UnscentedKalmanFilter:
     size, points = 4 * problem.joints, problem.sigma_points
     f = joint_transition(problem.dt, problem.joints)
     ukf = UnscentedKalmanFilter(
@@ -89,24 +89,23 @@ def _filterpy(problem: Problem) -> UnscentedKalmanFilter:
     return ukf
 
 
-def _forward(problem: Problem, states: FloatArray, markers: BoolArray) -> FloatArray:
-    """Positions (..., m, 2) of the chosen markers (eq. 3.18) for states (..., 4n)."""
+def _forward(problem: FilterProblem, states: FloatArray, markers: BoolArray) -> FloatArray:
+    """Return the positions (..., m, 2) of the chosen markers (eq. 3.18) for states (..., 4n)."""
     angles = states[..., : problem.joints]
     return marker_positions(angles, problem.centres, problem.segment[markers], problem.local[markers])
 
 
-def _restart(ukf: UnscentedKalmanFilter, held: FloatArray, lost: BoolArray, dt: float) -> None:
-    """Start over the joints that are lost, at the angle that they were last seen at."""
+def _restart(ukf: UnscentedKalmanFilter, last_angle: FloatArray, lost: BoolArray, dt: float) -> None:
     rows = np.tile(lost, 4)
     ukf.P[rows, :] = 0.0
     ukf.P[:, rows] = 0.0
     ukf.P[rows, rows] = np.repeat(start_sd(dt) ** 2, len(lost))[rows]
-    ukf.x[rows] = np.concatenate([held, np.zeros(3 * len(lost))])[rows]
+    ukf.x[rows] = np.concatenate([last_angle, np.zeros(3 * len(lost))])[rows]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
 
 
-def _measure(ukf: UnscentedKalmanFilter, problem: Problem, k: int) -> tuple[float, BoolArray]:
-    """Update with frame k: the log-likelihood gained and the markers used."""
+def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tuple[float, BoolArray]:
+    """Update with frame k; return the gain in log-likelihood and the markers used."""
     visible = np.isfinite(problem.observed[k]).all(axis=-1)
     uncertain = np.flatnonzero(np.diag(ukf.P)[: problem.joints] > ANCHOR_SD**2)
     if uncertain.size and np.any(visible & (problem.segment > uncertain[0])):
@@ -123,8 +122,8 @@ def _measure(ukf: UnscentedKalmanFilter, problem: Problem, k: int) -> tuple[floa
     return float(ukf.log_likelihood), passed
 
 
-def _failing(problem: Problem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
-    """Count the frames in a row in which more than half of a segment's markers fail; none seen: no change."""
+def _failing(problem: FilterProblem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
+    """Count successive frames in which over half of a segment's markers fail; unchanged if none is seen."""
     own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
     seen = (own & np.isfinite(problem.observed[k]).all(axis=-1)[:, None]).sum(axis=0)
     passed = (own & used[:, None]).sum(axis=0)
@@ -132,7 +131,7 @@ def _failing(problem: Problem, k: int, used: BoolArray, failing: IntArray) -> In
     return np.asarray(np.where(seen > 0, counted, failing))
 
 
-def _within_gate(ukf: UnscentedKalmanFilter, problem: Problem, k: int, visible: BoolArray) -> BoolArray:
+def _within_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, visible: BoolArray) -> BoolArray:
     points = _forward(problem, ukf.sigmas_f, visible)  # (2L + 1, m, 2)
     expected = np.einsum("s,smi->mi", ukf.Wm, points)
     deviation = points - expected
@@ -144,7 +143,7 @@ def _within_gate(ukf: UnscentedKalmanFilter, problem: Problem, k: int, visible: 
 
 
 def _anchor(ukf: UnscentedKalmanFilter, angles: FloatArray, noise: FloatArray, gate: float) -> bool:
-    """Linear update with a frame's own angles, each in the turn nearest to the prediction; Joseph's form.
+    """Update with a frame's own angles, each in the turn nearest to the prediction; linear, Joseph form.
 
     Returns whether the angles passed the gate.
     """

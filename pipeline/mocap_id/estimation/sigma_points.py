@@ -1,4 +1,4 @@
-"""Scaled unscented transform: where the sigma points lie and what they weigh."""
+"""Sigma points of the scaled unscented transform and their weights."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from mocap_id.errors import ConfigError
 
 @dataclass(frozen=True)
 class SigmaPoints:
-    """Parameters of the scaled unscented transform (Merwe's).
+    """Parameters of the scaled unscented transform (Merwe).
 
-    A state of L components is spread over 2L + 1 points: the mean, and the mean ± sqrt(c) times each column of the
-    lower Cholesky factor of its covariance, c = alpha^2 (L + kappa). The default, c = L with beta = 2, gives the mean
-    of the points no weight of its own and every other weight a positive sign, so the covariance of the innovation is
-    positive definite whatever the forward map; the angles of a tracked chain are known to a few mrad, where the
-    spread of sqrt(12) standard deviations is still short against the curvature of the forward map.
+    A state of L components has 2L + 1 points: the mean, and the mean ± sqrt(c) times each column of the lower Cholesky
+    factor of its covariance, c = alpha^2 (L + kappa). The default, c = L with beta = 2, gives the mean point no weight
+    in the mean, and no negative weight, so the innovation covariance is positive definite for any forward map. The
+    angles of a tracked chain are known to a few mrad, so points sqrt(12) standard deviations away are still close
+    compared with the curvature of the forward map.
 
     Parameters
     ----------
     alpha : float
         Spread of the points.
     beta : float
-        Weight of the mean in the covariance; 2 suits a normal distribution.
+        Adds to the weight of the mean in the covariance; 2 suits a normal distribution.
     kappa : float
         Second scaling of the spread.
     """
@@ -32,16 +32,17 @@ class SigmaPoints:
     kappa: float = 0.0
 
     def spread(self, size: int) -> float:
-        """The factor c for a state of ``size`` components."""
+        """Return the factor c for a state of ``size`` components."""
         return self.alpha**2 * (size + self.kappa)
 
     def weights(self, size: int) -> tuple[float, float, float]:
-        """Weights of the mean in the mean, of the mean in the covariance, and of every other point in both.
+        """Return the weights of the mean in the mean, of the mean in the covariance, and of every other point in both.
 
         Raises
         ------
         ConfigError
-            Where the weight of the mean in the covariance is negative, since the result need not be a covariance.
+            c is not positive, or the weight of the mean in the covariance is negative: the result need not be a
+            covariance.
         """
         c = self.spread(size)
         if c <= 0:

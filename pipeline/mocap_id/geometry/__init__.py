@@ -1,4 +1,4 @@
-"""Rigid-body geometry (thesis chapter 2): SO(3), SE(3), joints, chains, the plane; numpy alone."""
+"""Rigid-body geometry (thesis chapter 2): SO(3), SE(3), joints, chains and the plane frame. Only numpy is needed."""
 
 from mocap_id.geometry import planar, se3, so3
 from mocap_id.geometry.chain import (
@@ -9,21 +9,24 @@ from mocap_id.geometry.chain import (
     spatial_product,
 )
 from mocap_id.geometry.joints import Joint, Revolute
-from mocap_id.geometry.plane import PlaneFrame
-from mocap_id.geometry.recursion import Loads, Motion, inverse_dynamics, link_wrench, motion, spatial_inertia
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.recursion import (
+    inverse_dynamics,
+    link_motion,
+    link_wrench,
+    spatial_inertia,
+)
 
 __all__ = [
     "Chain",
     "Joint",
-    "Loads",
-    "Motion",
     "PlaneFrame",
     "Revolute",
     "body_jacobian",
     "body_product",
     "inverse_dynamics",
+    "link_motion",
     "link_wrench",
-    "motion",
     "planar",
     "se3",
     "so3",

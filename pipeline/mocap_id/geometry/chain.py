@@ -1,7 +1,7 @@
 """A serial chain in SE(3): poses, product of exponentials and Jacobians (thesis 2.3.1, 2.3.2).
 
-Link 0 is the base, whose frame is the world; joint i, counted from 1, moves link i. Frame i is joint i's frame moved
-with link i. Coordinates q (..., N) stack the joints' own from base to tip; leading axes are free.
+Link 0 is the base and its frame is the world frame. Joint i (from 1) moves link i, and frame i moves with link i. The
+coordinates q (..., N) concatenate those of the joints from base to tip. Any leading axes are allowed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mocap_id.geometry.joints import Joint
 
 @dataclass(frozen=True)
 class Chain:
-    """Joints and where they sit.
+    """Serial chain: joints and their placements.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Chain:
     Raises
     ------
     ValueError
-        The number of placements is not that of the joints.
+        There are not as many placements as joints.
     """
 
     joints: tuple[Joint, ...]
@@ -45,7 +45,7 @@ class Chain:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where each joint's coordinates stand in q."""
+        """Slice of q with the coordinates of each joint."""
         ends = np.cumsum([joint.dimension for joint in self.joints]).tolist()
         return tuple(slice(end - joint.dimension, end) for end, joint in zip(ends, self.joints, strict=True))
 
@@ -56,14 +56,14 @@ class Chain:
 
     @cached_property
     def home(self) -> FloatArray:
-        """(n, 4, 4) array: g_{W,i} at q = 0."""
+        """Pose g_{W,i} of every link at q = 0, (n, 4, 4)."""
         poses = [np.eye(4)]
         for placement in self.placements:
             poses.append(poses[-1] @ placement)
         return np.stack(poses[1:]) if self.joints else np.zeros((0, 4, 4))
 
     def relative_poses(self, q: FloatArray) -> FloatArray:
-        """g_{i-1,i}(q) of every joint, (..., n, 4, 4) (eq. 2.29, 2.41)."""
+        """Return the pose g_{i-1,i}(q) of every link in the previous frame, (..., n, 4, 4) (eq. 2.29, 2.41)."""
         moved = [
             placement @ se3.exp(q[..., part] @ joint.twists.T)
             for joint, placement, part in zip(self.joints, self.placements, self.slices, strict=True)
@@ -71,7 +71,7 @@ class Chain:
         return np.stack(moved, axis=-3)
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """g_{W,i}(q) of every link, the base included: (..., n + 1, 4, 4) (eq. 2.37)."""
+        """Return the pose g_{W,i}(q) of every link including the base, (..., n + 1, 4, 4) (eq. 2.37)."""
         relative = self.relative_poses(q)
         poses = [np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))]
         for i in range(len(self.joints)):
@@ -79,12 +79,12 @@ class Chain:
         return np.stack(poses, axis=-3)
 
     def tool(self, q: FloatArray, tool: FloatArray) -> FloatArray:
-        """Pose (..., 4, 4) of a tool fixed to the last link, ``tool`` (4, 4) in its frame, link after link."""
+        """Return the pose (..., 4, 4) of a tool whose pose in the last link's frame is ``tool`` (4, 4)."""
         return self.poses(q)[..., -1, :, :] @ tool
 
 
 def spatial_exponentials(chain: Chain, q: FloatArray) -> FloatArray:
-    """exp(ξ^W q_i) of every joint, twists seen from the world at q = 0: (..., n, 4, 4) (eq. 2.38)."""
+    """Return exp(ξ^W q_i) of every joint, with its twists in the world frame at q = 0, (..., n, 4, 4) (eq. 2.38)."""
     factors = [
         se3.exp(q[..., part] @ (se3.Ad(home) @ joint.twists).T)
         for joint, home, part in zip(chain.joints, chain.home, chain.slices, strict=True)
@@ -93,7 +93,7 @@ def spatial_exponentials(chain: Chain, q: FloatArray) -> FloatArray:
 
 
 def spatial_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Product of exponentials in spatial form (eq. 2.39, 2.40).
+    """Return the pose of a tool by the product of exponentials in spatial form (eq. 2.39, 2.40).
 
     Parameters
     ----------
@@ -116,9 +116,9 @@ def spatial_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray
 
 
 def body_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Product of exponentials in body form: twists seen from the tool at q = 0 (eq. 2.42).
+    """Return the pose of a tool by the product of exponentials in body form (eq. 2.42).
 
-    Parameters and result are those of :func:`spatial_product`.
+    The twists are in the tool frame at q = 0. Parameters and result are those of :func:`spatial_product`.
     """
     at_home: FloatArray = chain.home[-1] @ tool
     g = at_home
@@ -129,7 +129,7 @@ def body_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
 
 
 def spatial_jacobian(chain: Chain, q: FloatArray) -> FloatArray:
-    """Spatial Jacobian of the last link (eq. 2.45, 2.47).
+    """Return the spatial Jacobian of the last link (eq. 2.45, 2.47).
 
     Returns
     -------
@@ -145,7 +145,7 @@ def spatial_jacobian(chain: Chain, q: FloatArray) -> FloatArray:
 
 
 def body_jacobian(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Body Jacobian of a tool on the last link, its columns being the primed twists (eq. 2.46, 2.48).
+    """Return the body Jacobian of a tool on the last link (eq. 2.46; 2.48 with the primed twists).
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""What a joint is: a small protocol, and the revolute joint.
+"""The joint protocol and the revolute joint.
 
-A joint moves its link along constant twists, expressed in the joint's own frame and with exponential coordinates q:
-the pose of the link in the joint frame is exp(Σ ξ_k q_k). Every lower pair fits, each in a file of its own.
+A joint moves its link along constant twists ξ_k in the joint frame. The pose of the link in the joint frame is
+exp(Σ ξ_k q_k), with the exponential coordinates q. Every lower pair has this form.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mocap_id.arrays import FloatArray
 
 
 class Joint(Protocol):
-    """What :class:`mocap_id.geometry.chain.Chain` asks of a joint."""
+    """Members that :class:`mocap_id.geometry.chain.Chain` needs of a joint."""
 
     @property
     def dimension(self) -> int:
@@ -24,15 +24,15 @@ class Joint(Protocol):
 
     @property
     def twists(self) -> FloatArray:
-        """(6, d) array: the twists ξ_k, in the joint frame."""
+        """Twists ξ_k in the joint frame, (6, d)."""
         ...
 
     def subspace(self, q: FloatArray) -> FloatArray:
-        """(..., 6, d) array S: the link's body velocity relative to the joint frame is S(q) q̇."""
+        """Return S (..., 6, d): the body velocity of the link relative to the joint frame is S(q) q̇."""
         ...
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
-        """(..., 6, d) array: the time derivative of :meth:`subspace`."""
+        """Return the time derivative of :meth:`subspace`, (..., 6, d)."""
         ...
 
 
@@ -43,7 +43,7 @@ class Revolute:
     Parameters
     ----------
     axis : (x, y, z)
-        Direction of the axis in the joint frame; scaled to unit length.
+        Direction of the axis in the joint frame; it is scaled to unit length.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class Revolute:
     def __post_init__(self) -> None:
         length = float(np.linalg.norm(self.axis))
         if not 0 < length < np.inf:
-            raise ValueError(f"the axis of a revolute joint is {self.axis}; expected a finite vector that is not zero")
+            raise ValueError(f"the axis of a revolute joint is {self.axis}; expected a finite, non-zero vector")
         object.__setattr__(self, "axis", tuple(float(x) / length for x in self.axis))
 
     @property
@@ -68,9 +68,9 @@ class Revolute:
         return np.concatenate([np.zeros(3), self.axis])[:, None]
 
     def subspace(self, q: FloatArray) -> FloatArray:
-        """Constant: a single twist commutes with its own exponential (eq. 2.49)."""
+        """Return the constant twist, which commutes with its own exponential (eq. 2.49)."""
         return np.broadcast_to(self.twists, (*q.shape[:-1], 6, 1))
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
-        """Zero, see :meth:`subspace`."""
+        """Return zeros, as :meth:`subspace` is constant."""
         return np.zeros((*q.shape[:-1], 6, 1))

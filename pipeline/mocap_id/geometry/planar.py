@@ -1,8 +1,8 @@
 """Forward map of a planar chain of revolute joints (eq. 3.18) and its Jacobian.
 
-Everything is in the plane frame, which is also the frame of the base (segment 0). Joint j, counted from 1, moves
-segment j and has its centre at ``centres[j - 1]`` in the frame of segment j - 1; angles are right-handed about z and
-relative to the segment before.
+All quantities are in the plane frame, which is also the frame of the base (segment 0). Joint j (from 1) moves segment
+j; its centre in the frame of segment j - 1 is ``centres[j - 1]``. Angles are right-handed about z and relative to the
+previous segment.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mocap_id.geometry.joints import Revolute
 
 
 def rotate(angle: FloatArray, vector: FloatArray) -> FloatArray:
-    """Turn plane vectors (..., 2) by angles (...), rad (eq. 2.4)."""
+    """Rotate plane vectors (..., 2) by angles (...), rad (eq. 2.4)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = vector[..., 0], vector[..., 1]
     turned = np.empty((*np.broadcast_shapes(c.shape, x.shape), 2))
@@ -25,42 +25,42 @@ def rotate(angle: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orientation and origin of every segment frame.
+    """Return the orientation and the origin of every segment frame.
 
     Parameters
     ----------
     q : (..., n) array
         Joint angles, rad.
     centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
+        Centre of each joint in the frame of the previous segment, m.
 
     Returns
     -------
     angle : (..., n + 1) array
-        Angle of each segment from the plane frame, rad; index 0 is the base, always 0.
+        Angle of each segment in the plane frame, rad; 0 for the base (index 0).
     origin : (..., n + 1, 2) array
-        Origin of each segment frame, m: joint j for segment j, 0 for the base.
+        Origin of each segment frame, m: the centre of joint j for segment j, 0 for the base.
     """
     base = np.zeros((*q.shape[:-1], 1))
     angle = np.concatenate([base, np.cumsum(q, axis=-1)], axis=-1)
-    steps = rotate(angle[..., :-1], centres)  # (..., n, 2) from origin to origin
+    steps = rotate(angle[..., :-1], centres)  # (..., n, 2) between consecutive origins
     origin = np.concatenate([np.zeros((*q.shape[:-1], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
     return angle, origin
 
 
 def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Positions of markers fixed to the segments (eq. 3.18).
+    """Return the positions of markers fixed to the segments (eq. 3.18).
 
     Parameters
     ----------
     q : (..., n) array
         Joint angles, rad.
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Centre of each joint in the frame of the previous segment, m.
     segment : (M,) int array
-        Segment of each marker, 0 = base.
+        Segment of each marker; 0 is the base.
     local : (M, 2) array
-        Coordinates in the frame of that segment, m.
+        Coordinates of each marker in the frame of its segment, m.
 
     Returns
     -------
@@ -72,15 +72,15 @@ def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, loca
 
 
 def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Derivative of :func:`marker_positions` by the joint angles, m/rad.
+    """Return the derivative of :func:`marker_positions` with respect to the joint angles, m/rad.
 
     Parameters are those of :func:`marker_positions`.
 
     Returns
     -------
     (..., M, 2, n) array
-        Column j - 1 is z × (marker - joint j) for the markers of segment j and beyond, else zero: the planar part of
-        the spatial Jacobian's columns (eq. 2.47).
+        Column j - 1 is z × (marker - joint j) for markers on segment j and the segments after it, and zero for the
+        others: the planar part of the columns of the spatial Jacobian (eq. 2.47).
     """
     angle, origin = segment_poses(q, centres)
     position = _placed(angle, origin, segment, local)
@@ -93,7 +93,7 @@ def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local
 
 
 def _placed(angle: FloatArray, origin: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Markers (..., M, 2) on segments of these poses, with one sine and cosine for all markers of a segment."""
+    """Return marker positions (..., M, 2); sine and cosine are computed once for each segment."""
     c, s = np.cos(angle)[..., segment], np.sin(angle)[..., segment]
     x, y = local[:, 0], local[:, 1]
     position = np.empty((*c.shape, 2))
@@ -103,20 +103,20 @@ def _placed(angle: FloatArray, origin: FloatArray, segment: IntArray, local: Flo
 
 
 def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
-    """Spatial Jacobian of a planar chain (eq. 2.47): its rows v_x, v_y, ω_z, written out.
+    """Return the rows v_x, v_y, ω_z of the spatial Jacobian of a planar chain (eq. 2.47).
 
     Parameters
     ----------
     q : (..., n) array
         Joint angles, rad.
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Centre of each joint in the frame of the previous segment, m.
 
     Returns
     -------
     (..., 3, n) array
-        Column j - 1 is the unit twist of joint j at p, (p_y, -p_x, 1), in the plane frame. Its power on a wrench
-        (Fx, Fy, tauz) about the plane-frame origin is the wrench's moment about the joint.
+        Column j - 1 is the unit twist (p_y, -p_x, 1) of joint j at p, in the plane frame. Its product with a wrench
+        (Fx, Fy, tauz) about the plane-frame origin is the moment of that wrench about the joint.
     """
     _, origin = segment_poses(q, centres)
     x, y = origin[..., 1:, 0], origin[..., 1:, 1]
@@ -124,6 +124,6 @@ def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
 
 
 def spatial_chain(centres: FloatArray) -> Chain:
-    """The same chain in SE(3): revolute joints about z, with the placements of ``centres`` (n, 2), m."""
+    """Return the same chain in SE(3): revolute joints about z, with centres (n, 2), m."""
     placements = se3.pose(np.eye(3), np.column_stack([centres, np.zeros(len(centres))]))
     return Chain(tuple(Revolute((0.0, 0.0, 1.0)) for _ in centres), placements)

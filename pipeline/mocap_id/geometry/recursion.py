@@ -1,8 +1,8 @@
-"""Recursive kinematics and dynamics of a serial chain (thesis 2.3.3, 2.4): outwards for motion, inwards for wrenches.
+"""Recursive kinematics and dynamics of a serial chain (thesis 2.3.3, 2.4).
 
-Twists, accelerations and wrenches of link i are in frame i about its origin; the base is link 0. An acceleration is
-the time derivative of the body velocity's six numbers. Gravity is never a term: it is a base that accelerates
-upwards with g, ``base_acceleration = (g·up, 0)``.
+The motion is computed from base to tip, the wrenches from tip to base. Twists, accelerations and wrenches of link i are
+in frame i, about its origin; the base is link 0. An acceleration is the time derivative of the six components of the
+body velocity. Gravity is not a separate term: the base accelerates upwards with g, ``base_acceleration = (g·up, 0)``.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from mocap_id.geometry.chain import Chain
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Motion of every link, base first.
+class LinkMotion:
+    """LinkMotion of every link, base first.
 
     Parameters
     ----------
     relative : (..., n, 4, 4) array
-        g_{i-1,i}.
+        Pose g_{i-1,i} of each link in the frame of the previous one.
     velocity, acceleration : (..., n + 1, 6) array
         Body velocity (m/s, rad/s) and its derivative (m/s², rad/s²) in the link's frame.
     """
@@ -34,17 +34,17 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Loads:
-    """Wrenches that make the motion.
+class JointLoads:
+    """Wrenches that cause the motion.
 
     Parameters
     ----------
     joint_wrench : (..., n, 6) array
         Wrench of link i - 1 on link i, in frame i about its origin, N and N·m.
     effort : (..., N) array
-        Its share along the joints' coordinates: torques of revolute joints, N·m.
+        Generalised force of each joint coordinate; for a revolute joint its torque, N·m.
     base_wrench : (..., 6) array
-        Wrench of the ground on the whole body, world frame, about the world's origin.
+        Wrench of the ground on the whole body, world frame, about the world origin.
     """
 
     joint_wrench: FloatArray
@@ -53,12 +53,12 @@ class Loads:
 
 
 def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArray) -> FloatArray:
-    """Inertia matrix of a link at its frame's origin (eq. 2.56).
+    """Return the spatial inertia matrix of a link about the origin of its frame (eq. 2.56).
 
     Parameters
     ----------
     mass : (...) array
-        kg.
+        Mass, kg.
     centre : (..., 3) array
         Centre of mass in the link frame, m.
     about_centre : (..., 3, 3) array
@@ -67,7 +67,7 @@ def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArr
     Returns
     -------
     (..., 6, 6) array
-        Takes a twist (v, ω) to the momentum wrench.
+        Maps a twist (v, ω) to momentum.
     """
     mass = np.asarray(mass, dtype=np.float64)[..., None, None]
     cross = so3.hat(centre)
@@ -79,14 +79,16 @@ def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArr
 
 
 def link_wrench(inertia: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Wrench (..., 6) that gives one link its motion, in its frame about its origin (eq. 2.55)."""
+    """Return the wrench (..., 6) that one link needs for its motion, in its frame about its origin (eq. 2.55)."""
     momentum = inertia @ velocity[..., None]
-    turned = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum
-    return (inertia @ acceleration[..., None] - turned)[..., 0]
+    gyroscopic = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum
+    return (inertia @ acceleration[..., None] - gyroscopic)[..., 0]
 
 
-def motion(chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray) -> Motion:
-    """Velocities and accelerations of every link, from base to tip (eq. 2.50-2.53).
+def link_motion(
+    chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
+) -> LinkMotion:
+    """Return the velocities and accelerations of all links (eq. 2.50-2.53).
 
     Parameters
     ----------
@@ -94,11 +96,11 @@ def motion(chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_ac
     q, dq, ddq : (..., N) arrays
         Coordinates and their time derivatives.
     base_acceleration : (6,) array
-        Acceleration of the base, whose velocity is zero; ``(g·up, 0)`` for gravity.
+        Acceleration of the base, which has zero velocity; ``(g·up, 0)`` for gravity.
 
     Returns
     -------
-    Motion
+    LinkMotion
     """
     relative = chain.relative_poses(q)
     lead = q.shape[:-1]
@@ -107,13 +109,13 @@ def motion(chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_ac
     for i, (joint, part) in enumerate(zip(chain.joints, chain.slices, strict=True)):
         backward = se3.Ad(se3.inverse(relative[..., i, :, :]))
         subspace, rate = joint.subspace(q[..., part]), joint.subspace_rate(q[..., part], dq[..., part])
-        carried = backward @ velocity[-1][..., None]
+        from_base = backward @ velocity[-1][..., None]
         own = subspace @ dq[..., part, None]
         change = subspace @ ddq[..., part, None] + rate @ dq[..., part, None]
-        turned = se3.ad(carried[..., 0]) @ own
-        velocity.append((carried + own)[..., 0])
-        acceleration.append((backward @ acceleration[-1][..., None] + turned + change)[..., 0])
-    return Motion(relative, np.stack(velocity, axis=-2), np.stack(acceleration, axis=-2))
+        coriolis = se3.ad(from_base[..., 0]) @ own
+        velocity.append((from_base + own)[..., 0])
+        acceleration.append((backward @ acceleration[-1][..., None] + coriolis + change)[..., 0])
+    return LinkMotion(relative, np.stack(velocity, axis=-2), np.stack(acceleration, axis=-2))
 
 
 def inverse_dynamics(
@@ -125,8 +127,8 @@ def inverse_dynamics(
     *,
     base_acceleration: FloatArray,
     applied: FloatArray | None = None,
-) -> Loads:
-    """Joint wrenches, torques and the ground's wrench for a given motion, from tip to base (eq. 2.57).
+) -> JointLoads:
+    """Return the joint wrenches, joint torques and ground wrench for a given motion (eq. 2.57).
 
     Parameters
     ----------
@@ -138,14 +140,14 @@ def inverse_dynamics(
     base_acceleration : (6,) array
         ``(g·up, 0)`` for gravity.
     applied : (..., n + 1, 6) array, optional
-        Wrench that the surroundings, other than the ground, exert on each link (a seat on a thigh), in its frame. It
-        enters with a minus: Γ_E of the thesis is what the body exerts.
+        Wrench of the surroundings other than the ground (such as a seat) on each link, in the link's frame. The thesis
+        has the opposite sign: its Γ_E is the wrench of the body on the surroundings.
 
     Returns
     -------
-    Loads
+    JointLoads
     """
-    moving = motion(chain, q, dq, ddq, base_acceleration)
+    moving = link_motion(chain, q, dq, ddq, base_acceleration)
     needed = link_wrench(inertias, moving.velocity, moving.acceleration)
     if applied is not None:
         needed = needed - applied
@@ -156,4 +158,4 @@ def inverse_dynamics(
         wrenches.append(total)
         efforts.append((np.swapaxes(subspace, -1, -2) @ total[..., None])[..., 0])
         total = needed[..., i, :] + se3.move_wrench(moving.relative[..., i, :, :], total)
-    return Loads(np.stack(wrenches[::-1], axis=-2), np.concatenate(efforts[::-1], axis=-1), total)
+    return JointLoads(np.stack(wrenches[::-1], axis=-2), np.concatenate(efforts[::-1], axis=-1), total)

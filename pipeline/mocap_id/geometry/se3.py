@@ -1,7 +1,7 @@
-"""Rigid-body motions: SE(3), its Lie algebra, and how twists and wrenches move between frames (thesis 2.2.2, 2.2.3).
+"""Rigid-body motions: SE(3), its Lie algebra, twists and wrenches in different frames (thesis 2.2.2, 2.2.3).
 
-Functions take any leading axes. Poses are homogeneous matrices (..., 4, 4), where g_AB takes coordinates in B to
-coordinates in A. A twist is (v, ω), a wrench (F, τ), both (..., 6): linear part first.
+All functions accept any leading axes. A pose g_AB is a homogeneous matrix (..., 4, 4) that maps coordinates in B to
+coordinates in A. A twist is (v, ω) and a wrench (F, τ), both (..., 6), with the linear part first.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mocap_id.geometry import so3
 
 
 def pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """Homogeneous matrix (..., 4, 4) of a rotation (..., 3, 3) and a position (..., 3), m (eq. 2.9, 2.16)."""
+    """Return the pose (..., 4, 4) of a rotation (..., 3, 3) and a position (..., 3), m (eq. 2.9, 2.16)."""
     shape = np.broadcast_shapes(rotation.shape[:-2], position.shape[:-1])
     g = np.zeros((*shape, 4, 4))
     g[..., :3, :3], g[..., :3, 3], g[..., 3, 3] = rotation, position, 1.0
@@ -21,18 +21,18 @@ def pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
 
 
 def inverse(g: FloatArray) -> FloatArray:
-    """Inverse of a pose (eq. 2.17)."""
+    """Return the inverse of a pose (eq. 2.17)."""
     transposed = np.swapaxes(g[..., :3, :3], -1, -2)
     return pose(transposed, -(transposed @ g[..., :3, 3:])[..., 0])
 
 
 def act(g: FloatArray, points: FloatArray) -> FloatArray:
-    """Coordinates in A of points (..., 3) given in B, for g = g_AB (eq. 2.8)."""
+    """Transform points (..., 3) from frame B to frame A, with g = g_AB (eq. 2.8)."""
     return (g[..., :3, :3] @ points[..., None])[..., 0] + g[..., :3, 3]
 
 
 def hat(twist: FloatArray) -> FloatArray:
-    """Matrix (..., 4, 4) of a twist (eq. 2.19)."""
+    """Return the matrix (..., 4, 4) of a twist (eq. 2.19)."""
     twist = np.asarray(twist, dtype=np.float64)
     matrix = np.zeros((*twist.shape[:-1], 4, 4))
     matrix[..., :3, :3], matrix[..., :3, 3] = so3.hat(twist[..., 3:]), twist[..., :3]
@@ -40,17 +40,17 @@ def hat(twist: FloatArray) -> FloatArray:
 
 
 def vee(matrix: FloatArray) -> FloatArray:
-    """Twist of an element of se(3), the inverse of :func:`hat`."""
+    """Return the twist of an element of se(3); the inverse of :func:`hat`."""
     return np.concatenate([matrix[..., :3, 3], so3.vee(matrix[..., :3, :3])], axis=-1)
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Motion along a twist for unit time (eq. 2.20).
+    """Return the pose after moving along a constant twist for unit time (eq. 2.20).
 
     Parameters
     ----------
     twist : (..., 6) array
-        (v, ω), m and rad; ξθ of the thesis.
+        (v, ω), m and rad; ξθ in the thesis.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def exp(twist: FloatArray) -> FloatArray:
 
 
 def log(g: FloatArray) -> FloatArray:
-    """Twist whose :func:`exp` is this pose, with a rotation of 0 … π.
+    """Return the twist whose :func:`exp` is this pose; its rotation angle is 0 to π.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def log(g: FloatArray) -> FloatArray:
 
 
 def Ad(g: FloatArray) -> FloatArray:
-    """Adjoint (..., 6, 6) of a pose: takes twists in B to twists in A for g = g_AB (eq. 2.33, 2.34)."""
+    """Return the adjoint (..., 6, 6) of a pose g_AB, which maps twists in B to twists in A (eq. 2.33, 2.34)."""
     rotation, position = g[..., :3, :3], g[..., :3, 3]
     matrix = np.zeros((*g.shape[:-2], 6, 6))
     matrix[..., :3, :3] = matrix[..., 3:, 3:] = rotation
@@ -95,7 +95,7 @@ def Ad(g: FloatArray) -> FloatArray:
 
 
 def ad(twist: FloatArray) -> FloatArray:
-    """Matrix (..., 6, 6) of the Lie bracket (eq. 2.35, 2.36).
+    """Return the matrix (..., 6, 6) of the Lie bracket (eq. 2.35, 2.36).
 
     ``hat(ad(a) @ b) == hat(a) @ hat(b) - hat(b) @ hat(a)``
     """
@@ -107,20 +107,20 @@ def ad(twist: FloatArray) -> FloatArray:
 
 
 def move_twist(g: FloatArray, twist: FloatArray) -> FloatArray:
-    """Twist (..., 6) of B seen in A, for g = g_AB (eq. 2.38)."""
+    """Transform twists (..., 6) from frame B to frame A, with g = g_AB (eq. 2.38)."""
     return (Ad(g) @ twist[..., None])[..., 0]
 
 
 def move_wrench(g: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Wrench (..., 6) about B's origin in B's axes, taken to A's origin and axes, for g = g_AB.
+    """Transform wrenches (..., 6) from the axes and origin of B to those of A, with g = g_AB.
 
-    The map is the transpose of the adjoint of the *inverse* pose (eq. 2.54 as 2.57 has it), so that power, the product
-    of twist and wrench, is the same in both frames.
+    The map is the transpose of the adjoint of the *inverse* pose (eq. 2.54 in the form of 2.57). Power, the product
+    of twist and wrench, is then the same in both frames.
     """
     return (np.swapaxes(Ad(inverse(g)), -1, -2) @ wrench[..., None])[..., 0]
 
 
-_SMALL = 1e-2  # below this angle the series are exact to rounding; above it, so are the closed forms
+_SMALL = 1e-2  # rad; below this angle the series are exact to rounding, above it the closed forms are
 
 
 def _third_coefficient(angle: FloatArray) -> FloatArray:

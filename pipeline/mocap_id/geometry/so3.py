@@ -1,7 +1,7 @@
 """Rotations: SO(3) and its Lie algebra (thesis 2.2.1).
 
-Functions take any leading axes: vectors are (..., 3), matrices (..., 3, 3). Rotation vectors ω carry the angle in
-their length (rad), so ωθ with unit ω in the thesis is one vector here.
+Functions accept any leading axes: vectors are (..., 3), matrices (..., 3, 3). The length of a rotation vector is its
+angle in rad: ωθ with a unit vector ω in the thesis is one vector here.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray
 
 
 def hat(omega: FloatArray) -> FloatArray:
-    """Skew-symmetric matrix of a vector: ``hat(u) @ v == cross(u, v)`` (eq. 2.11, 2.14)."""
+    """Return the skew-symmetric matrix of a vector: ``hat(u) @ v == cross(u, v)`` (eq. 2.11, 2.14)."""
     x, y, z = np.moveaxis(np.asarray(omega, dtype=np.float64), -1, 0)
     matrix = np.zeros((*x.shape, 3, 3))
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
@@ -21,21 +21,21 @@ def hat(omega: FloatArray) -> FloatArray:
 
 
 def vee(matrix: FloatArray) -> FloatArray:
-    """Vector of a skew-symmetric matrix, the inverse of :func:`hat`; the symmetric part is ignored."""
+    """Return the vector of a skew-symmetric matrix; the inverse of :func:`hat`. The symmetric part is ignored."""
     skew = (matrix - np.swapaxes(matrix, -1, -2)) / 2
     return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
 
 
 def exp_coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """sin θ / θ and (1 - cos θ) / θ², exact to rounding at every angle including zero.
+    """Return sin θ / θ and (1 - cos θ) / θ², exact to rounding at every angle including zero.
 
-    The second is written with the half angle, which leaves no difference of nearly equal numbers.
+    The second uses the half angle, which avoids the difference of nearly equal numbers.
     """
     return np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
 
 
 def exp(omega: FloatArray) -> FloatArray:
-    """Rotation by ``|omega|`` rad about ``omega``: Rodrigues' formula (eq. 2.12, 2.13).
+    """Return the rotation by ``|omega|`` rad about ``omega`` by Rodrigues' formula (eq. 2.12, 2.13).
 
     Parameters
     ----------
@@ -54,10 +54,10 @@ def exp(omega: FloatArray) -> FloatArray:
 
 
 def log(rotation: FloatArray) -> FloatArray:
-    """Rotation vector of a rotation matrix, of length 0 … π; the inverse of :func:`exp`.
+    """Return the rotation vector of a rotation matrix, of length 0 to π; the inverse of :func:`exp`.
 
-    Goes through the unit quaternion, taken from the largest of its four components, so that it is accurate near zero
-    and near π alike. At π exactly the sign of the axis is arbitrary.
+    The computation uses the unit quaternion and starts from its largest component, so it is accurate both near zero and
+    near π. At exactly π the sign of the axis is arbitrary.
 
     Parameters
     ----------
@@ -79,10 +79,10 @@ def log(rotation: FloatArray) -> FloatArray:
 
 
 def _quaternion(rotation: FloatArray) -> FloatArray:
-    """Unit quaternion (..., 4), scalar first, sign arbitrary."""
+    """Return the unit quaternion (..., 4), scalar first, with arbitrary sign."""
     trace = np.trace(rotation, axis1=-2, axis2=-1)
     diagonal = np.diagonal(rotation, axis1=-2, axis2=-1)
-    outer = np.empty((*trace.shape, 4, 4))  # 4 q qᵀ, every row of which is proportional to q
+    outer = np.empty((*trace.shape, 4, 4))  # 4 q qᵀ: every row is proportional to q
     outer[..., 0, 0] = 1 + trace
     outer[..., 1:, 0] = outer[..., 0, 1:] = 2 * vee(rotation)
     outer[..., 1:, 1:] = rotation + np.swapaxes(rotation, -1, -2)

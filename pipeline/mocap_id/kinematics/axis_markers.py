@@ -1,4 +1,4 @@
-"""Still markers that are not the base's: those on the axis of the first joint (malleoli)."""
+"""Still markers on the axis of the first joint, such as those on the malleoli, which belong to segment 1."""
 
 from __future__ import annotations
 
@@ -8,61 +8,62 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import IntArray
-from mocap_id.kinematics.hypotheses import Scene
-from mocap_id.kinematics.rigid import Body, fit_body, marker_residuals
+from mocap_id.kinematics.hypotheses import SegmentationProblem
+from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals
 
-_PREFER_MOVING = 1.25  # a still marker goes to segment 1 unless that holds it worse than the base by this factor
-_LIKE = 0.03  # m; two markers on either side this near to each other, as seen from the side, are a pair
-_FEWEST = 2  # markers left to the base
+_PREFER_MOVING = 1.25  # a still marker joins segment 1 unless its residual there is larger by this factor
+_PAIR = 0.03  # m; a left and a right marker this close in the side view are a pair
+_LEAST_BASE = 2  # markers that stay on the base
 
 
 @dataclass(frozen=True)
 class AxisMarkers:
-    """Which of the base's markers segment 1 takes over.
+    """Base markers reassigned to segment 1.
 
     Parameters
     ----------
     residual : dict
-        Of each that does (its column), rms from its place on segment 1, m.
+        For each reassigned marker (its column), the rms distance from its place on segment 1, m.
     margin : float
-        How far the closest decision was from falling the other way: the ratio of what segment 1 and the base make of
-        the marker over the one at which it changes sides, or the inverse, at least 1; inf where there was none to take.
+        How close the closest decision was: the ratio of the residuals on segment 1 and on the base, over the ratio
+        at which the marker changes sides, or the inverse. At least 1; inf without a candidate.
     """
 
     residual: dict[int, float]
     margin: float
 
 
-def on_first_axis(scene: Scene, first: Body, on_segment: IntArray) -> AxisMarkers:
-    """Still markers that belong to segment 1.
+def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment: IntArray) -> AxisMarkers:
+    """Find still markers that belong to segment 1.
 
-    A marker on the axis of joint 1 hardly moves, so rigidity puts it on the base; on the segment it pins the joint. The
-    segment is fitted anew with each one: judged from outside, a few degrees of soft tissue would reject it; and with
-    those taken before, so that a heel cannot follow where a malleolus has pinned the axis. A left and a right marker
-    in the same place are judged together: people are symmetric, and so are those who put markers on them.
+    A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. On segment 1 it pins the
+    joint. Segment 1 is refitted with each candidate, because with a fixed fit a few degrees of soft tissue would reject
+    it. The refit includes the markers accepted before, so that a heel cannot follow once a malleolus has pinned the
+    axis. A left and a right marker at the same place are judged together, because people and marker sets are symmetric.
 
     Parameters
     ----------
-    first : Body
+    problem : SegmentationProblem
+    first : RigidBody
         Segment 1.
     on_segment : int array
-        The markers that are on it already, those it was fitted to and others.
+        Columns of all markers on segment 1, including those that it was not fitted to.
     """
-    points, constraints = scene.points, scene.constraints
-    held = marker_residuals(scene.ground, points)
+    points, constraints = problem.points, problem.constraints
+    on_base = marker_residuals(problem.ground, points)
     taken: dict[int, float] = {}
     margin = np.inf
     alone = np.bincount(constraints.unit)[constraints.unit] == 1
-    left = list(_pairs(scene, scene.ground.markers[alone[scene.ground.markers]]))
+    left = list(_pairs(problem, problem.ground.markers[alone[problem.ground.markers]]))
     while left:
         members = np.concatenate([first.markers, np.array(list(taken), dtype=np.int64)])
         there = np.concatenate([on_segment, np.array(list(taken), dtype=np.int64)])
         left = [unit for unit in left if constraints.allow(np.append(there, unit))]
-        spare = len(scene.ground.markers) - len(taken) - _FEWEST
-        tried = [(_ratio(scene, members, unit, held), unit) for unit in left if len(unit) <= spare]
-        if not tried:
+        spare = len(problem.ground.markers) - len(taken) - _LEAST_BASE
+        candidates = [(_ratio(problem, members, unit, on_base), unit) for unit in left if len(unit) <= spare]
+        if not candidates:
             break
-        (ratio, residual), best = min(tried, key=lambda each: each[0][0])
+        (ratio, residual), best = min(candidates, key=lambda each: each[0][0])
         margin = min(margin, max(ratio / _PREFER_MOVING, _PREFER_MOVING / ratio))
         if ratio > _PREFER_MOVING:
             break
@@ -71,26 +72,28 @@ def on_first_axis(scene: Scene, first: Body, on_segment: IntArray) -> AxisMarker
     return AxisMarkers(taken, float(margin))
 
 
-def _ratio(scene: Scene, members: IntArray, unit: tuple[int, ...], held: np.ndarray) -> tuple[float, list[float]]:
-    """What segment 1 makes of some markers over what the base makes of them, and their residuals on it, m."""
-    body = fit_body(scene.points, np.append(members, unit))
-    residual = marker_residuals(body, scene.points[:, list(unit)])
-    before = float(np.sqrt(np.mean(held[list(unit)] ** 2)))
+def _ratio(
+    problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
+) -> tuple[float, list[float]]:
+    """Return the residual of some markers on segment 1 over that on the base, and each residual on segment 1, m."""
+    body = fit_body(problem.points, np.append(members, unit))
+    residual = marker_residuals(body, problem.points[:, list(unit)])
+    before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))
     after = float(np.sqrt(np.mean(residual**2)))
     return (after / before if before > 0 else np.inf), [float(each) for each in residual]
 
 
-def _pairs(scene: Scene, markers: IntArray) -> Iterator[tuple[int, ...]]:
-    """The markers, left and right ones in the same place as pairs."""
+def _pairs(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
+    """Yield the markers, left and right ones at the same place as pairs."""
     if not len(markers):
         return
-    place = np.nanmean(scene.points[:, markers], axis=0)
-    side = scene.lateral[markers] - np.median(scene.lateral[scene.moving])
+    place = np.nanmean(problem.points[:, markers], axis=0)
+    side = problem.lateral[markers] - np.median(problem.lateral[problem.moving])
     apart = np.abs(place[:, None] - place)
     apart[(side[:, None] * side) >= 0] = np.inf
     mate = np.argmin(apart, axis=1)
     for i, j in enumerate(mate):
-        if apart[i, j] < _LIKE and mate[j] == i:
+        if apart[i, j] < _PAIR and mate[j] == i:
             if i < j:
                 yield int(markers[i]), int(markers[j])
         else:

@@ -1,9 +1,9 @@
-"""Joint centres, marker coordinates and angles of the whole chain at once (3.13-3.16).
+"""Joint centres, marker coordinates and angles of the whole chain, fitted together (3.13 to 3.16).
 
-Gauss-Newton on :mod:`mocap_id.kinematics.chain_equations`, robust against bursts. A segment frame's own turn is a gauge
-freedom: steps are the shortest ones, and :func:`fix_gauge` settles it afterwards (this is what lambda_phi of 3.16 is
-for). Markers do not count alike: skin over muscle slides more than skin over bone, and every marker weighs as its own
-residuals say.
+The fit is Gauss-Newton on :mod:`mocap_id.kinematics.chain_equations`, robust against bursts. The orientation of a
+segment frame is a gauge freedom: each step is the shortest one, and :func:`fix_gauge` sets the orientation afterwards
+(the purpose of lambda_phi in 3.16). Each marker is weighted by its residuals: skin over muscle slides more than over
+bone.
 """
 
 from __future__ import annotations
@@ -16,18 +16,25 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.kinematics.centre_covariance import centre_covariance
-from mocap_id.kinematics.chain_equations import Problem, State, moved, predicted, reduce, shared_variance
+from mocap_id.kinematics.chain_equations import (
+    ChainProblem,
+    ChainState,
+    apply_step,
+    eliminate_angles,
+    residuals,
+    shared_variance,
+)
 from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.links import frames_used, rigid_body_links
-from mocap_id.kinematics.rigid import still_body
+from mocap_id.kinematics.rigid_body import still_body
 
 _ITERATIONS = 200
-_CONVERGED = 1e-7  # relative fall of the cost
-_NEARLY = 1e-3  # relative fall of the cost after which the markers' weights are taken from their residuals
+_CONVERGED = 1e-7  # relative decrease of the cost
+_NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
 _WEIGHINGS = 2
 _HUBER = 3.0  # scales beyond which a residual is a burst
-_EXACT = 1e-4  # m; markers with smaller residuals weigh alike
+_EXACT = 1e-4  # m; markers with smaller residuals have equal weights
 
 
 def fit_chain(
@@ -42,16 +49,16 @@ def fit_chain(
     segment : (M,) int array
         Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers.
     auxiliary : mapping of int to (F,) complex array
-        Where markers put a joint (1 … n) in the plane, m; NaN where unseen (p_A of 3.15).
+        Position in the plane, m, at which markers place joint 1 … n; NaN where unseen (p_A of 3.15).
     pull : float
-        Weight of an auxiliary point against an average marker (lambda_A of 3.16).
+        Weight of an auxiliary point relative to an average marker (lambda_A of 3.16).
 
     Raises
     ------
     Refused
         ``too-few-frames`` show every segment.
     NumericalError
-        The iteration does not settle.
+        The iteration does not converge.
     """
     moving = np.flatnonzero(segment > 0)
     joints = int(segment.max())
@@ -59,17 +66,17 @@ def fit_chain(
     used = np.flatnonzero(frames_used(start.angles))
     problem = _problem(points[np.ix_(used, moving)], segment[moving], auxiliary or {}, used, joints)
     local = np.concatenate([start.local[moving], np.zeros(int(problem.pinned.sum()))])
-    state, problem, iterations = _solve(problem, State(start.centres, local, start.angles[used]), pull)
+    state, problem, iterations = _solve(problem, ChainState(start.centres, local, start.angles[used]), pull)
     return replace(_collect(points, segment, used, problem, state), iterations=iterations)
 
 
 def _problem(
     points: ComplexArray, segment: IntArray, auxiliary: Mapping[int, ComplexArray], used: IntArray, joints: int
-) -> Problem:
-    """The moving markers, and the auxiliary points as markers that sit on their joint."""
+) -> ChainProblem:
+    """Return the fit's input, with the auxiliary points as markers pinned to their joint."""
     columns = np.concatenate([points, *(track[used, None] for track in auxiliary.values())], axis=1)
     seen = np.isfinite(columns)
-    return Problem(
+    return ChainProblem(
         np.where(seen, columns, 0),
         seen.astype(np.float64),
         np.concatenate([segment, np.array(list(auxiliary), dtype=np.int64)]),
@@ -78,13 +85,13 @@ def _problem(
     )
 
 
-def _solve(problem: Problem, state: State, pull: float) -> tuple[State, Problem, int]:
-    """Reweighted Gauss-Newton: bursts beyond a few scales of their segment's residual lose their say."""
+def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[ChainState, ChainProblem, int]:
+    """Run reweighted Gauss-Newton: a burst beyond a few scales of its segment's residual loses weight."""
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
     for iteration in range(1, _ITERATIONS + 1):
         problem = _reweighted(problem, state, scale)
-        state = moved(state, reduce(problem, state).step())
+        state = apply_step(state, eliminate_angles(problem, state).step())
         previous, cost = cost, _cost(problem, state)
         fall = abs(previous - cost)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
@@ -92,31 +99,34 @@ def _solve(problem: Problem, state: State, pull: float) -> tuple[State, Problem,
             cost, weighings = np.inf, weighings + 1
         elif fall <= _CONVERGED * cost + 1e-18:
             return state, problem, iteration
-    raise NumericalError(f"the joint fit has not settled after {_ITERATIONS} iterations; are the segments right?")
+    raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
 
 
-def _cost(problem: Problem, state: State) -> float:
-    off = problem.points - predicted(problem, state)
+def _cost(problem: ChainProblem, state: ChainState) -> float:
+    off = residuals(problem, state)
     return float(np.sum(problem.weights * np.abs(off) ** 2))
 
 
-def _reweighted(problem: Problem, state: State, scale: FloatArray) -> Problem:
-    """The markers' weights, with Huber's on each segment's own scale."""
+def _reweighted(problem: ChainProblem, state: ChainState, scale: FloatArray) -> ChainProblem:
+    """Return the problem with Huber weights on each segment's own scale."""
     seen = problem.weights > 0
-    off = np.abs(problem.points - predicted(problem, state))
+    off = np.abs(residuals(problem, state))
     weights = np.where(seen, scale, 0.0)
     for k in range(1, problem.joints + 1):
         members = (problem.segment == k) & ~problem.pinned
-        limit = _HUBER * max(np.median(off[:, members][seen[:, members]]) / 1.1774, 1e-9)  # median of Rayleigh's law
+        rayleigh = (
+            np.median(off[:, members][seen[:, members]]) / 1.1774
+        )  # scale of a Rayleigh distribution from its median
+        limit = _HUBER * max(rayleigh, 1e-9)
         weights[:, members] *= np.minimum(1, limit / np.maximum(off[:, members], limit))
     return replace(problem, weights=weights)
 
 
-def _marker_weights(problem: Problem, state: State) -> FloatArray:
-    """Inverse variance of each marker that is not pinned, 1 on average."""
+def _marker_weights(problem: ChainProblem, state: ChainState) -> FloatArray:
+    """Return the inverse variance of each marker that is not pinned, 1 on average."""
     own = ~problem.pinned
     seen = (problem.weights > 0)[:, own]
-    off = np.where(seen, np.abs(problem.points - predicted(problem, state))[:, own], 0)
+    off = np.where(seen, np.abs(residuals(problem, state))[:, own], 0)
     square = np.minimum(off, _HUBER * np.sqrt(np.mean(off**2, axis=0))) ** 2
     variance = square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     variance = shared_variance(variance, problem.weights[:, own].mean(axis=0), problem.segment[own], state.local[own])
@@ -124,8 +134,10 @@ def _marker_weights(problem: Problem, state: State) -> FloatArray:
     return np.asarray(weight / weight.mean())
 
 
-def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: Problem, state: State) -> ChainFit:
-    """Residuals, arcs and covariance of the solution."""
+def _collect(
+    points: ComplexArray, segment: IntArray, used: IntArray, problem: ChainProblem, state: ChainState
+) -> ChainFit:
+    """Return the fit with residuals, arcs and covariance of the solution."""
     moving, still = np.flatnonzero(segment > 0), np.flatnonzero(segment == 0)
     base = still_body(points, still)
     local = np.zeros(len(segment), dtype=np.complex128)
@@ -133,12 +145,12 @@ def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: P
     residual = np.zeros(len(segment))
     residual[still] = _rms(points[:, still] - base.template)
     seen = problem.weights > 0
-    off = np.where(seen, problem.points - predicted(problem, state), np.nan)
+    off = np.where(seen, residuals(problem, state), np.nan)
     residual[moving] = _rms(off[:, ~problem.pinned])
     angles = np.full((len(points), problem.joints), np.nan)
     angles[used] = state.angles
     angles = continuous(angles)
-    full = centre_covariance(problem, state, reduce(problem, state))
+    full = centre_covariance(problem, state, eliminate_angles(problem, state))
     covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
     return ChainFit(
@@ -154,5 +166,4 @@ def _collect(points: ComplexArray, segment: IntArray, used: IntArray, problem: P
 
 
 def _rms(off: ComplexArray) -> FloatArray:
-    """(K,) rms modulus of the columns, NaN left out."""
     return np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0)))

@@ -1,12 +1,12 @@
-"""A chain's markers from its unknowns, and their weighted normal equations (3.13-3.16).
+"""The marker positions of a chain and the weighted normal equations of its unknowns (3.13 to 3.16).
 
-In the plane, with complex numbers, a marker q on segment k stands at
+In the plane, with complex numbers, a marker q on segment k has the position
 
     z = c_1 + e^{i a_1} c_2 + … + e^{i a_{k-1}} c_k + e^{i a_k} q,
 
-a_j being segment j's angle from the plane's x and c_j the centre of joint j in the frame of segment j-1. The centres
-and coordinates are common to all frames, the angles belong to one frame each: the normal equations are bordered
-block-diagonal, and the angles are eliminated frame by frame (variable projection, by the Schur complement).
+where a_j is the angle of segment j from the plane's x axis and c_j is the centre of joint j in the frame of segment
+j-1. All frames share the centres and coordinates, and each frame has its own angles. The normal equations are therefore
+bordered block-diagonal, and the angles are eliminated frame by frame (variable projection by the Schur complement).
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Trajectories of the moving markers and their layout.
+class ChainProblem:
+    """Trajectories of the moving markers and their assignment to segments.
 
     Parameters
     ----------
     points : (T, K) complex array
-        m; zero where unseen.
+        Positions, m; zero where unseen.
     weights : (T, K) array
-        Of every residual; zero where unseen.
+        Weight of every residual; zero where unseen.
     segment : (K,) int array
-        1 … n.
+        Segment of each marker, 1 … n.
     pinned : (K,) bool array
-        Markers that stand for their segment's own joint: their coordinates are zero and no unknowns (3.15).
+        Markers at their segment's own joint: their coordinates are zero and not unknowns (3.15).
     joints : int
+        Number of joints n.
     """
 
     points: ComplexArray
@@ -41,39 +42,59 @@ class Problem:
     pinned: BoolArray
     joints: int
 
+    @classmethod
+    def without_points(cls, weights: FloatArray, segment: IntArray, joints: int) -> ChainProblem:
+        """Return a problem without measurements, for the derivatives of a chain with these weights (T, K)."""
+        points, pinned = np.zeros(weights.shape, dtype=np.complex128), np.zeros(len(segment), dtype=np.bool_)
+        return cls(points, weights, segment, pinned, joints)
+
     @property
     def unknowns(self) -> int:
-        """Real numbers common to all frames, those of pinned markers counted in."""
+        """Return the number of real unknowns common to all frames, including those of pinned markers."""
         return 2 * (self.joints + len(self.segment))
 
     @property
     def free(self) -> IntArray:
-        """Indices of those that are unknown indeed."""
+        """Return the indices of the common unknowns without those of pinned markers."""
         return np.flatnonzero(np.repeat(np.append(np.zeros(self.joints, dtype=np.bool_), self.pinned), 2) == 0)
 
 
 @dataclass(frozen=True)
-class State:
-    """Values of the unknowns: centres and coordinates in m, absolute angles in rad."""
+class ChainState:
+    """Values of the unknowns: centres and coordinates in m, absolute segment angles in rad."""
 
     centres: ComplexArray  # (n,)
     local: ComplexArray  # (K,)
     angles: FloatArray  # (T, n)
 
 
-def predicted(problem: Problem, state: State) -> ComplexArray:
-    """(T, K) markers from the unknowns."""
+def predict_markers(problem: ChainProblem, state: ChainState) -> ComplexArray:
+    """Return the marker positions (T, K), m."""
     origin, turn = joint_positions(state)
     return np.asarray(origin[:, problem.segment - 1] + turn[:, problem.segment - 1] * state.local)
 
 
-def joint_positions(state: State) -> tuple[ComplexArray, ComplexArray]:
-    """(T, n) joint positions and ``exp(i a)`` of the segments."""
+def residuals(problem: ChainProblem, state: ChainState) -> ComplexArray:
+    """Return the measured minus the predicted markers (T, K), m; meaningless where unseen."""
+    return problem.points - predict_markers(problem, state)
+
+
+def joint_positions(state: ChainState) -> tuple[ComplexArray, ComplexArray]:
+    """Return the joint positions (T, n), m, and the rotations ``exp(i a)`` (T, n) of the segments."""
     turn = np.exp(1j * state.angles)
     arms = np.empty(turn.shape, dtype=np.complex128)
     arms[:, 0] = state.centres[0]
     arms[:, 1:] = turn[:, :-1] * state.centres[1:]
     return np.cumsum(arms, axis=1), turn
+
+
+def angle_jacobian(problem: ChainProblem, state: ChainState) -> ComplexArray:
+    """Return the derivatives (T, K, n) of the markers by the segments' absolute angles, m/rad."""
+    _, turn = joint_positions(state)
+    below = np.arange(problem.joints) < problem.segment[:, None]
+    swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)
+    swing[:, np.arange(len(below)), problem.segment - 1] = 1j * turn[:, problem.segment - 1] * state.local
+    return np.asarray(swing)
 
 
 @dataclass(frozen=True)
@@ -83,13 +104,13 @@ class Normal:
     Parameters
     ----------
     common : (P, P) array
-        Between the common unknowns (real and imaginary parts interleaved, P = 2 (n + K)), summed over frames.
+        Block of the common unknowns, summed over frames; real and imaginary parts interleaved, P = 2 (n + K).
     cross : (T, n, P) array
-        Between a frame's angles and the common unknowns.
+        Blocks between a frame's angles and the common unknowns.
     angles : (T, n, n) array
-        Between a frame's angles.
+        Blocks of a frame's angles.
     pull, turn : (T, P) and (T, n) arrays
-        Right-hand sides.
+        Right-hand sides of the common unknowns and of the angles.
     """
 
     common: FloatArray
@@ -99,16 +120,15 @@ class Normal:
     turn: FloatArray
 
 
-def normal_equations(problem: Problem, state: State) -> Normal:
-    """Assemble without a dense Jacobian: a marker touches its own coordinates and the joints below it, no more."""
+def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
+    """Assemble without a dense Jacobian: a marker depends only on its own coordinates and the joints below it."""
     joints, markers = problem.joints, len(problem.segment)
     _, turn = joint_positions(state)
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)  # (T, n): d z / d c_j
     below = np.arange(joints) < problem.segment[:, None]  # (K, n): joint j carries the marker
     own = turn[:, problem.segment - 1]  # (T, K): d z / d q
-    swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)  # (T, K, n): d z / d a_j
-    swing[:, np.arange(markers), problem.segment - 1] = 1j * own * state.local
-    off = problem.points - predicted(problem, state)
+    swing = angle_jacobian(problem, state)  # (T, K, n): d z / d a_j
+    off = residuals(problem, state)
     weights = problem.weights
     pulled = np.conj(swing) * weights[..., None]  # (T, K, n)
     carried = weights @ (below[:, :, None] & below[:, None, :]).reshape(markers, -1).astype(np.float64)
@@ -130,7 +150,7 @@ def normal_equations(problem: Problem, state: State) -> Normal:
 
 
 def _interleaved(hermitian: ComplexArray) -> FloatArray:
-    """(2P, 2P) real form of a (P, P) Hermitian matrix, real and imaginary parts of the unknowns interleaved."""
+    """Return the real form (2P, 2P) of a Hermitian matrix (P, P), real and imaginary parts interleaved."""
     size = len(hermitian)
     real = np.empty((size, 2, size, 2))
     real[:, 0, :, 0] = real[:, 1, :, 1] = hermitian.real
@@ -141,17 +161,17 @@ def _interleaved(hermitian: ComplexArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Reduced:
-    """The normal equations with the angles eliminated.
+    """Normal equations after elimination of the angles.
 
     Parameters
     ----------
     normal : Normal
     inverse : (P, P) array
-        Of the Schur complement of the angles, off the gauge and zero where a coordinate is pinned.
+        Pseudo-inverse of the Schur complement of the angles, without the gauge; zero for pinned coordinates.
     scores : (T, P) array
-        Every frame's reduced gradient.
+        Reduced gradient of every frame.
     solved : (T, n, P + 1) array
-        The angles' blocks solved for the cross terms and for their own right-hand side.
+        Solutions of the angle blocks for the cross terms and for their own right-hand side.
     """
 
     normal: Normal
@@ -160,13 +180,13 @@ class Reduced:
     solved: FloatArray
 
     def step(self) -> tuple[FloatArray, FloatArray]:
-        """Gauss-Newton step (P,) of the common unknowns and (T, n) of the angles, the shortest one."""
+        """Return the shortest Gauss-Newton step: (P,) of the common unknowns and (T, n) of the angles."""
         delta = self.inverse @ self.scores.sum(axis=0)
         return delta, self.solved[..., -1] - self.solved[..., :-1] @ delta
 
 
-def reduce(problem: Problem, state: State) -> Reduced:
-    """Eliminate the angles, frame by frame."""
+def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
+    """Eliminate the angles from the normal equations, frame by frame."""
     normal = normal_equations(problem, state)
     solved = np.linalg.solve(normal.angles, np.concatenate([normal.cross, normal.turn[..., None]], axis=2))
     flat = normal.cross.reshape(-1, problem.unknowns)
@@ -175,8 +195,8 @@ def reduce(problem: Problem, state: State) -> Reduced:
     return Reduced(normal, _pseudo_inverse(hessian, problem), scores, solved)
 
 
-def _pseudo_inverse(hessian: FloatArray, problem: Problem) -> FloatArray:
-    """Inverse off the gauge: every segment's own turn is a direction in which nothing changes."""
+def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
+    """Return the inverse without the gauge: turning a segment frame changes no marker."""
     free = np.ix_(problem.free, problem.free)
     values, vectors = np.linalg.eigh((hessian[free] + hessian[free].T) / 2)
     kept = slice(problem.joints, None)
@@ -185,25 +205,26 @@ def _pseudo_inverse(hessian: FloatArray, problem: Problem) -> FloatArray:
     return inverse
 
 
-def moved(state: State, step: tuple[FloatArray, FloatArray]) -> State:
-    """The state after a step."""
+def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainState:
+    """Return the state after a step."""
     common, turns = step
     joints = len(state.centres)
     change = common[0::2] + 1j * common[1::2]
-    return State(state.centres + change[:joints], state.local + change[joints:], state.angles + turns)
+    return ChainState(state.centres + change[:joints], state.local + change[joints:], state.angles + turns)
 
 
 def left_by_pose(weights: FloatArray, local: ComplexArray) -> FloatArray:
-    """(K,) share of each coordinate's variance that a segment's own pose (two shifts and a turn) leaves in its markers.
+    """Return the share (K,) of each coordinate's variance that remains after fitting the segment's pose.
 
-    One less the leverage; not below a fifth: a marker that the pose follows further says little of its own error.
+    The pose has two shifts and a turn, and the share is one minus the leverage. It is at least a fifth, because the
+    residual of a marker with more leverage says little about its error.
 
     Parameters
     ----------
     weights : (K,) array
-        Of the segment's markers.
+        Weights of the segment's markers.
     local : (K,) complex array
-        Their coordinates, m.
+        Coordinates of the markers, m.
     """
     share = weights / weights.sum()
     arm = share * np.abs(local - np.sum(share * local)) ** 2
@@ -212,16 +233,16 @@ def left_by_pose(weights: FloatArray, local: ComplexArray) -> FloatArray:
 
 
 def shared_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
-    """(K,) variance by whose inverse each marker weighs: a third its own, the rest its segment's mean.
+    """Return the variance (K,) that weights each marker: one third its own, the rest its segment's mean.
 
-    A marker's own residual alone would in the end pull the segment onto its two best markers.
+    With its own residual alone, a segment would finally follow only its two best markers.
 
     Parameters
     ----------
     square : (K,) array
-        Mean squared residual, m^2; what the pose took out of it is put back.
+        Mean squared residual, m^2; the share absorbed by the pose is added back.
     weights : (K,) array
-        That it was fitted with.
+        Weights of the fit that left the residuals.
     segment : (K,) int array
     local : (K,) complex array
         Coordinates, m.

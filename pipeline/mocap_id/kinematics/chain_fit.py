@@ -1,4 +1,4 @@
-"""The recovered chain, and the choice of its segment frames."""
+"""The fitted chain and the orientation of its segment frames."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ChainFit:
-    """The chain as recovered from the markers; segment frames are final only after :func:`fix_gauge`.
+    """A chain fitted to markers. Segment frames are final only after :func:`fix_gauge`.
 
     Parameters
     ----------
     centres : (n,) complex array
-        Joint j's centre in the frame of segment j-1, m.
+        Centre of joint j in the frame of segment j-1, m.
     local : (M,) complex array
         Marker coordinates in their segment's frame, m; base markers in the plane frame.
     segment : (M,) int array
         Segment of each marker, 0 = base.
     angles : (F, n) array
-        Absolute segment angles in the frames used, rad; NaN where a frame was not used.
+        Absolute segment angles, rad; NaN in frames that were not used.
     covariance : (n, 2, 2) array
-        Of each centre, m^2: sandwich over stretches of time, so that residuals may be correlated within them, and
-        what skin that slips with the angle may add.
+        Covariance of each centre, m^2: a sandwich over blocks of time, which allows correlated residuals within a
+        block, plus the effect of skin that slides with the angle.
     length_sd : (n - 1,) array
         Standard deviations of the lengths of segments 1 … n-1, m.
     residual : (M,) array
         rms residual of each marker, m.
     arcs : (n,) array
-        Relative angle each joint travelled, 2.5 to 97.5 % quantile, rad.
+        2.5 to 97.5 % range of each joint's relative angle, rad.
     iterations : int
-        Gauss-Newton steps taken.
+        Number of Gauss-Newton steps.
     """
 
     centres: ComplexArray
@@ -48,12 +48,12 @@ class ChainFit:
 
     @property
     def lengths(self) -> FloatArray:
-        """(n - 1,) distances between the joints of segments 1 … n-1, m."""
+        """Return the distances (n - 1,) between the joints of segments 1 … n-1, m."""
         return np.asarray(np.abs(self.centres[1:]))
 
 
 def fix_gauge(fit: ChainFit) -> ChainFit:
-    """Turn every segment frame so that +Y points to the next joint, on the last segment to its markers' centroid."""
+    """Turn each segment frame so that +Y points to the next joint (last segment: to its markers' centroid)."""
     joints = len(fit.centres)
     tip = fit.local[fit.segment == joints].mean()
     towards = np.append(fit.centres[1:], tip)
@@ -75,18 +75,18 @@ def fix_gauge(fit: ChainFit) -> ChainFit:
 
 
 def joint_angles(absolute: FloatArray) -> FloatArray:
-    """(F, n) angles of each segment relative to its parent from the absolute ones, rad."""
+    """Return the angles (F, n) of each segment relative to its parent from the absolute angles, rad."""
     return np.diff(absolute, axis=1, prepend=0.0)
 
 
 def length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:
-    """(n - 1,) standard deviation of |c_j| for joints 2 … n."""
+    """Return the standard deviations (n - 1,) of |c_j| for joints 2 … n."""
     along = np.stack([centres.real, centres.imag], axis=1)[1:] / np.abs(centres[1:])[:, None]
     return np.asarray(np.sqrt(np.einsum("ji,jik,jk->j", along, covariance[1:], along)))
 
 
 def continuous(angles: FloatArray) -> FloatArray:
-    """Angles (F, n) without jumps over the frames that are known, starting in (-pi, pi]."""
+    """Return the angles (F, n) unwrapped over the known frames, starting in (-pi, pi]."""
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)
     out[known] = np.unwrap(angles[known], axis=0)
@@ -94,5 +94,4 @@ def continuous(angles: FloatArray) -> FloatArray:
 
 
 def _matrix(turn: complex) -> FloatArray:
-    """(2, 2) rotation matrix of a unit complex number."""
     return np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])

@@ -1,20 +1,20 @@
-"""Circles through the tracks of single markers, and the centre that several tracks share (3.8).
+"""Circles through the tracks of single markers, and a centre common to several tracks (3.8).
 
-This is how the thesis places a joint, kept to be compared with. One marker sees its joint only by the curvature of its
-track, whose sagitta is r arc^2 / 8, a millimetre or two at 10 degrees; a body of several markers also shows by how much
-it turned (:func:`mocap_id.kinematics.joint.fit_joint`). Four fits differ in what they call the distance of a point from
-a circle, and so in what noise does to a short arc:
+The thesis places joints this way; it is kept for comparison. A single marker shows its joint only by the curvature of
+its track. The sagitta of the track is r arc^2 / 8, a millimetre or two at 10 degrees. A body of several markers also
+shows its rotation (:func:`mocap_id.kinematics.joint.fit_joint`). The four methods define the distance of a point from a
+circle differently, and so differ in the effect of noise on a short arc:
 
 ``kasa``
-    The one of 3.8 (r there stands for r^2): squared distance against squared radius, linear. Noise draws the centre
-    towards the track: on an arc of r arc^2 = 27 noise standard deviations by half the radius.
+    The method of 3.8 (where r stands for r^2): squared distance minus squared radius, linear. Noise draws the
+    centre towards the track, by half the radius on an arc of r arc^2 = 27 standard deviations of the noise.
 ``taubin``, ``pratt``
     The same algebraic distance over its mean gradient (Taubin) or over the discriminant of the circle's equation
-    (Pratt). No bias to speak of, one small eigenproblem a marker, no iteration.
+    (Pratt). Practically no bias, one small eigenproblem per marker, no iteration.
 ``geometric``
-    True distances, by Gauss-Newton with the radii eliminated, from Taubin's circle.
+    True distances, by Gauss-Newton with the radii eliminated, starting from Taubin's circle.
 
-Points of the plane are complex numbers, as in :mod:`mocap_id.kinematics.rigid`. All markers are fitted at once.
+Points of the plane are complex numbers, as in :mod:`mocap_id.kinematics.rigid_body`. All markers are fitted at once.
 """
 
 from __future__ import annotations
@@ -30,34 +30,33 @@ CircleMethod = Literal["kasa", "taubin", "pratt", "geometric"]
 CommonMethod = Literal["kasa", "taubin", "geometric"]
 
 _ITERATIONS = 100
-_TOLERANCE = 1e-10  # of the centre's distance from the track
+_TOLERANCE = 1e-10  # relative to the distance of the centre from the track
 _HALVINGS = 30
-_ROUNDING = 1e-12  # relative rise of a cost that is none
-_FAR = 1e5  # track lengths beyond which a centre is at infinity and the track straight
-_FLAT = 1e-14  # determinant over squared trace below which a track is straight or a point
+_ROUNDING = 1e-12  # relative increase of the cost due to rounding
+_FAR = 1e5  # track lengths; a track with a farther centre is straight
+_FLAT = 1e-14  # determinant over squared trace; smaller for a line or a point
 
 
 @dataclass(frozen=True)
 class CircleFit:
-    """Circles of M markers about G centres: one each (G = M) or one for all (G = 1).
+    """Circles of M markers about G centres: one centre for each (G = M) or one for all (G = 1).
 
     Parameters
     ----------
     method : str
-        How the circles were fitted.
+        Method of the fit.
     centre : (G,) complex array
-        In the plane of the points, m; NaN where there is none: a still or straight track, fewer than three frames.
+        Centre in the plane of the points, m; NaN for a still or straight track, or fewer than three frames.
     radius : (M,) array
         Mean distance from the centre, m.
     residual : (M,) array
-        rms distance of the points from their circle, m; inf where there is none.
+        rms distance of the points from their circle, m; inf without a circle.
     covariance : (G, 2, 2) array
-        Of the centre, to first order, for noise that is independent from frame to frame, m^2; NaN where no frame is
-        left over to tell the noise. ``kasa``: its spread alone, not its bias, and too wide where there is a bias. It
-        means little where the standard error exceeds a quarter of the radius: such an arc can hardly be told from a
-        straight line.
+        First-order covariance of the centre, m^2, for noise independent between frames; NaN without degrees of
+        freedom. ``kasa``: only the spread, not the bias, and too wide where there is a bias. If the standard error
+        exceeds a quarter of the radius, the covariance means little: such an arc is almost a straight line.
     settled : (G,) bool array
-        False where there is no centre, or ``geometric`` did not reach its minimum.
+        False without a centre, or where ``geometric`` did not converge.
     """
 
     method: CircleMethod
@@ -69,37 +68,37 @@ class CircleFit:
 
     @property
     def standard_error(self) -> FloatArray:
-        """(G,) standard deviation of the centre along its worst direction, which is that of the radius, m."""
+        """Return the standard deviations (G,) of the centres along their worst direction, the radial one, m."""
         xx, xy, yy = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
         return np.asarray(np.sqrt((xx + yy + np.hypot(xx - yy, 2 * xy)) / 2))
 
 
 def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> CircleFit:
-    """A circle through every marker's track by itself.
+    """Fit a circle to each marker's track.
 
     Parameters
     ----------
     points : (F, M) complex array
         Tracks in the frame of the segment before, m; NaN where unseen.
     method : str
-        See the module.
+        One of the methods of this module.
     """
     tracks = _tracks(points, common=False)
     return _finish(tracks, method, *_centre(tracks, method))
 
 
 def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") -> CircleFit:
-    """Circles about one centre, a radius for each marker: what the thesis looks for once it has its circles.
+    """Fit circles with a common centre and a radius for each marker, as the thesis does for a known segment.
 
-    The squared residuals are those of the single fits, summed over the markers. Tracks that lie in different
-    directions from the joint fix it where their normals meet, and then hardly need their curvature.
+    The cost is the sum of the squared residuals of the single fits over the markers. Tracks in different directions
+    from the joint determine it by the intersection of their normals, and then hardly need their curvature.
 
     Parameters
     ----------
     points : (F, M) complex array
-        Tracks of the markers of one segment in the frame of the one before, m; NaN where unseen.
+        Tracks of the markers of one segment in the frame of the segment before, m; NaN where unseen.
     method : str
-        See the module; Pratt's normalisation has no form for several radii.
+        One of the methods of this module except ``pratt``, whose normalisation has no form for several radii.
 
     Raises
     ------
@@ -107,18 +106,18 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
         Another method.
     """
     if method not in get_args(CommonMethod):
-        raise ValueError(f"no common centre by {method!r}; there are {', '.join(get_args(CommonMethod))}")
+        raise ValueError(f"method {method!r} has no common centre; use one of {', '.join(get_args(CommonMethod))}")
     tracks = _tracks(points, common=True)
     return _finish(tracks, method, *_centre(tracks, method))
 
 
 @dataclass(frozen=True)
 class _Tracks:
-    """Tracks about their mean, in units of their rms distance from it; what shares a centre shares mean and unit."""
+    """Tracks about their mean, in units of their rms distance from it; tracks with a common centre share both."""
 
     z: ComplexArray  # (F, M), zero where unseen
     seen: BoolArray  # (F, M)
-    frames: FloatArray  # (M,) how many are seen
+    frames: FloatArray  # (M,) number of frames seen
     origin: ComplexArray  # (G,)
     scale: FloatArray  # (G,)
 
@@ -127,19 +126,19 @@ class _Tracks:
         return bool(len(self.origin) != self.z.shape[1])
 
     def pooled(self, sums: FloatArray) -> FloatArray:
-        """(G, ...) sums over all that shares a centre from those of the markers (M, ...)."""
+        """Return the sums (G, ...) for each centre from the sums (M, ...) for each marker."""
         return np.asarray(sums.sum(axis=0, keepdims=True)) if self.common else sums
 
     def mean(self, values: FloatArray) -> FloatArray:
-        """(M,) mean over the frames in which each marker is seen."""
+        """Return the mean (M,) over the frames in which each marker is seen."""
         return np.asarray((values * self.seen).sum(axis=0) / np.maximum(self.frames, 1))
 
     def centred(self, values: FloatArray) -> FloatArray:
-        """(F, M) deviations from each marker's mean, zero where unseen: a constant of its own is eliminated."""
+        """Return deviations (F, M) from each marker's mean, zero where unseen, to eliminate a constant per marker."""
         return np.asarray((values - self.mean(values)) * self.seen)
 
     def centred_points(self, z: ComplexArray) -> FloatArray:
-        """(F, M, 2) the same for points, in coordinates."""
+        """Return the centred coordinates (F, M, 2) of points."""
         return np.stack([self.centred(z.real), self.centred(z.imag)], axis=2)
 
 
@@ -156,25 +155,25 @@ def _tracks(points: ComplexArray, *, common: bool) -> _Tracks:
 
 
 def _centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, BoolArray]:
-    """(G,) centres in the units of the tracks, and whether they are final."""
+    """Return the centres (G,) in the units of the tracks, and whether they have converged."""
     if method == "geometric":
         centre, settled = _geometric(tracks, _taubin(tracks))
     else:
         centre = {"kasa": _kasa, "taubin": _taubin, "pratt": _pratt}[method](tracks)
         settled = np.ones(len(centre), dtype=np.bool_)
-    near = np.abs(centre) <= _FAR  # NaN is not
+    near = np.abs(centre) <= _FAR  # false for NaN
     return np.where(near, centre, np.nan), settled & near
 
 
 def _kasa(tracks: _Tracks) -> ComplexArray:
-    """|z|^2 = 2 p . z + constant of the marker, by linear least squares (3.8)."""
+    """Solve |z|^2 = 2 p . z + a constant for each marker, by linear least squares (3.8)."""
     design, target = 2 * tracks.centred_points(tracks.z), tracks.centred(np.abs(tracks.z) ** 2)
     pull = tracks.pooled(np.einsum("fmi,fm->mi", design, target))
     return _solved(tracks.pooled(np.einsum("fmi,fmj->mij", design, design)), pull)
 
 
 def _taubin(tracks: _Tracks) -> ComplexArray:
-    """Smallest eigenvector of the moments of (|z|^2 / 2, x, y): in these units the mean squared gradient is 1."""
+    """Take the smallest eigenvector of the moments of (|z|^2 / 2, x, y), whose mean squared gradient is 1 here."""
     square = tracks.centred(np.abs(tracks.z) ** 2) / 2
     design = np.concatenate([square[..., None], tracks.centred_points(tracks.z)], axis=2)
     moments = tracks.pooled(np.einsum("fmi,fmj->mij", design, design))
@@ -183,21 +182,21 @@ def _taubin(tracks: _Tracks) -> ComplexArray:
 
 
 def _pratt(tracks: _Tracks) -> ComplexArray:
-    """Eigenvector of the moments of (|z|^2, x, y, 1) against the discriminant B^2 - 4 A D."""
+    """Take an eigenvector of the moments of (|z|^2, x, y, 1) relative to the discriminant B^2 - 4 A D."""
     z = tracks.z
     design = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
     moments = np.einsum("fmi,fmj->mij", design, design)
     inverse = np.diag([0.0, 1.0, 1.0, 0.0])
     inverse[0, 3] = inverse[3, 0] = -0.5
     values, vectors = np.linalg.eig(inverse @ moments)
-    # one value is negative, as one of the discriminant's is; the fit belongs to the least of the others
+    # exactly one value is negative, as for the discriminant; the fit belongs to the least of the others
     second = np.argsort(values.real, axis=1)[:, 1]
     found = np.take_along_axis(vectors.real, second[:, None, None], axis=2)[..., 0]
     return _quotient(-(found[:, 1] + 1j * found[:, 2]), 2 * found[:, 0], moments[:, 1:3, 1:3])
 
 
 def _geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Least squares of |z - p| - r by Gauss-Newton on p, r being the mean distance; steps that climb are halved."""
+    """Minimise |z - p| - r over p by Gauss-Newton, with r the mean distance; halve steps that raise the cost."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
     direction, off, cost = _distances(tracks, centre)
     for _ in range(_ITERATIONS):
@@ -221,7 +220,7 @@ def _geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, Bool
 
 
 def _distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(F, M, 2) unit vectors from the centre and (F, M) distances from it, less their means, and (G,) the cost."""
+    """Return centred unit vectors (F, M, 2) and distances (F, M) from the centre, and the cost (G,)."""
     arm = tracks.z - centre
     distance = np.abs(arm)
     off = tracks.centred(distance)
@@ -230,7 +229,6 @@ def _distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, Float
 
 
 def _finish(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, settled: BoolArray) -> CircleFit:
-    """Radii, residuals and covariance about the centres, in the units of the points."""
     direction, off, _ = _distances(tracks, centre)
     covariance = _sandwich(tracks, direction, off)
     if method == "kasa":
@@ -250,19 +248,19 @@ def _finish(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, settled
 
 
 def _sandwich(tracks: _Tracks, design: FloatArray, off: FloatArray) -> FloatArray:
-    """(G, 2, 2) covariance of a least-squares centre whose residuals may differ in size from frame to frame."""
+    """Return the covariance (G, 2, 2) of a least-squares centre, for residuals of different size in each frame."""
     normal = tracks.pooled(np.einsum("fmi,fmj->mij", design, design))
     scores = design * off[..., None]
     spread = tracks.pooled(np.einsum("fmi,fmj->mij", scores, scores))
     rows = tracks.pooled(tracks.frames)
-    left = rows - 2 - tracks.pooled((tracks.frames > 0).astype(np.float64))  # a centre, and a radius for each marker
+    left = rows - 2 - tracks.pooled((tracks.frames > 0).astype(np.float64))  # minus centre and radii
     inverse = _inverse(normal)
     correction = np.where(left > 0, rows / np.maximum(left, 1), np.nan)
     return np.asarray(correction[:, None, None] * inverse @ spread @ inverse)
 
 
 def _inverse(normal: FloatArray) -> FloatArray:
-    """(G, 2, 2) inverses, NaN where there is none."""
+    """Return inverses (G, 2, 2), NaN for singular matrices."""
     xx, xy, yy = normal[:, 0, 0], normal[:, 0, 1], normal[:, 1, 1]
     determinant = xx * yy - xy**2
     regular = determinant > _FLAT * (xx + yy) ** 2
@@ -271,12 +269,12 @@ def _inverse(normal: FloatArray) -> FloatArray:
 
 
 def _solved(normal: FloatArray, pull: FloatArray) -> ComplexArray:
-    """(G,) solutions as complex numbers."""
+    """Return the solutions (G,) as complex numbers."""
     solution = np.einsum("gij,gj->gi", _inverse(normal), pull)
     return np.asarray(solution[:, 0] + 1j * solution[:, 1])
 
 
 def _quotient(above: ComplexArray, below: FloatArray, moments: FloatArray) -> ComplexArray:
-    """(G,) centres from a circle's coefficients; NaN where second moments (G, 2, 2) are of a line or point."""
+    """Return the centres (G,) from a circle's coefficients; NaN where the moments (G, 2, 2) are of a line or point."""
     known = np.isfinite(_inverse(moments)[:, 0, 0]) & (below != 0)
     return np.where(known, above / np.where(known, below, 1), np.nan + 0j)

@@ -1,7 +1,7 @@
-"""Measured poses of marker clusters: each by itself, with no joint between them.
+"""Measured poses of single marker clusters, without joints between them.
 
-A chain pins its segments to each other. A cluster's own pose shows how its body really moved, gaps at the joints
-included. Its frame is that of the chain's segment, so that what is known in one frame holds in the other.
+A chain pins its segments to each other. The pose of a cluster alone shows how the body really moved, including gaps at
+the joints. Its frame is the frame of the chain's segment, so that results in one frame are valid in the other.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, chunks
-from mocap_id.kinematics.rigid import fit_body, marker_residuals, rigid_poses
-from mocap_id.kinematics.sampling import frames_along_motion
+from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.rigid_body import fit_body, marker_residuals, rigid_poses
 
 LEAST_MARKERS = 2
-"""Fewest markers that give a pose in a frame."""
-_FRAMES = 600  # enough to find a cluster's shape
-_LEAST_SEEN = 5  # of these; a marker that is seen less has no known place on the body and takes no part
-_LEAST_SPREAD = 0.01  # m, rms distance of the markers from their centroid that still shows an angle
-_OUTLIER = 5.0  # of a marker's own residual: what is farther off in one frame is left out there
-_LEAST_RESIDUAL = 1e-3  # m; markers that fit better than this are not judged more strictly
+"""Fewest markers that determine a pose."""
+_FRAMES = 600  # for the shape of a cluster
+_LEAST_SEEN = 5  # of these frames; markers seen less are ignored
+_LEAST_SPREAD = 0.01  # m, least rms distance of the markers from their centroid that determines an angle
+_OUTLIER = 5.0  # times a marker's own residual: farther samples are left out of a frame
+_LEAST_RESIDUAL = 1e-3  # m; least residual for this limit
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,15 @@ class ClusterPose:
     Parameters
     ----------
     markers : (k,) int array
-        The columns of the markers that show the pose.
+        Columns of the markers used.
     local : (k,) complex array
-        Their places in the body's frame, m; x + i y.
+        Their coordinates in the body's frame, m; x + i y.
     position : (F,) complex array
-        Centroid of all its markers in the plane frame, m; NaN where fewer than two markers are seen.
+        Centroid of all k markers of the fitted shape in the plane frame, m; NaN with fewer than two markers.
     angle : (F,) array
-        Angle of the body's frame from the plane frame, rad, without jumps of a full turn; NaN likewise.
+        Unwrapped angle of the body's frame from the plane frame, rad; NaN with fewer than two markers.
     count : (F,) int array
-        Markers that each frame rests on.
+        Number of markers used in each frame.
     residual : float
         rms distance of the markers from their places on the body, m.
     """
@@ -52,20 +52,20 @@ class ClusterPose:
 
 
 def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) -> ClusterPose | None:
-    """Fit a rigid shape to a cluster and its pose to every frame.
+    """Fit a rigid shape to a cluster, and its pose to every frame.
 
     Parameters
     ----------
     points : (F, m) complex array
         Markers in the plane frame, m; NaN where unseen.
     wanted : (m,) complex array, optional
-        Where the markers lie in the frame that the body is to have. Without it the frame's origin is the cluster's
-        centroid, and the frame is parallel to the plane frame on average.
+        Coordinates of the markers that define the body's frame, m. By default the origin is the centroid of the
+        cluster, and the frame is parallel to the plane frame on average.
 
     Returns
     -------
     ClusterPose or None
-        None for fewer than two markers, markers at one place, or markers that are never seen together.
+        None for fewer than two markers, markers at one point, or markers that are never seen together.
     """
     together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= LEAST_MARKERS)
     if points.shape[1] < LEAST_MARKERS or len(together) < 2:
@@ -104,7 +104,7 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
 def _poses(
     points: ComplexArray, template: ComplexArray, own: FloatArray
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
-    """Rotation, position (f,; NaN where unknown), markers used (f,), and distances of those from their places, m."""
+    """Return rotation and position (f,; NaN if unknown), markers used (f,), and their residual distances, m."""
     seen = np.isfinite(points)
     rotation, position, off = _placed(points, seen, template)
     while True:
@@ -123,14 +123,14 @@ def _poses(
 def _placed(
     points: ComplexArray, seen: BoolArray, template: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Rotation and position (f,), and distances of all markers from their places (f, m), m."""
+    """Return rotation and position (f,), and the distances of all markers from their places (f, m), m."""
     z = np.where(seen, points, 0)
     rotation, position = rigid_poses(z, seen, template)
     return rotation, position, np.abs(z - position[:, None] - rotation[:, None] * template)
 
 
 def _worst(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
-    """The marker (f,) without which the others fit best; a marker that jumps bends the fit of all."""
+    """Return the marker (f,) whose removal improves the fit most; a marker that jumps distorts the fit of all."""
     cost = np.full(seen.shape, np.inf)
     for k in range(seen.shape[1]):
         others = seen.copy()
@@ -141,7 +141,7 @@ def _worst(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> Int
 
 
 def _frame(template: ComplexArray, wanted: ComplexArray | None, rotation: ComplexArray) -> tuple[complex, complex]:
-    """Turn and shift that take the template into the body's frame."""
+    """Return the turn and the shift from the template to the body's frame."""
     if wanted is None:
         return complex(np.exp(1j * np.angle(rotation.mean()))), 0j
     known = np.isfinite(wanted)

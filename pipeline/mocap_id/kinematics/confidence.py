@@ -1,9 +1,9 @@
-"""How sure the segments are: a chance of being right from what speaks against them.
+"""Confidence in the segments: the probability that they are right, from the evidence against them.
 
-Every piece of evidence takes something off the logarithm of the odds, nothing when it is good. The weights were fitted
-to simulated trials of every difficulty (skin 0.5 to 8 times the usual, 0.2 to 3 mm of camera noise, 0 to 60 % of the
-markers taken away), except for ``skipped`` and ``base``, on which those trials have no bearing and which stand for what
-real trials have shown. ``benchmarks/kinematic_sweep.py`` holds stated confidences against fresh trials.
+Each piece of evidence is subtracted from the log odds, and good evidence subtracts nothing. The weights were fitted to
+simulated trials of every difficulty (skin 0.5 to 8 times the usual, 0.2 to 3 mm of camera noise, 0 to 60 % of the
+markers removed). Exceptions are ``skipped`` and ``base``, which those trials do not test; their weights come from real
+trials. ``benchmarks/kinematic_sweep.py`` compares the stated confidences with fresh trials.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from mocap_id.kinematics.hypotheses import Hypothesis
 
 Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up"]
 
-_BEST = 3.8  # log odds with nothing against them
-_SURE_SKIPPED = 3.5  # skipping a segment fits this much worse: between what right (4.0) and wrong ones (3.0) show
-_SURE_FIXED = 1.5  # fixing the last segment to its parent fits this much worse: beyond what soft tissue makes of one
+_BEST = 3.8  # log odds without evidence against
+_SURE_SKIPPED = 3.5  # growth of the residual without a segment: between right (4.0) and wrong segments (3.0)
+_SURE_FIXED = 1.5  # growth of the residual with the last segment fixed to its parent: more than soft tissue causes
 _SURE_AXIS = 2.0
 _SURE_PIN = 8e-3  # m
 _SURE_GAP = 2.0
@@ -30,27 +30,28 @@ _SURE_COST = 20.0
 
 @dataclass(frozen=True)
 class Confidence:
-    """The chance that count and assignment are right, and why it is no better.
+    """Probability that the number of segments and every assignment are right, and the evidence against it.
 
     Parameters
     ----------
     value : float
-        0 … 1.
+        Probability, 0 … 1.
     joints : tuple of float
-        0 … 1 for each joint, from its ratio: 0.5 where leaving its segment out fits 3.5 times worse, the last 1.5.
+        Confidence of each joint, 0 … 1, from its ratio: 0.5 if the fit without its segment is 3.5 times worse (last
+        joint: 1.5).
     against : dict
-        What each piece of evidence takes off the log odds, 0 or more:
+        Reduction of the log odds, 0 or more, by each piece of evidence:
 
         ``skipped``
-            the weakest joint's segment could be left out at little cost;
+            the segment of the weakest joint could be left out at little cost;
         ``left-out``
-            moving markers that are on no segment and no limb at the side;
+            moving markers on no segment and on no limb at the side;
         ``axis``
-            a still marker near joint 1 that might as well be on the other side of it;
+            a still marker near joint 1 that could as well be on the other side of it;
         ``first-joint``
-            joint 1 is no point of both bodies to within 8 mm;
+            the two points of joint 1 stay together only to more than 8 mm;
         ``base``
-            the still markers hardly stand out;
+            the still markers hardly differ from the moving ones;
         ``runner-up``
             another number of segments explains the trial about as well.
     """
@@ -60,7 +61,7 @@ class Confidence:
     against: Mapping[Evidence, float]
 
 
-def judge(
+def assess_confidence(
     considered: tuple[Hypothesis, ...], ratios: tuple[float, ...], explained: float, margin: float, gap: float
 ) -> Confidence:
     """Weigh the evidence.
@@ -68,15 +69,15 @@ def judge(
     Parameters
     ----------
     considered : tuple of Hypothesis
-        Best first.
+        All hypotheses, best first.
     ratios : tuple of float
         For each joint, how much worse the trial is explained without its segment.
     explained : float
-        Share of the moving markers that the chain carries (:func:`explained_share`).
+        Share of the moving markers that are on the chain (:func:`explained_share`).
     margin : float
-        Of the closest decision about a marker on the first axis, 1 or more.
+        Margin of the closest decision about a marker on the first axis, 1 or more.
     gap : float
-        Scatter of the first moving marker over that of the last still one.
+        Scatter of the stillest moving marker over that of the least still base marker.
     """
     best = considered[0]
     limits = [_SURE_SKIPPED] * (len(ratios) - 1) + [_SURE_FIXED]
@@ -97,17 +98,17 @@ def judge(
 
 
 def _short_of(value: float, enough: float) -> float:
-    """ln(enough / value), not below 0."""
+    """Return ln(enough / value), at least 0."""
     return float(max(np.log(enough) - np.log(max(value, 1e-3)), 0.0))
 
 
 def explained_share(segment: IntArray, lateral: FloatArray, moving: IntArray) -> float:
-    """Share of the moving markers that are on the chain, limbs that hang at the side of the last segment left aside.
+    """Return the share of the moving markers on the chain, ignoring limbs at the side of the last segment.
 
     Parameters
     ----------
     segment : (M,) int array
-        -1 for none.
+        Segment of each marker, -1 for none.
     lateral : (M,) array
         Mean out-of-plane coordinate, m.
     moving : int array

@@ -1,4 +1,4 @@
-"""What the user knows about the markers: which belong together, and which cannot be on one segment."""
+"""The user's constraints on the markers: which share a segment, and which do not."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Constraints:
     Parameters
     ----------
     unit : (M,) int array
-        Markers with the same number are assigned as one.
+        Markers with the same number are assigned together.
     barred : (M, M) bool array
-        Pairs that may not be on one segment; symmetric, the same for all markers of a unit.
+        Pairs that may not share a segment; symmetric, the same for all markers of a unit.
     """
 
     unit: IntArray
@@ -27,7 +27,7 @@ class Constraints:
 
     @classmethod
     def of(cls, count: int, together: Iterable[Sequence[int]] = (), apart: Iterable[Sequence[int]] = ()) -> Constraints:
-        """From groups of columns: each of ``together`` on one segment, no two of a group of ``apart`` on one."""
+        """Build from groups of columns: a group of ``together`` shares a segment, no two of a group of ``apart`` do."""
         unit = np.arange(count)
         for group in together:
             unit[np.isin(unit, unit[list(group)])] = unit[group[0]]
@@ -41,21 +41,21 @@ class Constraints:
 
     @property
     def contradictory(self) -> BoolArray:
-        """(M,) markers that are asked to be apart from themselves."""
+        """Return the markers (M,) that would have to be apart from themselves."""
         return np.asarray(np.diagonal(self.barred))
 
     def allow(self, members: IntArray) -> bool:
-        """Whether no two of the members are barred."""
+        """Return whether no two of the members are barred."""
         return not self.barred[np.ix_(members, members)].any()
 
-    def shaped(self, variance: FloatArray, members: IntArray) -> FloatArray:
-        """Variance of mutual distances (K, K) of the members with none within a unit and a large one where barred."""
+    def constrained_variance(self, variance: FloatArray, members: IntArray) -> FloatArray:
+        """Return the variance of mutual distances (K, K), set to zero within a unit and to a large value if barred."""
         far = 10 * np.max(variance, initial=0.0) + 1.0
         shaped = np.where(self.barred[np.ix_(members, members)], far, variance)
         return np.where(self.unit[members][:, None] == self.unit[members], 0.0, shaped)
 
-    def nearest(self, square: FloatArray, members: IntArray) -> IntArray:
-        """(K,) the body that holds each member best, units as one, barred pairs on different bodies where they can be.
+    def nearest_bodies(self, square: FloatArray, members: IntArray) -> IntArray:
+        """Return the body (K,) that fits each member best, with units together and, if possible, barred pairs apart.
 
         Parameters
         ----------
@@ -72,12 +72,12 @@ class Constraints:
         best = np.argmin(cost, axis=0)
         for u, v in np.argwhere(np.triu(barred)):
             if best[u] == best[v]:
-                self._part(cost, best, barred, (int(u), int(v)))
+                self._separate(cost, best, barred, (int(u), int(v)))
         return np.asarray(best[index])
 
     @staticmethod
-    def _part(cost: FloatArray, best: IntArray, barred: BoolArray, pair: tuple[int, int]) -> None:
-        """Move the one of two units that minds less to its next best body, if there is one without its like."""
+    def _separate(cost: FloatArray, best: IntArray, barred: BoolArray, pair: tuple[int, int]) -> None:
+        """Move one of two units to its next best free body, the one for which this costs less."""
         moves = []
         for unit in pair:
             taken = np.isin(np.arange(len(cost)), best[barred[unit]])

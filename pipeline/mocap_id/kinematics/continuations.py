@@ -1,4 +1,4 @@
-"""How well a marker, lost at one place and found at another, keeps its distances to those that move with it."""
+"""Continuations of a marker across a jump or gap, judged by its distances to the markers that move with it."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
-_NEAR = 3.0  # s before and after, over which a distance shows how well it holds
-_SAMPLES = 24  # of its changes there
-_QUANTILE = 0.65  # of them is its scale: other swaps nearby may disturb the rest
-_PARTNERS = 10  # of a marker's most rigid partners are asked
+_NEAR = 3.0  # s before and after, in which the usual change of a distance is measured
+_SAMPLES = 24  # changes in this time
+_QUANTILE = 0.65  # of these changes is the scale; other swaps nearby may disturb larger ones
+_PARTNERS = 10  # most rigid partners used
 _LEAST_PARTNERS = 3
-_FLOOR = 1e-3  # m; no distance is trusted to hold better
-_VIOLATED = 3.0  # scales by which a distance must have changed ...
-_HOLDS = 4.0  # ... and by no more than which the most rigid ones hold, in the median; or, in the fastest moments, ...
-_OF_VIOLATION = 0.05  # ... by no more than this part of their violation
+_FLOOR = 1e-3  # m; least scale of a distance
+_VIOLATED = 3.0  # scales; a distance that changes more is violated
+_HOLDS = 4.0  # scales; largest median change of the most rigid distances in the other column, or instead ...
+_OF_VIOLATION = 0.05  # ... this part of their change in the own column, for the fastest motions
 _MOST_RIGID = 6
-_CHUNK = 512  # continuations at a time, which bounds the memory
+_CHUNK = 512  # continuations at a time, to limit memory
 
 
 class Continuations:
-    """Judges whether what was seen at (frame, column) is what is seen at a later (frame, column).
+    """Tests of whether two samples, (frame, column) and a later (frame, column), are the same marker.
 
-    Which distances hold, and how well, depends on how long one waits: over one frame nearly all do, over half a second
-    only those within a rigid body. So the scale of each distance is a quantile of its own changes over the same lag,
-    within three seconds before, in the one column, and three seconds after, in the other, whichever is larger. Scales
-    of the whole trial would not do: a column that is swapped for half of it has the partners of two markers.
+    Which distances stay constant depends on the lag: over one frame nearly all do, over half a second only those within
+    a rigid body. The scale of each distance is therefore a quantile of its own changes over the same lag, within three
+    seconds before in the one column and three seconds after in the other, whichever is larger. Scales from the whole
+    trial would fail: a column that is swapped for half of it has the partners of two markers.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        m, NaN where unseen.
+        Trajectories, m; NaN where unseen.
     rate : float
         Frames per second.
     """
@@ -40,7 +40,7 @@ class Continuations:
         self._near = max(round(_NEAR * rate), _SAMPLES)
 
     def violated(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
-        """Whether two or more distances of a column change by more than they do over such a lag before, or after: (N,).
+        """Return whether (N,) two or more distances of a column change by more than usual over the lag.
 
         Parameters
         ----------
@@ -56,10 +56,10 @@ class Continuations:
         return out
 
     def evidence(self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, found: IntArray) -> FloatArray:
-        """Evidence that a marker goes on in another column rather than in its own: (N,), -inf where it does not.
+        """Return the evidence (N,) that a marker continues in another column, -inf where it does not.
 
-        Each distance's change r, in its scales, has the heavy-tailed likelihood 1 / (1 + r²); the evidence is the log
-        of the ratio of the likelihoods of both continuations, summed over the most rigid partners.
+        Each distance's change r, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence is
+        the log likelihood ratio of the two continuations, summed over the most rigid partners.
 
         Parameters
         ----------
@@ -83,8 +83,8 @@ class Continuations:
                 np.where(used, np.take_along_axis(values, partners, axis=1), np.nan) for values in (ratio, goes, stays)
             )
             enough = used.sum(axis=1) >= _LEAST_PARTNERS
-            held, broken = (_quantile(values[:, :_MOST_RIGID], 0.5) for values in (goes, stays))
-            holds = held <= np.maximum(_HOLDS, _OF_VIOLATION * broken)
+            kept, broken = (_quantile(values[:, :_MOST_RIGID], 0.5) for values in (goes, stays))
+            holds = kept <= np.maximum(_HOLDS, _OF_VIOLATION * broken)
             expected = self._expected(i, a, c, partners, used)
             nearer = _length(self._positions[c, j] - expected) < _length(self._positions[b, i] - expected)
             fine = enough & holds & nearer
@@ -92,13 +92,13 @@ class Continuations:
         return out
 
     def _changes(self, column: IntArray, last: IntArray, other: IntArray, found: IntArray) -> FloatArray:
-        """Changes of the distances to every marker, (N, M), m."""
+        """Return the changes of the distances to every marker (N, M), m."""
         points = self._positions
         before = _length(points[last] - points[last, column][:, None])
         return np.abs(_length(points[found] - points[found, other][:, None]) - before)
 
     def _scale(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
-        """How much distances change over a lag before (-1) or after (+1) a frame, (N, M), m; NaN where unknown."""
+        """Return the usual change (N, M) of distances over a lag before (-1) or after (+1) a frame, m, or NaN."""
         points = self._positions
         room = frame + 1 if side < 0 else len(points) - frame
         spread = np.clip(np.minimum(room, self._near + lag) - 1 - lag, 0, None)
@@ -113,19 +113,18 @@ class Continuations:
         )
 
     def _expected(self, i: IntArray, a: IntArray, c: IntArray, partners: IntArray, used: BoolArray) -> FloatArray:
-        """Where the partners' motion from frame ``a`` to ``c`` takes the marker of column ``i``: (N, 3), m."""
+        """Return the position (N, 3), m, to which the partners' motion from frame ``a`` to ``c`` moves column ``i``."""
         points = self._positions
         moved = np.where(used[..., None], points[c[:, None], partners] - points[a[:, None], partners], np.nan)
         return points[a, i] + _quantile(np.moveaxis(moved, 1, 2), 0.5)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    """(...) from (..., 3)."""
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 
 def _quantile(values: FloatArray, part: float) -> FloatArray:
-    """Along the last axis, over what is finite; NaN where nothing is."""
+    """Return a quantile of the finite values along the last axis; NaN without any."""
     ordered = np.sort(values, axis=-1)
     last = np.maximum(np.isfinite(ordered).sum(axis=-1) - 1, 0)
     place = np.round(part * last).astype(np.int64)[..., None]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray
-from mocap_id.kinematics.rigid import Body
+from mocap_id.kinematics.rigid_body import RigidBody
 
-_RIDGE = 1e-13  # beyond rounding; bodies that turn by less than a microradian get the smallest solution
+_RIDGE = 1e-13  # above rounding; bodies that turn by less than a microradian get the smallest solution
 _NORMAL_MEDIAN = 0.6745  # median modulus of a standard normal variable
 _THIRD_DIFFERENCE = 20.0  # variance of a third difference of white noise of variance 1
 
@@ -21,11 +21,11 @@ class PairJoint:
     Parameters
     ----------
     in_parent, in_child : complex
-        The joint's centre in either body's frame, m.
+        Centre of the joint in either body's frame, m.
     residual : float
         rms distance between the two points over the frames, m.
     arc : float
-        Relative angle travelled, from its 2.5 to its 97.5 % quantile, rad.
+        2.5 to 97.5 % range of the relative angle, rad.
     """
 
     in_parent: complex
@@ -34,21 +34,23 @@ class PairJoint:
     arc: float
 
 
-def fit_joint(parent: Body, child: Body) -> PairJoint:
-    """Linear least-squares centre of rotation of two bodies (the two-sided form of 3.13), less what noise does to it.
+def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
+    """Fit the centre of rotation of two bodies by linear least squares, corrected for the bias from angle noise.
 
-    With r, s the bodies' rotations (unit complex numbers) and g the gap between their origins, the points p and q of
-    parent and child that meet obey r p - s q = g. Least squares over the frames is
+    With the bodies' rotations r and s (unit complex numbers) and the vector g between their origins, the coincident
+    points p of the parent and q of the child obey r p - s q = g (the two-sided form of 3.13). Least squares over the
+    frames gives
 
         [ 1    -C ] [p]   [ f]        C = mean(r* s),
         [-C*    1 ] [q] = [-h],       f = mean(r* g),  h = mean(s* g).
 
-    Angle noise of variance v shrinks the mean of a rotation by 1 - v/2, so that C, f and h are those of points
-    (1 - v_r/2) p and (1 - v_s/2) q, but for the diagonal: r* r stays 1 where (1 - v_r/2)^2 was due. Left so, the centre
-    is drawn towards the markers by the noise's share in the variance 1 - |C|^2 of the relative angle. Hence v_r and v_s
-    come off the diagonal (:func:`_angle_noise`); a body's origin is its centroid, whose noise is not that of its angle.
-    No more than half the variance is ever taken off, and nothing where noise would explain all of it: there the centre
-    is ill-determined, stays where least squares has it, near the noisier body's centroid, and ``arc`` says so.
+    Angle noise of variance v shrinks the mean of a rotation by 1 - v/2. C, f and h then belong to the points (1 -
+    v_r/2) p and (1 - v_s/2) q, except for the diagonal: r* r stays 1 instead of (1 - v_r/2)^2. Uncorrected, this draws
+    the centre towards the markers, by the share of the noise in the variance 1 - |C|^2 of the relative angle. Therefore
+    v_r and v_s are subtracted from the diagonal (:func:`_angle_noise`). The noise of a body's origin, its centroid, is
+    independent of the noise of its angle. At most half of the variance is subtracted, and nothing if noise could
+    explain all of it. The centre is then poorly determined and stays at the least-squares solution near the noisier
+    body's centroid; ``arc`` shows this.
     """
     both = np.isfinite(parent.rotation) & np.isfinite(child.rotation)
     frames = int(both.sum())
@@ -67,13 +69,13 @@ def fit_joint(parent: Body, child: Body) -> PairJoint:
     return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), _travelled(angle))
 
 
-def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[Body, ComplexArray]) -> FloatArray:
-    """(2,) variances to take out of the two bodies' rotations, rad^2.
+def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[RigidBody, ComplexArray]) -> FloatArray:
+    """Return the variances (2,) to subtract for the two bodies' rotations, rad^2.
 
-    A body's residual bounds the noise of its angle, and so does how much it turns: the base has none. But skin that
-    slips leaves a residual too, and as it slips with the angle it does not scatter it. So both together are no more
-    than what is new in every frame of the relative ``angle`` (F,): the variance of its third differences, of which the
-    movement itself has little, over 20. Their median leaves out where it has more.
+    The residual of a body and its rotation both bound the noise of its angle (the base has none). Skin that slides with
+    the angle also leaves a residual, but it does not scatter the angle. The two variances together are therefore
+    limited to the white part of the relative ``angle`` (F,): the variance of its third differences, in which the
+    movement has little share, over 20. The median of the differences ignores frames where the movement has more.
     """
     stated = np.array([min(body.angle_noise**2, max(1 - abs(u.mean()) ** 2, 0)) for body, u in bodies])
     total = float(stated.sum())
@@ -86,20 +88,20 @@ def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[Body, Comple
 
 
 def arc(rotation: ComplexArray) -> float:
-    """Angle (rad) between the 2.5 and 97.5 % quantiles of a rotation (F,) followed continuously over the frames."""
+    """Return the angle between the 2.5 and 97.5 % quantiles of an unwrapped rotation (F,), rad."""
     angle = continuous_angle(rotation)
     return _travelled(angle[np.isfinite(angle)])
 
 
 def _travelled(angle: FloatArray) -> float:
-    """Between the 2.5 and 97.5 % quantiles of the angles (F,), rad; ``np.quantile`` takes twenty times as long."""
+    """Return the 2.5 to 97.5 % range of angles (F,), rad; ``np.quantile`` takes twenty times as long."""
     last = len(angle) - 1
     low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), np.sort(angle))
     return float(high - low)
 
 
 def continuous_angle(rotation: ComplexArray) -> FloatArray:
-    """(F,) angle of a rotation without jumps, rad; NaN where it is unknown."""
+    """Return the unwrapped angle (F,) of a rotation, rad; NaN where it is unknown."""
     angle = np.full(len(rotation), np.nan)
     known = np.isfinite(rotation)
     angle[known] = np.unwrap(np.angle(rotation[known]))

@@ -1,17 +1,17 @@
-"""The chain taken one link after another: by rigid bodies, or by the circles of the thesis (3.2.1).
+"""The chain fitted link by link: by rigid bodies, or by the circles of the thesis (3.2.1).
 
-Two ways to compare the fit of the whole chain (:mod:`mocap_id.kinematics.bundle`) with. They are given the assignment
-of the markers and share what they return:
+These are two alternatives to the fit of the whole chain (:mod:`mocap_id.kinematics.bundle`), for comparison. Both need
+the assignment of the markers:
 
 ``rigid-body``
-    A rigid body for every segment, then the joint of every neighbouring pair. Bodies are fitted in the plane, so that
-    an error at one joint stays there; no joint learns from the segments beyond its two.
+    A rigid body for every segment, then the joint of every neighbouring pair. The bodies are fitted in the plane,
+    so an error at one joint does not propagate, but no joint uses the segments beyond its two.
 ``circle``
-    The recursion of 3.2.1: in the frame of link i-1 the markers of link i run on circles, whose common centre is joint
-    i (3.8, Kåsa's fit); about it the angles and coordinates of link i are found by least squares (the part of 3.16 that
-    is left once the centre is known); everything further out is mapped into the frame of link i, and so on. There is
-    no filter between the links. Its centres have no covariance (NaN): most of their error is bias, which Kåsa's fit has
-    of noise and skin and hands up the chain, and no spread over time shows that.
+    The recursion of 3.2.1. In the frame of link i-1 the markers of link i move on circles with a common centre,
+    joint i (3.8, Kåsa's fit). The angles and coordinates of link i follow by least squares (3.16 with the centre
+    known), and everything farther out is mapped into the frame of link i. There is no filter between the links. The
+    centres have no covariance (NaN): most of their error is bias of Kåsa's fit, which propagates up the chain and
+    does not show as a spread over time.
 """
 
 from __future__ import annotations
@@ -23,23 +23,24 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError, Refused
-from mocap_id.kinematics.chain_equations import State, joint_positions
+from mocap_id.kinematics.centre_covariance import lag_one_covariance
+from mocap_id.kinematics.chain_equations import ChainState, joint_positions
 from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.circle import fit_common_centre
 from mocap_id.kinematics.joint import arc, fit_joint
-from mocap_id.kinematics.rigid import Body, fit_body, still_body
+from mocap_id.kinematics.rigid_body import RigidBody, fit_body, still_body
 
 LinkMethod = Literal["rigid-body", "circle"]
 
-_BLOCKS = 20  # stretches of time, each left out once for the covariance
+_BLOCKS = 20  # blocks of time, each left out once for the covariance
 _FRAMES_A_JOINT = 10
 _ITERATIONS = 50
 _TOLERANCE = 1e-9  # m
-_UNSEEN = 7.5  # slip along the angle over the slip that shows in the residuals of bodies taken pair by pair
+_UNSEEN = 7.5  # slide with the angle over the slide visible in the residuals of body pairs
 
 
 def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> ChainFit:
-    """The chain link by link, in the form of :func:`mocap_id.kinematics.bundle.fit_chain`.
+    """Fit the chain link by link, with the same result type as :func:`mocap_id.kinematics.bundle.fit_chain`.
 
     Parameters
     ----------
@@ -48,14 +49,14 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     segment : (M,) int array
         Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers.
     method : str
-        See the module.
+        ``rigid-body`` or ``circle``.
 
     Raises
     ------
     Refused
         ``too-few-frames`` show every segment.
     NumericalError
-        The markers of a segment run on straight lines, so that their circles have no centre.
+        The markers of a segment move on straight lines, so that their circles have no centre.
     """
     state = rigid_body_links(points, segment) if method == "rigid-body" else circle_links(points, segment)
     used = frames_used(state.angles)
@@ -80,17 +81,17 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     )
 
 
-def rigid_body_links(points: ComplexArray, segment: IntArray) -> State:
-    """Rigid bodies, and the joint of every neighbouring pair: needs no angle and no guess.
+def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
+    """Fit rigid bodies and the joint of every neighbouring pair, without initial values.
 
     Returns
     -------
-    State
+    ChainState
         Coordinates of all M markers, those of the base in the plane frame; angles in all F frames, NaN where fewer than
         two markers of the segment are seen.
     """
     joints = int(segment.max())
-    bodies: list[Body] = [still_body(points, np.flatnonzero(segment == 0))]
+    bodies: list[RigidBody] = [still_body(points, np.flatnonzero(segment == 0))]
     bodies += [fit_body(points, np.flatnonzero(segment == k)) for k in range(1, joints + 1)]
     pairs = [fit_joint(parent, child) for parent, child in pairwise(bodies)]
     origins = [0j, *(pair.in_child for pair in pairs)]
@@ -98,16 +99,16 @@ def rigid_body_links(points: ComplexArray, segment: IntArray) -> State:
     local = np.zeros(points.shape[1], dtype=np.complex128)
     for body, origin in zip(bodies, origins, strict=True):
         local[body.markers] = body.template - origin
-    return State(centres, local, np.stack([np.angle(body.rotation) for body in bodies[1:]], axis=1))
+    return ChainState(centres, local, np.stack([np.angle(body.rotation) for body in bodies[1:]], axis=1))
 
 
-def circle_links(points: ComplexArray, segment: IntArray) -> State:
-    """The recursion of 3.2.1 with the markers of every link known; the result as for :func:`rigid_body_links`.
+def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
+    """Fit the links by the recursion of 3.2.1 with known markers; the result is as for :func:`rigid_body_links`.
 
     Raises
     ------
     NumericalError
-        A link's markers run on straight lines.
+        The markers of a link move on straight lines.
     """
     joints = int(segment.max())
     centres, local = np.zeros(joints, dtype=np.complex128), np.zeros(points.shape[1], dtype=np.complex128)
@@ -118,18 +119,18 @@ def circle_links(points: ComplexArray, segment: IntArray) -> State:
         centre = complex(fit_common_centre(seen_from[:, own], "kasa").centre[0])
         if not np.isfinite(centre):
             raise NumericalError(
-                f"the markers of segment {joint + 1} run on straight lines as seen from segment {joint}: their "
+                f"the markers of segment {joint + 1} move on straight lines relative to segment {joint}: their "
                 "circles have no centre. Use `fit-joints: {estimator: bundle}`."
             )
         centres[joint] = centre
         turn, local[own] = _turned_about(seen_from[:, own] - centre)
         angles[:, joint] = (angles[:, joint - 1] if joint else 0) + np.angle(turn)
         seen_from = np.conj(turn)[:, None] * (seen_from - centre)  # 3.9
-    return State(centres, local, angles)
+    return ChainState(centres, local, angles)
 
 
-def _predicted(state: State, segment: IntArray) -> ComplexArray:
-    """(F, M) markers from the chain, the base's with them, m; NaN where an angle that carries them is unknown."""
+def _predicted(state: ChainState, segment: IntArray) -> ComplexArray:
+    """Return the markers (F, M) predicted by the chain, with those of the base, m; NaN where an angle is unknown."""
     origin, turn = joint_positions(state)
     origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
     turn = np.concatenate([np.ones((len(turn), 1)), turn], axis=1)
@@ -137,12 +138,12 @@ def _predicted(state: State, segment: IntArray) -> ComplexArray:
 
 
 def _turned_about(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Rotation (F,) and coordinates (k,) of markers about a centre that is known, by least squares.
+    """Return rotation (F,) and coordinates (k,) of markers about a known centre, by least squares.
 
     Parameters
     ----------
     arms : (F, k) complex array
-        Markers from the centre, m. A frame that shows fewer than two has no rotation (NaN).
+        Markers relative to the centre, m. A frame with fewer than two has no rotation (NaN).
     """
     seen = np.isfinite(arms)
     z, counts = np.where(seen, arms, 0), np.maximum(seen.sum(axis=0), 1)
@@ -157,13 +158,12 @@ def _turned_about(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _directions(moment: ComplexArray) -> ComplexArray:
-    """Unit complex numbers of the same angle, 1 for zero."""
     size = np.abs(moment)
     return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
 
 
 def frames_used(angles: FloatArray) -> BoolArray:
-    """(F,) frames in which every angle (F, n) is known.
+    """Return the frames (F,) in which every angle (F, n) is known.
 
     Raises
     ------
@@ -184,11 +184,11 @@ def frames_used(angles: FloatArray) -> BoolArray:
     return used
 
 
-def _left_out(points: ComplexArray, segment: IntArray, state: State, used: IntArray) -> FloatArray:
-    """(n, 2, 2) covariance of the centres from leaving out one stretch of time after another (block jackknife), m^2.
+def _left_out(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
+    """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
 
-    What one joint owes to the next, and residuals that last within a stretch, are in it without a formula; an error
-    that every stretch shares is not.
+    It includes the dependence between joints and residuals that are correlated within a block, but not an error common
+    to all blocks.
     """
     blocks = np.array_split(used, min(_BLOCKS, len(used)))
     found = np.stack(
@@ -199,8 +199,8 @@ def _left_out(points: ComplexArray, segment: IntArray, state: State, used: IntAr
     return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
 
 
-def _aligned(state: State, reference: State, segment: IntArray) -> ComplexArray:
-    """(n,) centres after every segment frame has been turned as near to the reference as it gets: the gauge."""
+def _aligned(state: ChainState, reference: ChainState, segment: IntArray) -> ComplexArray:
+    """Return the centres (n,) with every segment frame turned as close to the reference as possible (the gauge)."""
     joints = len(state.centres)
     centres = state.centres.copy()
     for k in range(1, joints):
@@ -211,19 +211,16 @@ def _aligned(state: State, reference: State, segment: IntArray) -> ComplexArray:
 
 
 def slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray, unseen: float) -> FloatArray:
-    """(n,) variance that skin slipping with the angle adds to each centre, m^2.
+    """Return the variance (n,) of each centre from skin that slides with the angle, m^2.
 
-    Skin that moves by s over an arc shifts the centre by about s / arc, unseen. What is seen of it, the part of the
-    residuals ``off`` (T, M; NaN where unseen) that lasts from one frame used to the next, stands for what is not, which
-    is ``unseen`` times as large: calibrated on simulated bodies for each way to fit. A centre is placed from the joint
-    below it, so that one's share comes in.
+    A slide of s over an arc shifts the centre by about s / arc without a residual. Its visible part is the part of the
+    residuals ``off`` (T, M; NaN where unseen) that persists to the next frame. The invisible part is ``unseen`` times
+    as large, calibrated on simulated bodies for each method. Each centre is placed relative to the joint below, whose
+    share is included.
     """
     joints = len(arcs)
     seen = np.isfinite(off)
-    filled = np.where(seen, off, 0)
-    pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
-    lasting = (np.conj(filled[1:]) * filled[:-1]).real.sum(axis=0) / pairs
-    chance = np.mean(np.abs(filled) ** 2, axis=0) * np.sqrt(2 / pairs)  # two standard deviations, were it all noise
+    lasting, chance = lag_one_covariance(np.where(seen, off, 0), seen)
     slip = np.empty(joints)
     for k in range(1, joints + 1):
         members = segment == k

@@ -1,4 +1,4 @@
-"""The plane of motion (3.2.3): the vertical plane along which the markers travel."""
+"""The plane of motion (3.2.3): the vertical plane in which the markers move."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ class PlaneFit:
     Parameters
     ----------
     yaw : float
-        Angle of the line of motion about the vertical from the lab's X, rad, in (-pi/2, pi/2]; which way the
-        subject faces along it is not decided here.
+        Angle of the line of motion about the vertical from the lab's X, rad, in (-pi/2, pi/2]. The direction in
+        which the subject faces is not decided here.
     planarity : float
-        Share of the motion (vertical included) that leaves the plane: 0 for a planar motion, 1/3 for motion alike
-        in every direction.
+        Share of the motion (vertical included) out of the plane: 0 for planar motion, 1/3 for isotropic motion.
     """
 
     yaw: float
@@ -32,9 +31,9 @@ class PlaneFit:
 def fit_plane(positions: FloatArray) -> PlaneFit:
     """Fit the vertical plane of motion to marker trajectories.
 
-    Every marker is centred on its own mean (3.7), so that where it sits on the body does not count; the horizontal
-    displacements are then fitted by a weighted principal axis, reweighted so that bursts and limbs that leave the
-    plane lose their say.
+    Every marker is centred on its own mean (3.7), so that its place on the body does not matter. The horizontal
+    displacements are then fitted by a weighted principal axis; reweighting reduces the influence of bursts and of
+    limbs that leave the plane.
 
     Parameters
     ----------
@@ -44,7 +43,7 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
     Returns
     -------
     PlaneFit
-        With yaw 0 and planarity 0 where nothing moves.
+        Yaw and planarity are 0 if nothing moves.
 
     Examples
     --------
@@ -72,7 +71,7 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
 
 
 def _displacements(positions: FloatArray) -> FloatArray:
-    """(K, 3) seen displacements of every marker from its own mean."""
+    """Return the seen displacements (K, 3) of every marker from its own mean."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     counts = np.maximum(seen.sum(axis=0), 1)
     means = np.where(seen[..., None], positions, 0.0).sum(axis=0) / counts[:, None]
@@ -80,11 +79,10 @@ def _displacements(positions: FloatArray) -> FloatArray:
 
 
 def _principal_axis(points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Unit vector (2,) of the largest weighted second moment about the origin."""
+    """Return the unit vector (2,) of the largest weighted second moment about the origin."""
     _, vectors = np.linalg.eigh((points * weights[:, None]).T @ points)
     return np.asarray(vectors[:, 1])
 
 
 def _half_turn(angle: float) -> float:
-    """The same line's angle in (-pi/2, pi/2]."""
     return float(np.pi / 2 - (np.pi / 2 - angle) % np.pi)

@@ -1,9 +1,9 @@
-"""The number of segments, their order and their markers, from the motion alone (3.2.1, 3.2.4).
+"""Number, order and markers of the segments, from the motion alone (3.2.1, 3.2.4).
 
-The thesis peels segments off from base to tip by circles seen in the frame of the previous one. Circles are a weak
-test: a marker two links out looks circular whenever the joint between hardly moves. Here rigid bodies are found
-first, at several levels of detail; every level gives a hypothesis, a chain from the base to a tip over joints that are
-real; and the hypothesis is kept that predicts the markers best for its number of segments.
+The thesis finds segments one by one from base to tip, by circles in the frame of the previous segment. Circles are a
+weak test: a marker two links out also moves on a circle if the joint between hardly moves. Here rigid bodies are found
+first, at several levels of detail. Each level gives a hypothesis, a chain from the base to a tip over real joints, and
+the hypothesis that best predicts the markers for its number of segments is chosen.
 """
 
 from __future__ import annotations
@@ -14,16 +14,17 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
-from mocap_id.kinematics.axis_markers import on_first_axis
-from mocap_id.kinematics.bodies import Base, Clusters, find_base
-from mocap_id.kinematics.confidence import Confidence, explained_share, judge
+from mocap_id.kinematics.axis_markers import find_axis_markers
+from mocap_id.kinematics.chain_search import find_hypotheses
+from mocap_id.kinematics.clusters import Base, Clusters, find_base
+from mocap_id.kinematics.confidence import Confidence, assess_confidence, explained_share
 from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, Scene, SegmentationRules, hypotheses
+from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules
 from mocap_id.kinematics.joint import PairJoint, fit_joint
-from mocap_id.kinematics.rigid import Body, marker_residuals, still_body
+from mocap_id.kinematics.rigid_body import RigidBody, marker_residuals, still_body
 
-_ADOPT = 2.0  # a marker left over is adopted by a segment that holds it within this multiple of its own residual
-_TALLEST = 5.0  # m
+_ADOPT = 2.0  # largest residual of an adopted marker, relative to the segment's own
+_TALLEST = 5.0  # m; largest plausible height of the markers
 
 
 @dataclass(frozen=True)
@@ -37,15 +38,16 @@ class Segmentation:
     residual : (M,) array
         rms distance of each marker from its place on its segment, m; NaN for none.
     count : int
-        Segments with the base.
+        Number of segments with the base.
     confidence : Confidence
-        How sure that is.
+        Confidence in the segments.
     ratios : tuple of float
-        For each joint, the residual without its segment (skipped, the last one fixed to its parent) over its own.
+        For each joint, the residual without its segment (skipped; the last one fixed to its parent) over the
+        residual with it.
     base : Base
         The still markers and the noise floor.
     hypotheses : tuple of Hypothesis
-        All that were considered, best first.
+        All hypotheses, best first.
     """
 
     segment: IntArray
@@ -67,7 +69,9 @@ def segment_markers(
     points : (F, M) complex array
         Trajectories in the plane, m; NaN where unseen. A few hundred frames that span the motion are enough.
     lateral : (M,) array
-        Mean out-of-plane coordinate of every marker, m: tells a pair of limbs from the trunk they hang on.
+        Mean out-of-plane coordinate of every marker, m; it distinguishes a pair of limbs from the trunk that
+        carries them.
+    rules : SegmentationRules
     constraints : Constraints, optional
         Markers that the user wants together or apart.
 
@@ -81,11 +85,13 @@ def segment_markers(
     _require_base_and_motion(base, points, rules)
     moving = np.setdiff1d(np.flatnonzero(np.isfinite(base.scatter)), base.markers)
     clusters = Clusters(points, moving, constraints)
-    scene = Scene(points, lateral, base, still_body(points, base.markers), moving, rules, constraints, clusters)
-    considered = tuple(sorted(hypotheses(scene), key=lambda hypothesis: hypothesis.cost))
+    problem = SegmentationProblem(
+        points, lateral, base, still_body(points, base.markers), moving, rules, constraints, clusters
+    )
+    considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
     if not considered:
-        raise _no_chain(scene)
-    return _assign(scene, considered)
+        raise _no_chain(problem)
+    return _assign(problem, considered)
 
 
 def _require_base_and_motion(base: Base, points: ComplexArray, rules: SegmentationRules) -> None:
@@ -95,9 +101,9 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
     if len(base.markers) < 2:
         raise Refused(
             "no-fixed-base",
-            f"{len(base.markers)} of {markers} markers stay where they are (the stillest moves by "
+            f"{len(base.markers)} of {markers} markers stand still (the stillest moves by "
             f"{1e3 * least:.0f} mm rms); a chain needs a base with at least 2 markers within "
-            f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stay put, or record such a part."
+            f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stand still, or record such a part."
             + _unit_doubt(extent),
             least if np.isfinite(least) else None,
             rules.still_limit,
@@ -114,48 +120,49 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
 
 
 def _unit_doubt(extent: float) -> str:
-    """A hint where the markers reach higher than any body does."""
+    """Return a hint if the markers reach higher than any body."""
     if extent <= _TALLEST:
         return ""
     return f" The markers span {extent:.0f} m in height: is the unit of length right (`planarise: {{units: …}}`)?"
 
 
-def _assign(scene: Scene, considered: tuple[Hypothesis, ...]) -> Segmentation:
-    """Bodies of the best hypothesis keep their markers; those left over, and some still ones, find theirs."""
-    points, best = scene.points, considered[0]
-    links = (scene.ground, *best.chain)
+def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) -> Segmentation:
+    """Return the best hypothesis, with the leftover markers and some still ones assigned to its segments."""
+    points, best = problem.points, considered[0]
+    links = (problem.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
     own = np.array([body.residual for body in links])
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(links):
         segment[body.markers] = k
-    _adopt(scene.constraints, segment, residuals / (_ADOPT * own)[:, None])
+    _adopt(problem.constraints, segment, residuals / (_ADOPT * own)[:, None])
     residual = residuals[segment, np.arange(points.shape[1])]
-    axis = on_first_axis(scene, best.chain[0], np.flatnonzero(segment == 1))
+    axis = find_axis_markers(problem, best.chain[0], np.flatnonzero(segment == 1))
     for marker, on_segment in axis.residual.items():
         segment[marker], residual[marker] = 1, on_segment
     ratios = _ratios(points, links, best.joints)
-    explained = explained_share(segment, scene.lateral, scene.moving)
+    explained = explained_share(segment, problem.lateral, problem.moving)
     return Segmentation(
         segment,
         np.where(segment >= 0, residual, np.nan),
         len(links),
-        judge(considered, ratios, explained, axis.margin, scene.base.gap),
+        assess_confidence(considered, ratios, explained, axis.margin, problem.base.gap),
         ratios,
-        scene.base,
+        problem.base,
         considered,
     )
 
 
 def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
-    """Put markers left over on the segments that hold them, the surest first, those that belong together as one.
+    """Assign leftover markers to the segments that fit them, the surest first and units as one.
 
     Parameters
     ----------
+    constraints : Constraints
     segment : (M,) int array
-        -1 for those left over; changed in place.
+        -1 for leftover markers; changed in place.
     cost : (n + 1, M) array
-        Residual of every marker on every segment over what is allowed there.
+        Residual of every marker on every segment over the largest allowed there.
     """
     seen = np.isfinite(cost).any(axis=0)
     left = np.flatnonzero((segment < 0) & seen)
@@ -163,7 +170,7 @@ def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> Non
     costs = [np.sqrt(np.mean(cost[:, unit] ** 2, axis=1)) for unit in units]
     for index in np.argsort([np.min(each) for each in costs]):
         unit = units[index]
-        if segment[unit].max() >= 0:  # some of them are sorted already
+        if segment[unit].max() >= 0:  # part of the unit is assigned already
             segment[unit] = segment[unit].max()
             continue
         taken = segment[constraints.barred[unit[0]]]
@@ -172,11 +179,8 @@ def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> Non
             segment[unit] = np.argmin(open_to)
 
 
-def _ratios(points: ComplexArray, links: tuple[Body, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
-    """How much worse the trial is explained without each joint's segment, as a ratio of residuals.
-
-    A segment between two others is tried by skipping it; the last one by fixing it to its parent.
-    """
+def _ratios(points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
+    """Return for each joint the residual without its segment (skipped; the last one fixed) over its own."""
     skipped = [
         fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
     ]
@@ -185,37 +189,39 @@ def _ratios(points: ComplexArray, links: tuple[Body, ...], joints: tuple[PairJoi
     return (*skipped, float(fixed / max(np.hypot(joints[-1].residual, last.residual), FLOOR)))
 
 
-def _no_chain(scene: Scene) -> Refused:
-    """Why no body turns about a point fixed to the base, or why none of the chains is as long as was asked."""
-    rules = scene.rules
+def _no_chain(problem: SegmentationProblem) -> Refused:
+    """Return the refusal: no body turns about a point of the base, or no chain has the requested length."""
+    rules = problem.rules
     if rules.count is not None:
-        found = sorted({len(other.chain) + 1 for other in hypotheses(replace(scene, rules=replace(rules, count=None)))})
+        found = sorted(
+            {len(other.chain) + 1 for other in find_hypotheses(replace(problem, rules=replace(rules, count=None)))}
+        )
         if found:
             numbers = ", ".join(map(str, found))
             return Refused(
                 "no-chain",
-                f"no chain of {rules.count} segments, as `segment: {{count: {rules.count}}}` asks: there are chains of "
-                f"{numbers}. Take `count` away, or say which markers are `apart`.",
+                f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; there are "
+                f"chains of {numbers}. Remove `count`, or list markers that are `apart`.",
                 float(rules.count),
                 float(found[-1]),
             )
-    bodies = [body for level in (1, 2, 3) for body in scene.clusters.at(level)]
-    pairs = [(fit_joint(scene.ground, body), body) for body in bodies]
+    bodies = [body for level in (1, 2, 3) for body in problem.clusters.at(level)]
+    pairs = [(fit_joint(problem.ground, body), body) for body in bodies]
     joint, body = min(pairs, key=lambda pair: np.hypot(pair[0].residual, pair[1].residual), default=(None, None))
     if joint is None or body is None:
         return Refused(
             "no-motion",
-            f"{len(scene.moving)} moving markers do not make a rigid body of two or more, so no joint moves.",
-            float(len(scene.moving)),
+            f"{len(problem.moving)} moving markers do not make a rigid body of two or more, so no joint moves.",
+            float(len(problem.moving)),
             2.0,
         )
     return Refused(
         "no-chain",
-        f"no body turns about a joint on the fixed base: the best one ({len(body.markers)} markers) holds them to "
-        f"{1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}) and its joint to "
+        f"no body turns about a joint on the fixed base: the best one ({len(body.markers)} markers) has a residual of "
+        f"{1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}), its joint one of "
         f"{1e3 * joint.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
         f"{np.degrees(joint.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
-        "Does the chain stand on the markers that stay still?",
+        "Does the chain stand on the still markers?",
         joint.residual,
         rules.max_residual,
     )

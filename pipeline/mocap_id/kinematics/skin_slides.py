@@ -1,62 +1,67 @@
-"""Skin that slips over the bone, a chain fitted to markers on it, and what both do to the angles in every posture.
+"""Model of skin that slides over the bone, and its effect on the fitted chain and on the joint angles.
 
-The model is that of :mod:`mocap_id.kinematics.centre_covariance`: every marker slides within its segment, either way,
-in proportion to the angle of the joint below and to that of the joint above. A slide e turns the segments by
+A slide e of a marker turns the segments by
 
     da = A^-1 (S^H W e - C dc),
 
-A and C being the angles' blocks of the normal equations, S what the markers do as the segments turn, and dc what the
-slide did to the centres and coordinates of the joint fit. What of a residual lasts without following the joints
-(wander, curvature) counts beside it, and so does what camera noise did to the joint fit. No size is set by hand.
+where A and C are the blocks of the angles in the normal equations, S is the Jacobian of the markers by the segment
+angles, W holds the weights, and dc is the change of the joint fit's centres and coordinates. The derivation is in
+docs/concepts/sliding-skin.md.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.centre_covariance import responses, swings
+from mocap_id.kinematics.centre_covariance import slide_responses
 from mocap_id.kinematics.chain_equations import (
-    Problem,
-    State,
+    ChainProblem,
+    ChainState,
+    angle_jacobian,
+    eliminate_angles,
     joint_positions,
     left_by_pose,
     normal_equations,
-    reduce,
     shared_variance,
 )
-from mocap_id.kinematics.sampling import frames_along_motion
+from mocap_id.kinematics.frame_sampling import frames_along_motion
 
 FRAMES = 400
-"""Of the joint fit that is re-traced."""
+"""Number of frames in which the joint fit is traced again."""
 EXACT = 1e-4
-"""m; markers with smaller residuals weigh alike, as in the joint fit."""
-_SHAPES = 2  # a slide follows the joint below or the joint above
-_MODES = 2 * _SHAPES  # slides of one marker, of one standard deviation each
+"""Residual, m, below which markers have equal weights, as in the joint fit."""
+_SHAPES = 2  # one for the joint below, one for the joint above
+_MODES = 2 * _SHAPES  # slides of one marker: two shapes in two directions
+_MEAN_OF = 400  # postures of the mean error
+_RATE = 30.0  # Hz; rate of the postures, enough for movements, which stay below 3 Hz
+_CHUNK = 500  # postures at a time, to limit memory
+_OVERLAP = 3  # postures shared by neighbouring chunks, for the derivatives
 
 
 @dataclass(frozen=True)
 class SkinModel:
-    """A chain, the slides of its markers, and the joint fit's answer to each of them.
+    """A chain, the slides of its markers, and the response of the joint fit to each slide.
 
     Parameters
     ----------
     centres, local : (n,) and (K,) complex arrays
         The fitted chain, m.
     segment : (K,) int array
-        Of each marker, 1 … n.
+        Segment of each marker, 1 … n.
     weight : (K,) array
-        Of each marker's coordinates in the angles of a frame: as often as it is seen.
+        Weight of each marker in the angles of a frame: the share of frames in which it is seen.
     size, rest : (K,) arrays
-        Variances of what lasts of a marker's residual, and of its part that does not follow the joints, m² a
-        coordinate.
+        Variances of the lasting part of a marker's residual, and of its share that does not follow the joints, m²
+        per coordinate.
     mean, spread : (n,) and (K,) arrays
-        Of the joint angles that the slides follow, rad.
+        Mean and scale of the joint angles that the slides follow, rad.
     moved : (K, 2, 2, P) array
-        By how much the fit's common unknowns move for a marker's slide of one metre along each shape, in x and y of
-        its segment; P = 2 (n + K): centres first.
+        Change of the fit's common unknowns per metre of a marker's slide along each shape, in x and y of its
+        segment; P = 2 (n + K), centres first.
     noise : (P, P) array
         Square root of the common unknowns' covariance from other causes, m.
     """
@@ -74,12 +79,12 @@ class SkinModel:
 
     @property
     def common(self) -> FloatArray:
-        """(P, 4 K + P) changes of the common unknowns with every mode, one standard deviation each, m."""
+        """Return the changes (P, 4 K + P) of the common unknowns for one standard deviation of each mode, m."""
         moved = self.moved * np.sqrt(self.size)[:, None, None, None]
         return np.concatenate([moved.reshape(-1, moved.shape[-1]).T, self.noise], axis=1)
 
     def errors(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Errors of the joint angles in some postures.
+        """Return the errors of the joint angles in given postures.
 
         Parameters
         ----------
@@ -89,36 +94,35 @@ class SkinModel:
         Returns
         -------
         errors : (T, n, 4 K + P) array
-            That follow the posture: of every mode, one standard deviation each, rad. Modes are independent.
+            Errors that follow the posture, for one standard deviation of each independent mode, rad.
         unshaped : (T, n) array
-            Variance of those that do not, rad².
+            Variance of the errors that do not follow the posture, rad².
         """
         segment, n = self.segment, len(self.centres)
-        state = State(self.centres, self.local, np.cumsum(angles, axis=1))
+        state = ChainState(self.centres, self.local, np.cumsum(angles, axis=1))
         weights = np.broadcast_to(self.weight, (len(angles), len(segment)))
-        pinned = np.zeros(len(segment), dtype=np.bool_)
-        problem = Problem(np.zeros(weights.shape, dtype=np.complex128), weights, segment, pinned, n)
+        problem = ChainProblem.without_points(weights, segment, n)
         normal = normal_equations(problem, state)
-        back = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal.angles)  # (T, n, n), absolute to joint angles
+        back = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal.angles)  # (T, n, n); absolute to joint angles
         _, turn = joint_positions(state)
-        pull = np.swapaxes(np.conj(swings(problem, state)) * (weights * turn[:, segment - 1])[..., None], 1, 2)
+        pull = np.swapaxes(np.conj(angle_jacobian(problem, state)) * (weights * turn[:, segment - 1])[..., None], 1, 2)
         gain = np.stack([back @ pull.real, back @ -pull.imag], axis=3)  # (T, n, K, 2)
-        shape = shapes_of(angles - self.mean, self.spread, segment)
+        shape = scaled_angles(angles - self.mean, self.spread, segment)
         errors = -(back @ normal.cross) @ self.common
         slides = gain[:, :, :, None, :] * (shape * np.sqrt(self.size)[:, None])[:, None, :, :, None]
         errors[..., : _MODES * len(segment)] += slides.reshape(len(angles), n, -1)
         return errors, np.einsum("tnkd,k->tn", gain**2, self.rest)
 
     def frames_turned(self) -> tuple[FloatArray, FloatArray]:
-        """What every mode does to the chain as it is written down, +y of a segment towards its next joint.
+        """Return the effect of every mode on the stored chain, in which +y of a segment points to its next joint.
 
         Returns
         -------
         centres : (n, 2, 4 K + P) array
             Changes of the joint centres, m.
         angles : (n, 4 K + P) array
-            Constant changes of the joint angles, rad, as frames turn with the joints, or the markers' middle in the
-            last segment.
+            Constant changes of the joint angles, rad, because segment frames turn with the joints (last segment:
+            with the markers' centroid).
         """
         n = len(self.centres)
         moved = self.common.reshape(n + len(self.segment), 2, -1)
@@ -131,19 +135,19 @@ class SkinModel:
         return centres, np.diff(turned, axis=0, prepend=0.0)
 
 
-def skin_model(
-    points: ComplexArray, segment: IntArray, state: State, observed: IntArray, camera_sd: float
+def fit_skin(
+    points: ComplexArray, segment: IntArray, state: ChainState, observed: IntArray, camera_sd: float
 ) -> SkinModel:
-    """Sizes of the slides from what lasts of the residuals, and the joint fit's answer to each of them.
+    """Fit the sizes of the slides to the residuals, and trace the response of the joint fit to each slide.
 
     Parameters
     ----------
     points : (F, K) complex array
         Markers in the plane, m; NaN where unseen or left out.
     segment : (K,) int array
-        Of each, 1 … n.
-    state : State
-        Centres, coordinates, and absolute angles of all frames, finite.
+        Segment of each marker, 1 … n.
+    state : ChainState
+        Centres, coordinates, and finite absolute angles of all frames.
     observed : (T,) int array
         Frames whose markers determine every angle.
     camera_sd : float
@@ -152,41 +156,53 @@ def skin_model(
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
     relative -= mean
-    spread = spread_of(relative)[segment - 1]
+    spread = slide_scales(relative)[segment - 1]
     size, rest, square, often = _sizes(points, segment, state, relative, spread)
     used = frames_along_motion(points, FRAMES, observed)
     seen, weight = np.isfinite(points[used]), 1.0 / np.maximum(square, EXACT**2)
     pinned = np.zeros(len(segment), dtype=np.bool_)
-    fitted = Problem(
+    fitted = ChainProblem(
         np.where(seen, points[used], 0), seen * (weight / weight.mean()), segment, pinned, len(state.centres)
     )
     traced = replace(state, angles=state.angles[used])
-    reduced = reduce(fitted, traced)
-    moved = responses(fitted, traced, reduced, shapes_of(relative[used], spread, segment), reduced.inverse)
-    values, vectors = np.linalg.eigh(reduced.inverse)
-    noise = vectors * (camera_sd * np.sqrt(np.maximum(values, 0)))
+    moved, noise = fit_response(fitted, traced, scaled_angles(relative[used], spread, segment), camera_sd)
     return SkinModel(state.centres, state.local, segment, often, size, rest, mean, spread, moved, noise)
 
 
-def skin_without_fit(state: State, segment: IntArray, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
-    """The same where it is not known how the joints were fitted, or what of a residual lasts.
+def fit_response(
+    problem: ChainProblem, state: ChainState, shape: FloatArray, camera_sd: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the changes (K, 2, 2, P) of the common unknowns per slide, and the square root (P, P) of their noise.
 
-    All of a residual counts as skin, and the centres are off by their covariance, whatever the skin.
+    ``shape`` (T, K, 2) is the course of the slides; ``camera_sd`` is the camera noise of a coordinate, m.
+    """
+    reduced = eliminate_angles(problem, state)
+    values, vectors = np.linalg.eigh(reduced.inverse)
+    noise = vectors * (camera_sd * np.sqrt(np.maximum(values, 0)))
+    return slide_responses(problem, state, reduced, shape, reduced.inverse), noise
+
+
+def skin_from_residuals(
+    state: ChainState, segment: IntArray, residual: FloatArray, centre_covariance: FloatArray
+) -> SkinModel:
+    """Return a model for an unknown joint fit, or for residuals of unknown persistence.
+
+    The whole residual counts as skin, and the errors of the centres follow their covariance, independent of the skin.
 
     Parameters
     ----------
-    state : State
-        Centres, coordinates, and absolute angles, finite.
+    state : ChainState
+        Centres, coordinates, and finite absolute angles.
     segment : (K,) int array
-        1 … n.
+        Segment of each marker, 1 … n.
     residual : (K,) array
         rms distance of each marker from its place, m.
     centre_covariance : (n, 2, 2) array
-        m².
+        Covariance of each centre, m².
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
-    spread = spread_of(relative - mean)[segment - 1]
+    spread = slide_scales(relative - mean)[segment - 1]
     joints, markers = len(state.centres), len(segment)
     noise = np.zeros((2 * (joints + markers), 2 * (joints + markers)))
     for joint, own in enumerate(centre_covariance):
@@ -198,45 +214,49 @@ def skin_without_fit(state: State, segment: IntArray, residual: FloatArray, cent
     return SkinModel(state.centres, state.local, segment, np.ones(markers), size, none, mean, spread, moved, noise)
 
 
-def spread_of(relative: FloatArray) -> FloatArray:
-    """(n,) root mean square of a segment's shapes, 1 where nothing moves; from angles (F, n) off their mean."""
+def slide_scales(relative: FloatArray) -> FloatArray:
+    """Return the rms (n,) of each segment's two slide shapes, 1 if nothing moves, from centred angles (F, n), rad."""
     square = np.zeros((relative.shape[1] + 1, len(relative)))
     square[:-1] = relative.T**2
     spread = np.sqrt(np.mean(square[:-1] + square[1:], axis=1))
     return np.where(spread > 0, spread, 1)
 
 
-def shapes_of(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
-    """(T, K, 2) angles (T, n) of the joints below and above each marker, over its spread."""
+def scaled_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
+    """Return the centred angles (T, n) of the joints below and above each marker, over its scale: (T, K, 2)."""
     beyond = np.concatenate([relative, np.zeros((len(relative), 1))], axis=1)
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 
 
 def _sizes(
-    points: ComplexArray, segment: IntArray, state: State, relative: FloatArray, spread: FloatArray
+    points: ComplexArray, segment: IntArray, state: ChainState, relative: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Variances (K,), m^2 a coordinate, of what lasts, of what of it does not follow the shapes, and weights' inverse.
+    """Return variances of the lasting residual and of its share without shapes, the inverse weight, the share seen.
 
-    What of a residual is still there one frame later is no camera noise. The last is how often each marker is seen.
+    All are (K,), the variances in m^2 per coordinate. The part of a residual that persists to the next frame is not
+    camera noise.
     """
     origin, turn = joint_positions(state)
     found = np.empty((4, len(segment)))
-    for k, joint in enumerate(segment - 1):  # one by one, to bound the memory
+    for k, joint in enumerate(segment - 1):  # one by one, to limit memory
         off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
-        found[:, k] = _own_sizes(off, shapes_of(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
+        found[:, k] = _own_sizes(off, scaled_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
     size, rest, square, often = found
-    square = shared_variance(square, often, segment, state.local)  # as the joint fit weighs
+    square = shared_variance(square, often, segment, state.local)  # the weights of the joint fit
     for k in range(1, len(state.centres) + 1):
         members = segment == k
         weights = often[members] / np.maximum(square[members], EXACT**2)
-        size[members] /= left_by_pose(weights, state.local[members])
-        rest[members] /= left_by_pose(weights, state.local[members])
+        left = left_by_pose(weights, state.local[members])
+        size[members] /= left
+        rest[members] /= left
     return size, np.minimum(rest, size), square, often
 
 
 def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
-    """Variances of what lasts of a marker's offset (F,), of what is left of it beside its shapes (F, 2), and of the
-    offset, m^2 a coordinate; and how often the marker is seen.
+    """Return the sizes of one marker from its offset (F,) and shapes (F, 2), m^2 per coordinate.
+
+    These are the variances of the lasting offset, of the lasting offset without its shapes, and of the offset, and the
+    share of frames in which the marker is seen.
     """
     seen = np.isfinite(off)
     off = np.where(seen, off, 0)
@@ -247,6 +267,50 @@ def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, floa
 
 
 def _lasting(off: ComplexArray, seen: BoolArray) -> float:
-    """Covariance of a marker's offset (F,) with itself one frame later, a coordinate, m^2."""
+    """Return the lag-one covariance of a marker's offset (F,) per coordinate, at least 0, m^2."""
     pairs = max(int(np.count_nonzero(seen[1:] & seen[:-1])), 1)
     return max(float((np.conj(off[1:]) * off[:-1]).real.sum()) / pairs, 0.0) / 2
+
+
+def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntArray, FloatArray]:
+    """Return the variances of lasting errors of angle and derivatives, from skin and from the chain's geometry.
+
+    Parameters
+    ----------
+    skin : SkinModel
+    angles : (F, n) array
+        Angle of each joint, rad, finite.
+    rate : float
+        Frames per second.
+
+    Returns
+    -------
+    frames : (T,) int array
+        Frames of the variances.
+    variance : (T, n, 4) array
+        Variances of angle without its mean error, velocity, acceleration and jerk of each joint, SI.
+    """
+    step = max(1, round(rate / _RATE))
+    frames = np.arange(0, len(angles), step)
+    mean = skin.errors(angles[frames[:: max(1, len(frames) // _MEAN_OF)]])[0].mean(axis=0)
+    parts = [_variance(skin, angles[frames[own]], mean, step / rate)[kept] for own, kept in _chunks(len(frames))]
+    return frames, np.concatenate(parts)
+
+
+def _variance(skin: SkinModel, angles: FloatArray, mean: FloatArray, step: float) -> FloatArray:
+    """Return the summed squares (T, n, 4) of the errors and of their derivatives."""
+    errors, unshaped = skin.errors(angles)
+    part, parts = errors - mean, []
+    for _ in range(4):
+        parts.append(np.sum(part**2, axis=2))
+        part = np.gradient(part, step, axis=0) if len(part) > 1 else np.zeros_like(part)
+    parts[0] = parts[0] + unshaped
+    return np.stack(parts, axis=2)
+
+
+def _chunks(count: int) -> Iterator[tuple[slice, slice]]:
+    """Yield stretches of postures with their neighbours, and the part of each stretch without them."""
+    for start in range(0, count, _CHUNK):
+        first = max(start - _OVERLAP, 0)
+        stop = min(start + _CHUNK, count)
+        yield slice(first, min(stop + _OVERLAP, count)), slice(start - first, stop - first)

@@ -1,4 +1,4 @@
-"""Two markers that exchange their labels: found by what stays rigid, and undone (assumption A3)."""
+"""Label swaps: markers that exchange their labels, detected by rigidity and undone (assumption A3)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.kinematics.continuations import Continuations
 
-_GAP = 1.0  # s; longest gap of a column. Each marker hidden for half a second may add up to that
-_JUMPS = (0.008, 0.015)  # m; bounds of the smallest jump that is looked at ...
+_GAP = 1.0  # s; longest gap of a column: two markers hidden for half a second each
+_JUMPS = (0.008, 0.015)  # m; bounds of the smallest jump considered ...
 _OF_BEND = 2.5  # ... which is this multiple of the median bend of a trajectory from frame to frame
-_EVERY = 16  # sample that enters this median
-_EVIDENCE = (
-    8.0,
-    18.0,
-)  # log of the ratio of likelihoods that each marker must show, from frame to frame and across gaps
+_EVERY = 16  # every so many samples enter this median
+_EVIDENCE = (8.0, 18.0)  # least log likelihood ratio for each marker, from frame to frame and across gaps
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class Swap:
 
 @dataclass(frozen=True)
 class _Breaks:
-    """Where a column may go on as another marker: last seen at ``last``, next seen at ``following``; each (N,)."""
+    """Breaks (N,) after which a column may show another marker: seen at ``last`` and next at ``following``."""
 
     column: IntArray
     last: IntArray
@@ -53,24 +50,23 @@ class _Breaks:
 
 
 def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
-    """Exchanges of identity between trajectories, at a frame or across a gap of up to 1 s.
+    """Find label swaps between trajectories, at a frame or across a gap of up to 1 s.
 
-    A trajectory is suspected where it jumps or has a gap, and its distances to the markers that move with it do not
-    hold across. It is exchanged where each of the markers that are lost there is found again in another's column, with
-    its distances kept. The labels of the first frames count as right. Three or more that permute are told as successive
-    exchanges of two.
+    A trajectory is suspect where it jumps or has a gap and its distances to the markers that move with it change. It is
+    swapped if each of the markers lost there continues in another column with its distances unchanged. The labels of
+    the first frames count as correct. A permutation of three or more is reported as successive swaps of two.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        m, NaN where unseen, in any frame that stands still.
+        Trajectories in any fixed frame, m; NaN where unseen.
     rate : float
         Frames per second.
 
     Returns
     -------
     tuple of Swap
-        By start, then column.
+        Swaps in order of start, then column.
     """
     count, markers = positions.shape[:2]
     if count < 2 or markers < 4:
@@ -84,14 +80,14 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     return _ranges(_cycles(positions, suspects, continuations), markers, count)
 
 
-def repair(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
-    """A copy with the trajectories exchanged back.
+def undo_swaps(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
+    """Return a copy with the trajectories exchanged back.
 
     Parameters
     ----------
     positions : (F, M, 3) array
     swaps : tuple of Swap
-        What `find_swaps` found. Where several share columns, those with the smaller ``first`` are undone first.
+        Result of `find_swaps`. Swaps that share columns are undone in order of ``first``.
 
     Returns
     -------
@@ -105,7 +101,6 @@ def repair(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
 
 
 def _breaks(positions: FloatArray, rate: float) -> _Breaks:
-    """Jumps and gaps, by column."""
     square = np.empty((len(positions) - 2, positions.shape[1]))
     with np.errstate(invalid="ignore"):
         for part in chunks(len(square)):
@@ -115,7 +110,7 @@ def _breaks(positions: FloatArray, rate: float) -> _Breaks:
         usual = np.sqrt(np.median(sample[np.isfinite(sample)])) if np.isfinite(sample).any() else 0.0
         bent = square > np.clip(_OF_BEND * usual, *_JUMPS) ** 2
     frame, column = np.nonzero(bent)
-    # a bend at a frame comes from a jump before or after it
+    # a bend at a frame shows a jump before or after it
     jumps = np.unique(np.stack([np.tile(column, 2), np.concatenate([frame, frame + 1])], axis=1), axis=0)
     seen = np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
     if seen.all():
@@ -131,7 +126,6 @@ def _breaks(positions: FloatArray, rate: float) -> _Breaks:
 def _gaps(
     lost: IntArray, lost_column: IntArray, found: IntArray, found_column: IntArray, longest: int
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Columns, last frames before and first frames after the gaps that have both ends and are short enough."""
     kind = np.concatenate([np.zeros(len(lost), dtype=np.int64), np.ones(len(found), dtype=np.int64)])
     frame, column = np.concatenate([lost, found]), np.concatenate([lost_column, found_column])
     order = np.lexsort((1 - kind, frame, column))  # a marker seen for one frame is found before it is lost
@@ -142,7 +136,7 @@ def _gaps(
 
 
 def _plausible(positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray) -> tuple[IntArray, IntArray]:
-    """Pairs of breaks without those where, one frame on, its own column is nearer to where the marker was heading."""
+    """Return pairs of breaks, without adjacent frames where the own column is nearer to the expected place."""
     last, column = breaks.last[source], breaks.column[source]
     start = positions[last, column]
     step = np.where((last > 0)[:, None], start - positions[last - 1, column], np.nan)
@@ -156,15 +150,17 @@ def _plausible(positions: FloatArray, breaks: _Breaks, source: IntArray, target:
 
 
 def _cycles(positions: FloatArray, breaks: _Breaks, continuations: Continuations) -> list[tuple[int, tuple[int, ...]]]:
-    """Exchanges: the first frame, and the columns of which each one's marker goes on in the next one's, the last's in
-    the first's."""
+    """Return the exchanges: the first frame and the columns, in which each marker continues in the next column.
+
+    The marker of the last column continues in the first one.
+    """
     source, target = _plausible(positions, breaks, *_overlapping(breaks))
     here, there = breaks[source], breaks[target]
     evidence = continuations.evidence(here.column, here.last, here.following, there.column, there.following)
     gap = np.maximum(here.following, there.following) - here.last > 1
     strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
     while not (mutual := np.isin(target[strong], source[strong])).all():
-        strong = strong[mutual]  # a marker may only go where another leaves
+        strong = strong[mutual]  # a marker can only move to a column that another leaves
     strongest_last = strong[np.argsort(evidence[strong], kind="stable")]
     best = {int(source[link]): int(target[link]) for link in strongest_last}
     out, done = [], set[int]()
@@ -182,7 +178,7 @@ def _cycles(positions: FloatArray, breaks: _Breaks, continuations: Continuations
 
 
 def _overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
-    """All ordered pairs of breaks of two columns between which there is an instant common to both."""
+    """Return all ordered pairs of breaks of two columns that have an instant in common."""
     order = np.argsort(breaks.last, kind="stable")
     last, following = breaks.last[order], breaks.following[order]
     stop = np.searchsorted(last, following, side="left")
@@ -196,25 +192,25 @@ def _overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
 
 
 def _ranges(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
-    """Exchanges of two columns and how long each stands, from what happens at each event."""
-    held = list(range(markers))  # whose marker each column shows
+    """Return the exchanges of two columns with their durations, from the exchanges at each event."""
+    shown_by = list(range(markers))  # the marker that each column shows
     standing: dict[tuple[int, int], int] = {}
     out: list[Swap] = []
     for frame in sorted({event[0] for event in events}):
         for _, columns in (event for event in events if event[0] == frame):
-            shown = [held[column] for column in columns]
+            shown = [shown_by[column] for column in columns]
             for column, marker in zip(columns[1:] + columns[:1], shown, strict=True):
-                held[column] = marker
-        now = _exchanges(held)
+                shown_by[column] = marker
+        now = _exchanges(shown_by)
         out += [Swap(*pair, start, frame) for pair, start in standing.items() if pair not in now]
         standing = {pair: standing.get(pair, frame) for pair in now}
     out += [Swap(*pair, start, count) for pair, start in standing.items()]
     return tuple(sorted(out, key=lambda swap: (swap.start, swap.first)))
 
 
-def _exchanges(held: list[int]) -> list[tuple[int, int]]:
-    """Exchanges of two that sort the columns, by their first column; every column is first at most once."""
-    rest, out = list(held), []
+def _exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
+    """Return the exchanges of two that sort the columns, by first column; every column is first at most once."""
+    rest, out = list(shown_by), []
     for column in range(len(rest)):
         if rest[column] != column:
             other = rest.index(column)

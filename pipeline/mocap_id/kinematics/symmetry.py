@@ -1,4 +1,4 @@
-"""Whether left and right move together, as one sagittal segment takes for granted."""
+"""Left-right asymmetry of the motion, which one sagittal segment for both sides assumes to be small."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics.joint import continuous_angle
-from mocap_id.kinematics.rigid import fit_body
+from mocap_id.kinematics.rigid_body import fit_body
 
-_ASIDE = 0.03  # m from the mid-plane: nearer markers belong to neither side
+_ASIDE = 0.03  # m; markers closer to the mid-plane belong to neither side
 
 
 def asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
-    """How differently the two sides of each segment turn.
+    """Return the difference between the rotations of the two sides of each segment.
 
     Parameters
     ----------
@@ -26,8 +26,8 @@ def asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> F
     Returns
     -------
     (n,) array
-        For segments 1 … n, the rms difference of the sides' angles after its mean, rad; NaN where a side has fewer
-        than two markers.
+        Standard deviation of the difference of the sides' angles for segments 1 … n, rad; NaN with fewer than two
+        markers on a side.
     """
     middle = np.nanmean(lateral[segment > 0])
     return np.array([_one(points, lateral - middle, np.flatnonzero(segment == k)) for k in range(1, segment.max() + 1)])

@@ -1,4 +1,4 @@
-"""The useful part of a recording: people walk on and off."""
+"""Time window of a recording in which the base is fixed: people walk on and off."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from itertools import combinations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
 STILL_RADIUS = 0.015
-"""A base marker stays within this distance of where it rests (m): skin, toes and heels move by a few millimetres."""
+"""Largest distance (m) of a base marker from its rest position: skin, toes and heels move by a few millimetres."""
 
-_TRAVEL = 5.0  # still radii that a moving marker travels
-_TRIED = 200  # stretches looked at, the longest first
+_TRAVEL = 5.0  # least travel of a moving marker, in still radii
+_TRIED = 200  # stretches tried, the longest first
 
 MIN_SECONDS = 2.0
-"""Shorter stretches of stillness are steps of a gait, not a base."""
+"""Shortest window, s; shorter still phases are steps of a gait."""
 
 
 def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
-    """The longest stretch over which at least two markers stay where they are and at least two others travel.
+    """Return the longest stretch in which at least two markers stand still and at least two others travel.
 
     Parameters
     ----------
@@ -31,21 +31,22 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     Returns
     -------
     first, stop : int
-        Frame indexes, ``stop`` excluded; the whole recording where its base is fixed throughout or where no stretch
-        of :data:`MIN_SECONDS` is.
+        Frame indices, ``stop`` excluded. The whole recording if its base is fixed throughout, or without a stretch
+        of :data:`MIN_SECONDS`.
     """
     frames = len(positions)
     if _still_throughout(positions).sum() >= 2:
         return 0, frames
     least = MIN_SECONDS * rate
-    runs = [run for still in _still(positions, rate).T for run in _runs(still) if run[1] - run[0] >= least]
+    found = [run for still in _still(positions, rate).T for run in find_runs(still)]
+    runs = [(run.start, run.stop) for run in found if run.stop - run.start >= least]
     shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
     longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
     return next((s for s in longest_first[:_TRIED] if _moves(positions[s[0] : s[1]])), (0, frames))
 
 
 def _moves(positions: FloatArray) -> bool:
-    """Whether at least two markers travel far beyond the still radius: a wait before the movement is no window."""
+    """Return whether at least two markers travel far beyond the still radius, unlike in a wait."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = np.where(seen[..., None], positions, np.inf).min(axis=0)
     high = np.where(seen[..., None], positions, -np.inf).max(axis=0)
@@ -54,7 +55,7 @@ def _moves(positions: FloatArray) -> bool:
 
 
 def _still_throughout(positions: FloatArray) -> BoolArray:
-    """(M,) markers that leave their median by more than the still radius in fewer than one seen frame in fifty."""
+    """Return markers (M,) that are farther than the still radius from their median in under 2 % of seen frames."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     median = np.array(
         [np.median(p[s], axis=0) if s.any() else np.full(3, np.nan) for p, s in _per_marker(positions, seen)]
@@ -68,10 +69,10 @@ def _per_marker(positions: FloatArray, seen: BoolArray) -> list[tuple[FloatArray
 
 
 def _still(positions: FloatArray, rate: float) -> BoolArray:
-    """(F, M) whether a marker stays within the still radius of one point over the second around each frame.
+    """Return whether (F, M) a marker stays within the still radius of one point during the second around each frame.
 
-    The point is the middle of the box of its positions there, no corner of which is farther away. Unseen samples do
-    not count, but half of the second has to be seen.
+    The point is the middle of the bounding box of its positions; no corner of the box is farther away. Unseen samples
+    are ignored, but half of the second must be seen.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415  a fixed base is usual
 
@@ -82,9 +83,3 @@ def _still(positions: FloatArray, rate: float) -> BoolArray:
     often = uniform_filter1d(seen.astype(np.float64), size, axis=0, mode="nearest") > 0.5 - 1e-9
     extent = np.where(often[..., None], high - low, np.inf)
     return np.asarray(np.linalg.norm(extent, axis=2) / 2 < STILL_RADIUS)
-
-
-def _runs(flags: BoolArray) -> list[tuple[int, int]]:
-    """Start and stop of every stretch of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

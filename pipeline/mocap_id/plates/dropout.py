@@ -1,36 +1,35 @@
-"""Stretches in which a plate says nothing of who stands on it: a cable came off, an amplifier was reset."""
+"""Drop-outs of force plates: zero load under a standing person, such as after a loose cable."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
-_NOTHING = 0.2
-"""Of the standing weight: a body that stays upright weighs more at any time, but in a jump."""
+_UNLOADED = 0.2
+"""Share of the standing weight. An upright person always loads the plates more, except in a jump."""
 
-_LASTS_S = 0.6
-"""Longer than the flight of any jump."""
+_MIN_DURATION_S = 0.6
+"""Minimum duration, longer than the flight of any jump."""
 
 
-def dropped_out(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
-    """Samples (F,) of stretches in which the plates carry nothing although the person stands upright in them.
+def find_dropouts(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
+    """Find the samples (F,) at which the plates are unloaded although the person stands upright.
 
     Parameters
     ----------
     vertical : (F,) array
-        Upward force of the feet's plates together, N; NaN where unknown.
+        Total upward force of the plates under the feet, N; NaN where unknown.
     tall : (F,) bool array
-        The person stands upright.
+        Whether the person stands upright.
     rate : float
-        Hz.
+        Frames per second.
     weight : float
-        What they carry while the person stands, N.
+        Force while the person stands, N.
     """
     with np.errstate(invalid="ignore"):
-        nothing = vertical < _NOTHING * weight
+        unloaded = vertical < _UNLOADED * weight
     lost = np.zeros(len(vertical), bool)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], nothing.astype(np.int8), [0]))))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        lost[start:stop] = tall[start:stop].sum() >= _LASTS_S * rate
+    for run in find_runs(unloaded):
+        lost[run] = tall[run].sum() >= _MIN_DURATION_S * rate
     return lost

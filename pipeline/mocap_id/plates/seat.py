@@ -1,4 +1,4 @@
-"""What a chair's own plate reads of the person: its wrench less what it reads with nobody on the chair."""
+"""Reading of the plate under an empty chair, to be subtracted from the wrench of the chair."""
 
 from __future__ import annotations
 
@@ -8,53 +8,54 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.posture import upright
+from mocap_id.recording.marker_posture import upright
 
 ZeroRule: TypeAlias = Literal["standing", "none"]
 
-_ENOUGH_S = 0.2
+_MIN_TOTAL_S = 0.2
 
 
 @dataclass(frozen=True)
-class EmptyChair:
-    """What a chair's plates read with nobody on the chair, the chair's weight among it.
+class EmptyChairReading:
+    """Reading of the plates under an empty chair, including the weight of the chair.
 
     Parameters
     ----------
     reading : (3,) array or None
-        None where that is not known.
+        (Fx, Fy, tauz); None if it cannot be determined.
     spread : (3,) array or None
-        Standard deviation of what it is the median of.
+        Standard deviation of the samples of which ``reading`` is the median.
     """
 
     reading: FloatArray | None
     spread: FloatArray | None
 
 
-def empty_chair(wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: float, rule: ZeroRule) -> EmptyChair:
-    """What has to be taken off a chair's wrench.
+def measure_empty_chair(
+    wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: float, rule: ZeroRule
+) -> EmptyChairReading:
+    """Determine the reading of the plates under the empty chair.
 
-    A chair weighs on its plate, and the plate may have been zeroed with it or without. What it reads while the
-    person stands has nothing of the person in it, so the median of that is taken off. It is constant, as the chair
-    stays in its place.
+    The plate may have been zeroed with or without the chair on it. While the person stands, the chair is empty, so the
+    reading is the median over these samples. It is constant, since the chair does not move.
 
     Parameters
     ----------
     wrench : (F, 3) array
-        (Fx, Fy, tauz) of the chair's plates together, N and N·m.
+        Total (Fx, Fy, tauz) of the plates under the chair, N and N·m.
     ok : (F,) bool array
-        Known samples.
+        Whether each sample is known.
     positions : (F, M, 3) array
-        Markers, m, lab axes with Z up; they show who stands.
+        Markers, lab axes with Z up, m; they show when the person stands.
     rate : float
-        Hz.
+        Frames per second.
     rule : {"standing", "none"}
-        ``none`` takes the reading as it is: the plate was zeroed with the chair on it.
+        With ``none`` the reading is zero: the plate was zeroed with the chair on it.
     """
     if rule == "none":
-        return EmptyChair(np.zeros(3), None)
+        return EmptyChairReading(np.zeros(3), None)
     tall, low = upright(positions)
     empty = tall & ok & low.any()
-    if empty.sum() < max(2, _ENOUGH_S * rate):
-        return EmptyChair(None, None)
-    return EmptyChair(np.median(wrench[empty], axis=0), wrench[empty].std(axis=0))
+    if empty.sum() < max(2, _MIN_TOTAL_S * rate):
+        return EmptyChairReading(None, None)
+    return EmptyChairReading(np.median(wrench[empty], axis=0), wrench[empty].std(axis=0))

@@ -1,1 +1,1 @@
-"""What a person can reach, and the spring that gives most of it back (thesis chapter 7); numpy, scipy, numba."""
+"""Workspaces, and springs that let a person hold as much of them as possible (thesis chapter 7)."""

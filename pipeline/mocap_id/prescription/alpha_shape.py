@@ -1,8 +1,8 @@
-"""The set that a cloud of points fills: an alpha shape on scipy's Delaunay triangulation (thesis 7.2.2).
+"""Alpha shape of a point cloud, on scipy's Delaunay triangulation (thesis 7.2.2).
 
-The simplices of the triangulation whose circumscribed ball has at most a given radius make up the shape. The radius
-comes from the samples themselves (:func:`covering_radius`): a simplex's circumscribed ball holds no sample within it,
-so where its centre lies in the sampled set, it is no larger than the largest ball in that set without a sample.
+The shape consists of the simplices whose circumscribed ball has at most a given radius. The radius follows from the
+samples (:func:`covering_radius`). A circumscribed ball contains no sample; if its centre is in the sampled set, it is
+therefore at most as large as the largest ball in that set without a sample.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 RADIUS_FACTOR = 2.0
-"""Radius of the shape by the largest hole among the samples: gaps twice as wide as any of them are real."""
+"""Radius of the shape, relative to the largest hole among the samples: gaps twice as wide as any hole are real."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class AlphaShape:
     points : (N, d) array
         m; d is 2 or 3.
     triangulation : Delaunay
-        Of the points.
+        Triangulation of the points.
     kept : (K,) bool array
-        Which of its simplices make up the shape.
+        Whether each of its simplices belongs to the shape.
     radius : float
-        Largest circumscribed radius of these, m.
+        Largest allowed circumscribed radius, m.
     """
 
     points: FloatArray
@@ -46,9 +46,9 @@ class AlphaShape:
         return float(np.abs(_signed(self.points[self.triangulation.simplices[self.kept]])).sum())
 
     def boundary(self) -> IntArray:
-        """Facets between the shape and what is outside, (F, d) indices, outside to the right (d = 2) or out (d = 3).
+        """Return the facets of the shape's boundary, (F, d) indices.
 
-        Turned so that the fan of all facets over any point has the shape's measure: :func:`enclosed`.
+        They are oriented with the outside to the right (d = 2) or outwards (d = 3), as :func:`enclosed` expects.
         """
         simplices, d = self.triangulation.simplices, self.points.shape[1]
         facets = []
@@ -63,45 +63,45 @@ class AlphaShape:
         return np.concatenate(facets).astype(np.int64)
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Whether points (M, d) lie in the shape."""
+        """Return whether points (M, d) are in the shape."""
         found = self.triangulation.find_simplex(points)
         return np.asarray((found >= 0) & self.kept[found])
 
 
 def alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
-    """The alpha shape of points (N, d), d = 2 or 3, for a radius, m.
+    """Compute the alpha shape of points (N, d), d = 2 or 3, for a radius, m.
 
     Raises
     ------
     ValueError
-        The points fill no area (volume): fewer than d + 1 of them, or all on one line (plane).
+        There are fewer than d + 1 points, or all are on one line (plane).
     """
     spread = points - points.mean(axis=0)
     d = points.shape[1]
     if len(points) <= d or np.linalg.matrix_rank(spread, tol=1e-9 * max(np.abs(spread).max(), 1e-300)) < d:
-        raise ValueError(f"{len(points)} points that fill no {'area' if d == 2 else 'volume'}")
+        raise ValueError(f"the {len(points)} points have no {'area' if d == 2 else 'volume'}")
     triangulation = Delaunay(points)
     kept = _circumradius(points[triangulation.simplices]) <= radius
     return AlphaShape(points, triangulation, kept, radius)
 
 
 def covering_radius(points: FloatArray, others: FloatArray) -> float:
-    """Radius of the largest ball about any of ``others`` (M, d) that holds none of the points (N, d), m."""
+    """Return the radius of the largest ball around any of ``others`` (M, d) without any of the points (N, d), m."""
     return float(np.max(cKDTree(points).query(others)[0]))
 
 
 def enclosed(corners: FloatArray) -> FloatArray:
-    """Area or volume within a closed, turned boundary.
+    """Return the area or volume within a closed, oriented boundary, by the divergence theorem.
 
     Parameters
     ----------
     corners : (..., F, d, d) array
-        Facets, their corners, the coordinates.
+        Coordinates of the corners of all facets.
 
     Returns
     -------
     (...) array
-        Divergence theorem: ⅟d! of the sum of the determinants of the facets' corners.
+        Sum of the determinants of the facets' corners, divided by d!.
     """
     d = corners.shape[-1]
     sign = 1.0 if d == 2 else -1.0  # the apex comes last, behind d - 1 swaps
@@ -115,7 +115,7 @@ def _signed(corners: FloatArray) -> FloatArray:
 
 
 def _circumradius(corners: FloatArray) -> FloatArray:
-    """Radius (K,) of the ball through the corners (K, d + 1, d); infinite for a flat simplex."""
+    """Radius (K,) of the ball through the corners (K, d + 1, d); infinite for a degenerate simplex."""
     edges = corners[:, 1:] - corners[:, :1]
     square = np.sum(edges**2, axis=-1)
     volume = np.abs(np.linalg.det(edges))

@@ -1,9 +1,8 @@
-"""The softest spring that lets a person hold every angle of an interval (thesis 9.6).
+"""The softest spring with which a person can hold every angle of an interval (thesis 9.6).
 
-Whether a rest angle exists for a stiffness k is three inequalities, each of a largest or smallest of functions that are
-linear in k: max w - min w ≤ span, max w - τ_high ≤ k θ_most and min w - τ_low ≥ k θ_least for w = g + kθ. They are
-convex in k, so the stiffnesses that will do are an interval, and its lower end is found by bisection, with nothing
-missed.
+A rest angle exists for a stiffness k if w = g + kθ meets three inequalities: max w - min w ≤ span, max w - τ_high ≤ k
+θ_most and min w - τ_low ≥ k θ_least. Each involves a maximum or minimum of functions that are linear in k, and is
+convex in k. The suitable stiffnesses therefore form an interval, and bisection finds its lower end globally.
 """
 
 from __future__ import annotations
@@ -22,19 +21,19 @@ _STEPS = 200
 def least_spring(
     joint: OneJoint, interval: tuple[float, float], rest: tuple[float, float], stiffest: float | None = None
 ) -> tuple[float, float] | None:
-    """Stiffness, N·m/rad, and rest angle, rad, of the softest spring.
+    """Find the stiffness, N·m/rad, and the rest angle, rad, of the softest spring.
 
-    (0, NaN) where none is needed, None where none will do.
+    The result is (0, NaN) if no spring is needed, and None if no spring is sufficient.
 
     Parameters
     ----------
     joint : OneJoint
     interval : (low, high)
-        Angles that are to be held, rad; a point where both are the same.
+        Angles to hold, rad; both may be equal.
     rest : (low, high)
         Allowed rest angles, rad.
     stiffest : float, optional
-        N·m/rad; by default twenty times what gravity asks.
+        Largest stiffness, N·m/rad; by default twenty times the largest moment of gravity per radian.
     """
     grid = np.linspace(*interval, _GRID) if interval[1] > interval[0] else np.array([interval[0]])
     gravity = joint.gravity(grid)
@@ -58,7 +57,7 @@ def least_spring(
 
 
 def _lowest(excess: Callable[[float], float], low: float, high: float) -> float:
-    """Where a convex function is lowest, or the first point seen where it is at most 0, by thirds."""
+    """Minimum of a convex function by ternary search, or the first point found where it is at most 0."""
     for _ in range(_STEPS):
         one, other = low + (high - low) / 3, high - (high - low) / 3
         here, there = excess(one), excess(other)

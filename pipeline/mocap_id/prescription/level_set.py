@@ -1,4 +1,4 @@
-"""What a joint with a spring can reach in a given time: level sets (thesis 7.4.2, eq. 7.12 to 7.20, corrected)."""
+"""States that a joint with a spring reaches in a given time, by level sets (thesis 7.4.2, eq. 7.12-7.20, corrected)."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.upwind import Method, Motion, march
+from mocap_id.prescription.upwind import MarchOptions, StateRates, march
 
 CFL = 0.8
-"""Share of the largest stable step."""
+"""Time step as a fraction of the largest stable one."""
 _PAD = 2
-_CAP = 3.0  # radii of the first set: nothing is computed farther from what was reached
+_CAP = 3.0  # χ is not computed further than this from the set, in radii of the initial set
 
 
 @dataclass(frozen=True)
-class Dynamics:
-    """A joint that swings, with a spring (eq. 7.17).
+class JointDynamics:
+    """Dynamics of a joint with a spring (eq. 7.17).
 
     Parameters
     ----------
     joint : OneJoint
     inertia : float
-        About the joint, arm and device, kg·m²: I_T.
+        I_T of arm and device about the joint, kg·m².
     stiffness, rest : float
         N·m/rad, rad.
     damping : float
@@ -34,7 +34,7 @@ class Dynamics:
     Raises
     ------
     ValueError
-        The inertia is not positive, or stiffness or damping are negative.
+        The inertia is not positive, or the stiffness or damping is negative.
     """
 
     joint: OneJoint
@@ -51,12 +51,12 @@ class Dynamics:
                 raise ValueError(f"the {name} is negative: {value:g}")
 
     def drift(self, angle: FloatArray, velocity: FloatArray) -> FloatArray:
-        """Acceleration without the person's torque, rad/s²."""
+        """Return the acceleration without the person's torque, rad/s²."""
         torque = self.joint.torque(angle, self.stiffness, self.rest) + self.damping * velocity
         return np.asarray(-torque / self.inertia)
 
     def equilibrium(self) -> float | None:
-        """Where the joint rests by itself, rad: stable, and nearest to the middle of the limits; None without one."""
+        """Return the stable equilibrium nearest to the middle of the limits, rad; None if there is none."""
         grid = np.linspace(self.joint.lower, self.joint.upper, 2001)
         value = self.joint.torque(grid, self.stiffness, self.rest)
         stable = np.flatnonzero((value[:-1] <= 0) & (value[1:] > 0))
@@ -67,9 +67,9 @@ class Dynamics:
         return float(root[np.abs(root - middle).argmin()])
 
     def fastest(self) -> float:
-        """A speed, rad/s, that nothing reaches from rest at the equilibrium.
+        """Return an upper bound of the speed from rest at the equilibrium, rad/s.
 
-        All torque along all angles, there and back, and the deepest fall of the potential have gone into it.
+        It is that of the full torque over the whole range, back and forth, plus the largest decrease of the potential.
         """
         grid = np.linspace(self.joint.lower, self.joint.upper, 721)
         force = self.joint.torque(grid, self.stiffness, self.rest)
@@ -83,20 +83,20 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Scheme:
-    """How the equation is solved.
+    """Numerical scheme of the level-set equation.
 
     Parameters
     ----------
     angles, velocities : int
-        Nodes of the grid; velocities are made odd, so that rest is on it.
+        Number of grid nodes. The number of velocities is made odd, so that zero is one of them.
     second_order : bool
-        In space and time.
+        Use second order in space and time.
     friedrichs : bool
-        Lax–Friedrichs rather than Godunov's upwind Hamiltonian.
+        Use the Lax–Friedrichs Hamiltonian instead of Godunov's upwind one.
     grows_only : bool
-        What was reached stays reached (within the time rather than at it).
+        Compute the states reached within the time, instead of those reached exactly at the time.
     radius : float
-        Of the set that it starts from, in nodes.
+        Radius of the initial set, in nodes.
     """
 
     angles: int = 121
@@ -108,60 +108,62 @@ class Scheme:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """States: angles (N,), rad, and velocities (M,), rad/s, evenly spaced."""
+class StateGrid:
+    """Grid of states: evenly spaced angles (N,), rad, and velocities (M,), rad/s."""
 
     angle: FloatArray
     velocity: FloatArray
 
     @property
     def steps(self) -> FloatArray:
-        """(2,): rad and rad/s."""
+        """Steps (2,) of the grid, rad and rad/s."""
         return np.array([self.angle[1] - self.angle[0], self.velocity[1] - self.velocity[0]])
 
 
 @dataclass(frozen=True)
-class Reached:
-    """The reachable set at some times.
+class ReachableSet:
+    """Reachable sets at some times.
 
     Parameters
     ----------
-    grid : Grid
+    grid : StateGrid
     times : tuple of float
         s.
     values : (len(times), N, M) array
-        χ; reached where it is 0 or less.
+        Level-set function χ; a state is reached where χ ≤ 0.
     arrival : (N, M) array
-        s; infinite where a state was not reached.
+        Time at which each state is first reached, s; infinite if it is not.
     """
 
-    grid: Grid
+    grid: StateGrid
     times: tuple[float, ...]
     values: FloatArray
     arrival: FloatArray
 
 
-def grid_for(dynamics: Dynamics, scheme: Scheme, horizon: float) -> Grid:
-    """All angles of the joint and all velocities that can come about within a time, s."""
+def grid_for(dynamics: JointDynamics, scheme: Scheme, horizon: float) -> StateGrid:
+    """Return a grid of all angles of the joint and all velocities that are possible within a time, s."""
     joint = dynamics.joint
     angle = np.linspace(joint.lower, joint.upper, scheme.angles)
     widest = np.abs(dynamics.drift(angle, np.zeros_like(angle))).max()
     strength = max(abs(joint.torque_low), abs(joint.torque_high)) / dynamics.inertia
     top = 1.05 * min(dynamics.fastest(), (widest + strength) * horizon)
-    return Grid(angle, np.linspace(-top, top, scheme.velocities | 1))
+    return StateGrid(angle, np.linspace(-top, top, scheme.velocities | 1))
 
 
-def reach(dynamics: Dynamics, times: Sequence[float], scheme: Scheme = Scheme(), start: float | None = None) -> Reached:
-    """The states that can be reached from rest near an angle, within the joint's limits.
+def compute_reachable_set(
+    dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme(), start: float | None = None
+) -> ReachableSet:
+    """Compute the states that can be reached from rest near an angle, within the joint's limits.
 
     Parameters
     ----------
-    dynamics : Dynamics
+    dynamics : JointDynamics
     times : sequence of float
-        At which the set is kept, s, ascending.
+        Times at which the set is returned, ascending, s.
     scheme : Scheme
     start : float, optional
-        rad; by default the equilibrium.
+        Initial angle, rad; by default the equilibrium.
 
     Raises
     ------
@@ -176,19 +178,19 @@ def reach(dynamics: Dynamics, times: Sequence[float], scheme: Scheme = Scheme(),
     around = np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1])
     edge = np.maximum(dynamics.joint.lower - grid.angle, grid.angle - dynamics.joint.upper)
     barrier = np.broadcast_to((edge / size[0])[:, None], around.shape)
-    return solve(dynamics, grid, around - 1.0, barrier, times, scheme, _CAP)
+    return solve_level_set(dynamics, grid, around - 1.0, barrier, times, scheme, _CAP)
 
 
-def solve(  # noqa: PLR0917
-    dynamics: Dynamics,
-    grid: Grid,
+def solve_level_set(  # noqa: PLR0917
+    dynamics: JointDynamics,
+    grid: StateGrid,
     first: FloatArray,
     barrier: FloatArray,
     times: Sequence[float],
     scheme: Scheme,
     cap: float = np.inf,
-) -> Reached:
-    """Advance χ from its first values (N, M) to each of the times; never below the barrier (N, M), nor above the cap.
+) -> ReachableSet:
+    """Advance χ from its first values (N, M) to each of the times, between the barrier (N, M) and the cap.
 
     Raises
     ------
@@ -201,19 +203,21 @@ def solve(  # noqa: PLR0917
     drift = dynamics.drift(grid.angle[:, None], grid.velocity)
     low = np.ascontiguousarray(drift + dynamics.joint.torque_low / dynamics.inertia)
     high = np.ascontiguousarray(drift + dynamics.joint.torque_high / dynamics.inertia)
-    motion = Motion(grid.velocity, low, high, grid.steps, np.minimum(barrier, cap))
-    method = Method(CFL, cap, scheme.second_order, scheme.friedrichs, scheme.grows_only)
+    motion = StateRates(grid.velocity, low, high, grid.steps, np.minimum(barrier, cap))
+    method = MarchOptions(CFL, cap, scheme.second_order, scheme.friedrichs, scheme.grows_only)
     padded = np.pad(np.minimum(np.maximum(first, barrier), cap), _PAD)
     arrival = np.where(padded[_PAD:-_PAD, _PAD:-_PAD] <= 0, 0.0, np.inf)
     values = []
     for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         march(padded, arrival, motion, method, begin, end)
         values.append(padded[_PAD:-_PAD, _PAD:-_PAD].copy())
-    return Reached(grid, tuple(times), np.stack(values), arrival)
+    return ReachableSet(grid, tuple(times), np.stack(values), arrival)
 
 
-def reached_and_held(dynamics: Dynamics, reached: Reached, index: int = -1) -> list[tuple[float, float]]:
-    """Intervals of angles, rad, that are reached at rest by a time and, by eq. 7.8, can be held (table 7.2)."""
+def reached_holdable_angles(
+    dynamics: JointDynamics, reached: ReachableSet, index: int = -1
+) -> list[tuple[float, float]]:
+    """Return the intervals of angles, rad, that are reached at rest and can be held by eq. 7.8 (table 7.2)."""
     grid, joint = reached.grid, dynamics.joint
     row = reached.values[index][:, len(grid.velocity) // 2]
     return sorted(
@@ -225,7 +229,7 @@ def reached_and_held(dynamics: Dynamics, reached: Reached, index: int = -1) -> l
 
 
 def _negative_runs(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
-    """Intervals in which the curve through the points is 0 or less."""
+    """Intervals in which the piecewise linear curve through the points is 0 or less."""
     below = np.concatenate([[False], y <= 0, [False]])
     starts, ends = np.flatnonzero(~below[:-1] & below[1:]), np.flatnonzero(below[:-1] & ~below[1:]) - 1
 

@@ -1,7 +1,7 @@
-"""One joint that gravity pulls and a spring helps: what can be held still (eq. 7.8), and how far it moves.
+"""One joint under gravity with a spring, and the angles that a person can hold (eq. 7.8).
 
-The torque that holds the joint still is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ; for an arm that hangs
-down at θ = 0, a = mgl and b = 0. What a person can hold is where τ_H is within their limits.
+The torque that holds the joint still is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ. For an arm that hangs
+down at θ = 0, a = mgl and b = 0. A person can hold the angles at which τ_H is within the limits of the torque.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-_SLACK = 1e-8  # of the torque's size: a limit that is touched is not crossed
+_SLACK = 1e-8  # of the torque's size: tolerance of the limits
 
 
 @dataclass(frozen=True)
 class OneJoint:
-    """A joint, its limits and the person's.
+    """A joint under gravity, with limits of its angle and of the person's torque.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ class OneJoint:
     lower, upper : float
         Limits of the angle, rad.
     torque_low, torque_high : float
-        What the person can do, N·m; negative is extension.
+        Limits of the person's torque, N·m; extension is negative.
 
     Raises
     ------
     ValueError
-        The limits are crossed, or nothing is there to be held.
+        A lower limit is not below the upper one, or the moment of gravity is zero.
     """
 
     sine: float
@@ -54,7 +54,7 @@ class OneJoint:
                 f"the limits of the torque are crossed: {self.torque_low:g} N·m is not below {self.torque_high:g} N·m"
             )
         if not 0 < self.weight < np.inf:
-            raise ValueError("there is nothing to hold: mass and lever give no moment of gravity")
+            raise ValueError("mass and lever give no moment of gravity; expected one that is finite and above zero")
 
     @property
     def weight(self) -> float:
@@ -62,17 +62,17 @@ class OneJoint:
         return float(np.hypot(self.sine, self.cosine))
 
     def gravity(self, angle: FloatArray) -> FloatArray:
-        """g(θ), N·m."""
+        """Return the moment of gravity g(θ), N·m."""
         return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
 
     def torque(self, angle: FloatArray, stiffness: float, rest: float) -> FloatArray:
-        """What holds the joint still, N·m (eq. 7.8)."""
+        """Return the torque that holds the joint still, N·m (eq. 7.8)."""
         return self.gravity(angle) + stiffness * (np.asarray(angle) - rest)
 
     def turning_points(self, stiffness: float) -> FloatArray:
-        """Angles within the limits where the torque has an extremum, rad (eq. 7.9, corrected).
+        """Return the angles within the limits at which the torque has an extremum, rad (eq. 7.9, corrected).
 
-        With a sin θ + b cos θ = mgl sin(θ + φ) they are where cos(θ + φ) = -k/mgl: none for k > mgl.
+        With a sin θ + b cos θ = mgl sin(θ + φ), there cos(θ + φ) = -k/mgl; for k > mgl there are none.
         """
         share = -stiffness / self.weight
         if share < -1:
@@ -86,7 +86,7 @@ class OneJoint:
         return np.unique(found)
 
     def held(self, stiffness: float, rest: float) -> list[tuple[float, float]]:
-        """Intervals of angles, rad, that a person with this spring can hold, from below."""
+        """Return the intervals of angles that a person with this spring can hold, in ascending order, rad."""
         slack = _SLACK * (self.torque_high - self.torque_low + self.weight)
         knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)]))
         found: list[tuple[float, float]] = []
@@ -101,13 +101,13 @@ class OneJoint:
         return found
 
     def widest(self, stiffness: float, rest: float) -> tuple[float, float] | None:
-        """The widest of :meth:`held`; None where nothing is held."""
+        """Return the widest interval of :meth:`held`; None if there is none."""
         return max(self.held(stiffness, rest), key=lambda part: part[1] - part[0], default=None)
 
     def _part(
         self, start: float, end: float, stiffness: float, rest: float, slack: float
     ) -> tuple[float, float] | None:
-        """What is held of a stretch on which the torque is monotone."""
+        """Part of an interval with monotone torque that can be held."""
         at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
         low, high = self.torque_low - slack, self.torque_high + slack
         if max(at_start, at_end) < low or min(at_start, at_end) > high:
@@ -121,7 +121,7 @@ class OneJoint:
         return enter(start, end, at_start), enter(end, start, at_end)
 
     def _crossing(self, here: float, there: float, level: float, stiffness: float, rest: float) -> float:
-        """Where the torque passes a level between two angles, by bisection to rounding."""
+        """Angle between two angles at which the torque crosses a level, by bisection to rounding."""
         sign = self.torque(np.array(here), stiffness, rest) > level
         for _ in range(60):
             middle = 0.5 * (here + there)

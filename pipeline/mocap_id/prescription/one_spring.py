@@ -1,12 +1,12 @@
-"""The spring that lets a person hold most of a joint's range still (eq. 7.10, 7.11), found globally.
+"""Global search for the spring with which a person can hold the largest range of a joint (eq. 7.10, 7.11).
 
-With w(θ) = g(θ) + kθ the held angles are where w - kθ₀ is within the torque's limits. A stretch can be held for some
-rest angle when w varies in it by no more than the limits are apart, and lies where an allowed rest angle can bring it:
-for one stiffness the widest such stretch is found in one pass over a grid of angles
-(:mod:`mocap_id.prescription.windows`), and no rest angle is missed. Over the stiffness the search is branch and bound:
-within h of a stiffness the torques differ by h times a length that is known, so limits widened by as much bound what
-any stiffness there can do. The best one is polished with its turning points (eq. 7.9) by sequential quadratic
-programming, and what is reported is held exactly.
+With w(θ) = g(θ) + kθ, an angle can be held if w - kθ₀ is within the limits of the torque. An interval can be held with
+some rest angle if w varies in it by at most the distance of the limits, and if an allowed rest angle shifts it between
+them. For one stiffness, a single pass over a grid of angles finds the widest such interval
+(:mod:`mocap_id.prescription.torque_windows`) for all rest angles. The stiffness is searched by branch and bound: if it
+changes by up to h, the torques change by at most h times a known angle, so limits widened by this bound the result of
+all these stiffnesses. Sequential quadratic programming refines the best spring with its turning points (eq. 7.9). The
+reported range can be held exactly.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.polishing import polished
-from mocap_id.prescription.windows import widest_by_stiffness
+from mocap_id.prescription.refinement import refine_spring
+from mocap_id.prescription.torque_windows import widest_by_stiffness
 
 REST = (-2 * np.pi, 2 * np.pi)
-"""Rest angles that are allowed, rad (eq. 7.10)."""
+"""Allowed rest angles, rad (eq. 7.10)."""
 PENALTY = 1e-4
-"""δ of eq. 7.10: radians of range that a stiffness of mgl per radian must bring."""
-_HELPS = np.radians(0.5)  # less than that is no help
+"""δ of eq. 7.10: gain of range that justifies a stiffness of mgl per radian, rad."""
+_HELPS = np.radians(0.5)  # a smaller gain of range is no help
 _TOLERANCE = np.radians(0.2)
 _COARSE, _FINE, _LEVELS, _POLISHED_FROM = 512, 4096, 16, 3
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """What a spring is to do.
+class SpringRequirements:
+    """Requirements for a spring.
 
     Parameters
     ----------
     required : tuple of float
         Angles that must be within the range, rad (eq. 7.11).
     rest : (low, high)
-        Rest angles that are allowed, rad.
+        Allowed rest angles, rad.
     stiffest : float, optional
-        Largest stiffness, N·m/rad; by default only what could not bring anything is left out; 0 for no spring.
+        Largest stiffness, N·m/rad; 0 for no spring. By default all stiffnesses that could help are allowed.
     penalty : float
-        δ: of the stiffness over mgl, rad.
+        δ, the penalty per stiffness over mgl, rad.
     """
 
     required: tuple[float, ...] = ()
@@ -53,22 +53,22 @@ class Wishes:
 
 @dataclass(frozen=True)
 class Prescription:
-    """A spring for one joint.
+    """A spring prescribed for one joint.
 
     Parameters
     ----------
     stiffness : float
-        N·m/rad; 0 for none.
+        N·m/rad; 0 for no spring.
     rest : float
         θ₀, rad; NaN for no spring.
     range : (low, high)
-        What can be held with it, rad.
+        Range that can be held with the spring, rad.
     without : (low, high) or None
-        The widest range that can be held without, rad.
+        The widest range that can be held without it, rad.
     gap : float
-        By how much, at most, another spring's range less penalty could exceed this one's, rad.
+        Upper bound of the gain in range minus penalty by any other spring, rad.
     helps : bool
-        Whether it is worth anything.
+        Whether the spring gives a relevant gain.
     """
 
     stiffness: float
@@ -88,8 +88,8 @@ class _Spring:
     width: float
 
 
-def prescribe(joint: OneJoint, wishes: Wishes = Wishes()) -> Prescription:
-    """The best spring of one joint.
+def prescribe_spring(joint: OneJoint, wishes: SpringRequirements = SpringRequirements()) -> Prescription:
+    """Find the best spring for one joint.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def prescribe(joint: OneJoint, wishes: Wishes = Wishes()) -> Prescription:
 def _containing(
     joint: OneJoint, stiffness: float, rest: float, required: tuple[float, ...]
 ) -> tuple[float, float] | None:
-    """The widest held interval that holds every required angle."""
+    """The widest interval that can be held and contains every required angle."""
     tolerance = 1e-6
     fitting = [
         part
@@ -128,8 +128,8 @@ def _containing(
     return max(fitting, key=lambda part: part[1] - part[0], default=None)
 
 
-def _search(joint: OneJoint, wishes: Wishes, none: float) -> tuple[_Spring | None, float]:
-    """The best spring, and a bound on range less penalty over all springs, rad; ``none`` is what no spring is worth."""
+def _search(joint: OneJoint, wishes: SpringRequirements, none: float) -> tuple[_Spring | None, float]:
+    """The best spring, and an upper bound of range minus penalty, rad; ``none`` is the range without a spring."""
     half = 0.5 * _stiffest(joint, wishes, none)
     centres, best, worth, bound = np.array([half]), None, none, np.inf
     limits, rests = np.array([joint.torque_low, joint.torque_high]), np.array(wishes.rest)
@@ -158,10 +158,10 @@ def _search(joint: OneJoint, wishes: Wishes, none: float) -> tuple[_Spring | Non
     return best, bound
 
 
-def _stiffest(joint: OneJoint, wishes: Wishes, none: float) -> float:
-    """A stiffness beyond which no range is wider than without a spring, or than one degree.
+def _stiffest(joint: OneJoint, wishes: SpringRequirements, none: float) -> float:
+    """A stiffness beyond which no range is wider than without a spring, or than five degrees.
 
-    Over a range R a spring alone changes the torque by kR, gravity takes back 2mgl at the most.
+    Over a range R, a spring changes the torque by kR, and gravity compensates 2mgl of this at most.
     """
     if wishes.stiffest is not None:
         return wishes.stiffest
@@ -169,8 +169,8 @@ def _stiffest(joint: OneJoint, wishes: Wishes, none: float) -> float:
     return float((joint.torque_high - joint.torque_low + 2 * joint.weight) / least)
 
 
-def _grid(joint: OneJoint, wishes: Wishes, size: int) -> tuple[FloatArray, int, int]:
-    """Angles (M,), and the first and last of them that lie between required ones."""
+def _grid(joint: OneJoint, wishes: SpringRequirements, size: int) -> tuple[FloatArray, int, int]:
+    """Angles (M,), and the indices of the first and the last between the required angles."""
     grid = np.linspace(joint.lower, joint.upper, size)
     if not wishes.required:
         return grid, 1, 0
@@ -179,19 +179,19 @@ def _grid(joint: OneJoint, wishes: Wishes, size: int) -> tuple[FloatArray, int, 
     return (grid, int(inner[0]), int(inner[-1])) if len(inner) else (grid, nearest, nearest)
 
 
-def _rest(joint: OneJoint, wishes: Wishes, stiffness: float, low: float, high: float) -> float:
-    """A rest angle that brings sums between low and high within the torque's limits, as far from both as can be."""
+def _rest(joint: OneJoint, wishes: SpringRequirements, stiffness: float, low: float, high: float) -> float:
+    """Rest angle that shifts torques between low and high into the middle of the limits, as far as it is allowed."""
     middle = 0.5 * ((high - joint.torque_high) + (low - joint.torque_low)) / stiffness
     return float(np.clip(middle, *wishes.rest))
 
 
-def _polished(joint: OneJoint, wishes: Wishes, stiffness: float, rest: float) -> _Spring | None:
-    """The better of a sample and of what polishing makes of it; None where the sample holds nothing."""
+def _polished(joint: OneJoint, wishes: SpringRequirements, stiffness: float, rest: float) -> _Spring | None:
+    """The better of a spring and its refinement; None if the spring holds nothing."""
     start = _containing(joint, stiffness, rest, wishes.required)
     if start is None:
         return None
     most = np.inf if wishes.stiffest is None else wishes.stiffest
-    other = polished(joint, (*start, stiffness, rest), wishes.required, wishes.rest, most, wishes.penalty)
+    other = refine_spring(joint, (*start, stiffness, rest), wishes.required, wishes.rest, most, wishes.penalty)
     part = _containing(joint, *other, wishes.required)
     springs = [_Spring(stiffness, rest, start[1] - start[0])]
     if part is not None:
@@ -199,6 +199,6 @@ def _polished(joint: OneJoint, wishes: Wishes, stiffness: float, rest: float) ->
     return max(springs, key=lambda spring: _worth(joint, wishes, spring))
 
 
-def _worth(joint: OneJoint, wishes: Wishes, spring: _Spring) -> float:
-    """Range less penalty, rad."""
+def _worth(joint: OneJoint, wishes: SpringRequirements, spring: _Spring) -> float:
+    """Range minus penalty, rad."""
     return spring.width - wishes.penalty * spring.stiffness / joint.weight

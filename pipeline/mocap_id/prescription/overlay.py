@@ -1,4 +1,4 @@
-"""Two workspaces over each other: what was gained and what was lost between two sessions (7.2.4)."""
+"""Overlay of two workspaces: the gain and the loss between two sessions (7.2.4)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _POINTS = 1 << 16
 
 @dataclass(frozen=True)
 class Overlay:
-    """What two workspaces share, and what only one of them holds.
+    """Intersection and differences of two workspaces.
 
     Parameters
     ----------
     gained, lost, kept : float
-        Measure, m² or m³, of what only the later one holds, only the earlier one, and both.
+        Area or volume that is only in the later workspace, only in the earlier one, and in both, m² or m³.
     sd : float
-        Of each of them, from the points that they were counted with.
+        Standard deviation of each of these from the number of points counted.
     points : (M, d) array
-        In either workspace, m, in the earlier one's frame.
+        Points in any of the workspaces, in the frame of the earlier one, m.
     before, after : (M,) bool arrays
-        Whether a point is in the earlier, in the later workspace.
+        Whether a point is in the earlier or in the later workspace.
     """
 
     gained: float
@@ -38,16 +38,16 @@ class Overlay:
     after: BoolArray
 
 
-def overlay(before: AlphaShape, after: AlphaShape, shift: FloatArray, seed: int = 0) -> Overlay:
+def overlay_workspaces(before: AlphaShape, after: AlphaShape, shift: FloatArray, seed: int = 0) -> Overlay:
     """Compare two workspaces of the same dimension.
 
     Parameters
     ----------
     before, after : AlphaShape
     shift : (d,) array
-        Added to the later one's coordinates to bring them into the earlier one's frame, m.
+        Translation from the frame of the later workspace to that of the earlier one, m.
     seed : int
-        Of the points, evenly spread over a box about both, that are counted.
+        Seed of the points counted, which are evenly spread over a box around both.
     """
     both = np.concatenate([before.points, after.points + shift])
     low, high = both.min(axis=0), both.max(axis=0)

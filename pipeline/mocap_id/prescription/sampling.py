@@ -1,4 +1,4 @@
-"""Postures that fill a box evenly, and its faces, which is where the edge of the workspace comes from."""
+"""Low-discrepancy samples of a box of postures and of its faces, which map to the edge of the workspace."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from scipy.stats import qmc
 from mocap_id.arrays import FloatArray
 
 ON_FACES = 5
-"""Every such sample lies on a face of the box."""
+"""One sample in this number lies on a face of the box."""
 
 
 def sobol(count: int, dimension: int, seed: int) -> FloatArray:
-    """A scrambled Sobol' sequence, (count, dimension) in [0, 1); the first half is a sequence too.
+    """Return a scrambled Sobol' sequence (count, dimension) in [0, 1); its first half is also such a sequence.
 
     Parameters
     ----------
     count : int
     dimension : int
     seed : int
-        Of the scrambling: another seed gives other points of the same evenness.
+        Seed of the scrambling; another seed gives other, equally even points.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
@@ -30,11 +30,11 @@ def sobol(count: int, dimension: int, seed: int) -> FloatArray:
 
 
 def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto: int) -> FloatArray:
-    """Low-discrepancy samples of a box and its faces.
+    """Return low-discrepancy samples of a box and its faces.
 
-    The edge of the set that a box is mapped onto in ``onto`` dimensions comes from faces of the box of at least
-    ``onto - 1`` dimensions (the map folds within the others). Inner samples pile up at folds by themselves, but
-    hardly ever lie on a face; therefore one in :data:`ON_FACES` does, the same number on each.
+    The box is mapped to ``onto`` dimensions. The edge of the result comes from folds of the map and from faces of the
+    box with at least ``onto - 1`` dimensions. Inner samples accumulate at folds but hardly ever lie on a face.
+    Therefore one in :data:`ON_FACES` samples lies on a face, with the same number on each.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
     count : int
     seed : int
     onto : int
-        Dimension of the space that the samples will be mapped to.
+        Dimension of the space that the samples are mapped to.
 
     Returns
     -------
     (count, n) array
-        In an order such that the first N samples, for any N, are spread in the same way.
+        Ordered so that the first N samples have the same distribution for any N.
     """
     n = len(lower)
     faces = _faces(n, onto - 1)
@@ -56,7 +56,7 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
     on_face = np.arange(count) % ON_FACES == ON_FACES - 1
     unit[~on_face] = sobol(int((~on_face).sum()), n, seed)
     turn = np.flatnonzero(on_face)
-    for k, (joints, sides) in enumerate(faces):  # each its own sequence: a part of one is not evenly spread
+    for k, (joints, sides) in enumerate(faces):  # one sequence each, as a part of a sequence is not evenly spread
         rows = turn[k :: len(faces)]
         unit[rows] = sobol(len(rows), n, seed + 1 + k)
         for joint, side in zip(joints, sides, strict=True):
@@ -65,7 +65,7 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
 
 
 def _faces(n: int, least: int) -> list[tuple[list[int], list[float]]]:
-    """Faces of an n-box of ``least`` to n - 1 dimensions: the joints that are at a limit, and at which (0 or 1)."""
+    """Faces of an n-box with ``least`` to n - 1 dimensions: the joints at a limit, and the limit (0 or 1)."""
     return [
         (list(fixed), [float(side) for side in sides])
         for count in range(1, n - max(least, 0) + 1)

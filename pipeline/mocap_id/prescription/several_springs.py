@@ -1,11 +1,11 @@
-"""The springs that give several joints most of their functional workspace (eq. 7.6, 7.10, 7.11).
+"""Springs that maximise the functional workspace of several joints (eq. 7.6, 7.10, 7.11).
 
-The workspace is counted in cells of the plane: a cell counts when a sampled posture in it can be held with torques
-within the person's limits. Strategy: best-first branch and bound over boxes of stiffnesses and rest angles. For a box,
-each posture's torques lie within intervals (products of intervals are exact at their corners), so the cells that any
-springs of the box could bring are bounded; a box's middle gives springs that are real. The best springs are improved by
-a pattern search now and then. The search ends when no box promises more than the tolerance, or after a number of boxes:
-how much better any springs might be is told as the gap, for these postures.
+The workspace is measured in cells of the plane: a cell counts if a sampled posture in it can be held with torques
+within the person's limits. The search is a best-first branch and bound over boxes of stiffnesses and rest angles. For a
+box, the torques of each posture are within intervals (products of intervals are exact at their corners), which gives an
+upper bound of the cells for all springs of the box. The middle of a box gives a lower bound; if it is the best so far,
+a pattern search improves it. The search ends if no box can improve the result by more than the tolerance, or after a
+number of boxes. The gap is an upper bound of the possible improvement, for these postures.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.prescription.springs import Place, Postures, counted
+from mocap_id.prescription.postures import Postures, SpringPlace, count_cells
 
 BOXES = 20_000
-"""Boxes looked at before the search gives up."""
+"""Number of boxes after which the search ends."""
 PENALTY = 1e-4
-"""δ: share of the cells that the largest allowed stiffness must bring."""
+"""δ: fraction of the cells that justifies the largest allowed stiffness."""
 _TOLERANCE = 0.005  # of the cells
-_HELPS = 0.01  # of the cells: less is no help
-_SLACK = 1e-3  # of the largest allowed stiffness: less is no spring
+_HELPS = 0.01  # of the cells: a smaller gain is no help
+_SLACK = 1e-3  # of the largest allowed stiffness: a softer spring counts as none
 
 
 @dataclass(frozen=True)
 class Springs:
-    """The springs found.
+    """The best springs found.
 
     Parameters
     ----------
     stiffness, rest : (S,) arrays
-        N·m/rad, rad; NaN rest for a spring that is left out.
+        N·m/rad, rad; the rest angle of an unused spring is NaN.
     area, without, reachable : float
-        Of the functional workspace with the springs and without, and of all that the joint limits allow, m².
+        Area of the functional workspace with the springs and without them, and of all that the joint limits allow, m².
     gap : float
-        By how much, at most, the area of other springs could exceed this one, m².
+        Upper bound of the gain in area by any other springs, m².
     boxes : int
-        How many boxes were looked at.
+        Number of boxes evaluated.
     helps : bool
-        Whether the springs are worth anything.
+        Whether the springs give a relevant gain.
     """
 
     stiffness: FloatArray
@@ -57,9 +57,9 @@ class Springs:
 
 
 class _Search:
-    """Cells, bounds and worth of springs (S, 2): stiffness and rest angle."""
+    """Counts and bounds for springs (S, 2), each given by stiffness and rest angle."""
 
-    def __init__(self, postures: Postures, places: Sequence[Place], torque: FloatArray, penalty: float) -> None:
+    def __init__(self, postures: Postures, places: Sequence[SpringPlace], torque: FloatArray, penalty: float) -> None:
         joints = postures.gravity.shape[1]
         self.postures, self.torque, self.penalty = postures, torque, penalty
         across = [[j in place.joints for j in range(joints)] for place in places]
@@ -69,27 +69,27 @@ class _Search:
         self.boxes = 0
 
     def cells(self, low: FloatArray, high: FloatArray) -> int:
-        """What springs between two corners may bring."""
+        """Upper bound of the cells for springs between two corners; -1 if a required point is not held."""
         p = self.postures
-        return counted(p.gravity, p.stretch, p.cell, p.cells, p.required, self.across, self.torque, low, high)
+        return count_cells(p.gravity, p.stretch, p.cell, p.cells, p.required, self.across, self.torque, low, high)
 
     def price(self, springs: FloatArray) -> float:
-        """δ times the stiffnesses, in cells."""
+        """Penalty of the stiffnesses, in cells."""
         return float(self.penalty * self.postures.cells * np.sum(springs[:, 0] / self.high[:, 0]))
 
     def worth(self, springs: FloatArray) -> float:
-        """Cells that springs bring, less their price; -inf where a required point is not held."""
+        """Cells minus penalty of springs; -inf if a required point is not held."""
         count = self.cells(springs, springs)
         return -np.inf if count < 0 else count - self.price(springs)
 
     def promise(self, low: FloatArray, high: FloatArray) -> float:
-        """No springs of the box are worth more."""
+        """Upper bound of the worth of all springs of a box."""
         self.boxes += 1
         count = self.cells(low, high)
         return -np.inf if count < 0 else count - self.price(low)
 
     def halves(self, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """A box cut across the side that leaves the torques most uncertain."""
+        """Halves of a box, cut across the side that contributes most to the uncertainty of the torques."""
         width = high - low
         far = np.maximum(
             np.abs(self.postures.stretch.max(axis=0) - low[:, 1]),
@@ -103,7 +103,7 @@ class _Search:
         return [(low, below), (above, high)]
 
     def improved(self, springs: FloatArray) -> FloatArray:
-        """Pattern search: steps along every side, halved when none is better."""
+        """Improve springs by a pattern search, with steps along every side that are halved if none is better."""
         best, worth = springs.copy(), self.worth(springs)
         step = 0.1 * (self.high - self.low)
         for _ in range(12):
@@ -122,29 +122,29 @@ class _Search:
 
 def prescribe_several(
     postures: Postures,
-    places: Sequence[Place],
+    places: Sequence[SpringPlace],
     torque: FloatArray,
     penalty: float = PENALTY,
     boxes: int = BOXES,
 ) -> Springs:
-    """The best springs for several joints.
+    """Find the best springs for several joints.
 
     Parameters
     ----------
     postures : Postures
-    places : sequence of Place
-        Where springs may be; without any it is told what can be held.
+    places : sequence of SpringPlace
+        The possible springs; if there are none, the result describes the unassisted workspace.
     torque : (n, 2) array
         The person's limits, N·m.
     penalty : float
         δ.
     boxes : int
-        After which the search gives up.
+        Number of boxes after which the search ends.
 
     Raises
     ------
     ValueError
-        No springs hold every required point (or none were found that do).
+        No springs were found that hold every required point.
     """
     search = _Search(postures, places, torque, penalty)
     nothing = np.stack([np.zeros(len(places)), 0.5 * (search.low + search.high)[:, 1]], axis=1)
@@ -152,8 +152,8 @@ def prescribe_several(
     free = _free_cells(search, nothing)
     best, worth, bound = _branch(search, nothing, none, boxes) if places else (nothing, none, none)
     if worth == -np.inf:
-        why = "none were found that do" if bound > -np.inf else "none do"
-        raise ValueError(f"no springs let the person hold every required point: {why}")
+        why = "were found that hold" if bound > -np.inf else "can hold"
+        raise ValueError(f"no springs {why} every required point")
     size, cells = postures.size, postures.cells
     helps = worth > max(none, 0.0) + _HELPS * cells or none == -np.inf
     chosen = _without_slack_ones(search, best) if helps else nothing
@@ -171,22 +171,22 @@ def prescribe_several(
 
 
 def _without_slack_ones(search: _Search, springs: FloatArray) -> FloatArray:
-    """The springs (S, 2) without those that hardly pull, unless these hold something all the same."""
+    """The springs (S, 2) without very soft ones, unless fewer cells are held without them."""
     fewer = springs.copy()
     fewer[springs[:, 0] <= _SLACK * search.high[:, 0], 0] = 0.0
     return fewer if search.cells(fewer, fewer) >= search.cells(springs, springs) else springs
 
 
 def _free_cells(search: _Search, nothing: FloatArray) -> int:
-    """Cells held without springs, whether required points are or not."""
+    """Cells held without springs, even if required points are not."""
     p = search.postures
-    return counted(
+    return count_cells(
         p.gravity, p.stretch, p.cell, p.cells + p.required, 0, search.across, search.torque, nothing, nothing
     )
 
 
 def _branch(search: _Search, start: FloatArray, worth: float, boxes: int) -> tuple[FloatArray, float, float]:
-    """Best springs, their worth, and a bound on that of all."""
+    """Best springs, their worth, and an upper bound of the worth of all springs."""
     best, ticket = start, 0
     queue = [(-search.promise(search.low, search.high), ticket, search.low, search.high)]
     slack = _TOLERANCE * search.postures.cells
@@ -210,8 +210,10 @@ def _branch(search: _Search, start: FloatArray, worth: float, boxes: int) -> tup
     return best, worth, bound
 
 
-def holds(postures: Postures, places: Sequence[Place], torque: FloatArray, springs: Springs) -> BoolArray:
-    """Which postures (N,) can be held with springs that were found."""
+def holdable_postures(
+    postures: Postures, places: Sequence[SpringPlace], torque: FloatArray, springs: Springs
+) -> BoolArray:
+    """Return whether each posture (N,) can be held with the springs."""
     needed = postures.gravity.copy()
     for s, place in enumerate(places):
         if springs.stiffness[s] > 0:

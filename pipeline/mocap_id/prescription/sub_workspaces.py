@@ -1,7 +1,7 @@
-"""Tasks as a graph of sub-workspaces (thesis 9.6): a node is what a spring lets a person hold, an edge an overlap.
+"""Graph of sub-workspaces (thesis 9.6): a node is the set of postures held with one spring, an edge is an overlap.
 
-Where two sub-workspaces overlap a device can change from one setting to the other while the person holds still, with
-the person's own torque either way.
+In the overlap of two sub-workspaces, a device can change its setting while the person holds still, because the person's
+torque is sufficient with both settings.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from mocap_id.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
-class Node:
-    """A sub-workspace.
+class SubWorkspace:
+    """A sub-workspace: the postures that can be held with one setting of the springs.
 
     Parameters
     ----------
     name : str
     tasks : tuple of str
     stiffness, rest : (S,) arrays or None
-        The least assistance, N·m/rad and rad (NaN rest: no spring); None where no spring will do.
+        The least assistance, N·m/rad and rad (a rest angle of NaN: no spring); None if no spring is sufficient.
     held : (N,) bool array
-        Of the sampled postures, which can be held with it.
+        Whether each sampled posture can be held.
     """
 
     name: str
@@ -38,16 +38,16 @@ class Node:
 
 @dataclass(frozen=True)
 class Switch:
-    """An overlap of two sub-workspaces, and where to change.
+    """An overlap of two sub-workspaces, in which the setting can be changed.
 
     Parameters
     ----------
     between : (int, int)
         Indices of the nodes.
     share : float
-        Of the sampled postures, in both.
+        Fraction of the sampled postures that is in both.
     posture : int
-        Index of the one in the overlap's middle.
+        Index of the posture in the middle of the overlap.
     """
 
     between: tuple[int, int]
@@ -57,19 +57,19 @@ class Switch:
 
 @dataclass(frozen=True)
 class Graph:
-    """Nodes, the switches between them, and the ways from node to node.
+    """Graph of sub-workspaces, with the switches between them as edges.
 
     Parameters
     ----------
-    nodes : tuple of Node
+    nodes : tuple of SubWorkspace
     switches : tuple of Switch
     """
 
-    nodes: tuple[Node, ...]
+    nodes: tuple[SubWorkspace, ...]
     switches: tuple[Switch, ...]
 
     def way(self, start: int, end: int) -> tuple[int, ...] | None:
-        """Nodes of the shortest way between two, both included; None where there is none."""
+        """Return the nodes of the shortest path between two nodes, both included; None if there is none."""
         came: dict[int, int] = {start: start}
         queue = deque([start])
         while queue:
@@ -88,14 +88,14 @@ class Graph:
         return None
 
 
-def graph(nodes: Sequence[Node], postures: FloatArray) -> Graph:
-    """The graph of sub-workspaces.
+def build_graph(nodes: Sequence[SubWorkspace], postures: FloatArray) -> Graph:
+    """Build the graph of sub-workspaces.
 
     Parameters
     ----------
-    nodes : sequence of Node
+    nodes : sequence of SubWorkspace
     postures : (N, n) array
-        Those that `held` is about, rad.
+        The sampled postures, rad.
     """
     switches = []
     for a in range(len(nodes)):

@@ -1,10 +1,9 @@
-"""The compiled steps of the level-set equation of a joint (eq. 7.13 to 7.20, corrected).
+"""Compiled time steps of the level-set equation of a joint (eq. 7.13 to 7.20, corrected).
 
-χ_t + max[0, H(x, ∇χ)] = 0 with H = x₂ p₁ + max over the torques of p₂ (drift + torque / I). The set χ ≤ 0 is what was
-reached; it can only grow. Derivatives come from one side (first order, or second order with limited differences, ENO),
-time is stepped by Euler's or Heun's method (both keep the total variation from growing). The numerical Hamiltonian is
-Godunov's, which is exact for a plane front, or the local Lax–Friedrichs one of eq. 7.15 with the whole of H's
-dissipation.
+χ_t + max[0, H(x, ∇χ)] = 0 with H = x₂ p₁ + max over the torques of p₂ (drift + torque / I). The reached set is χ ≤ 0;
+it can only grow. Derivatives are one-sided (first order, or second order with limited differences, ENO). Time steps
+follow Euler's or Heun's method, neither of which increases the total variation. The numerical Hamiltonian is Godunov's,
+which is exact for a plane front, or the local Lax–Friedrichs one of eq. 7.15 with the full dissipation of H.
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.prescription.compiled import compiled
+from mocap_id.compilation import compiled
 
 
-class Motion(NamedTuple):
-    """How a state moves, on a grid of N angles and M velocities."""
+class StateRates(NamedTuple):
+    """Rates of change of the states on a grid of N angles and M velocities."""
 
     velocity: FloatArray  # (M,) rad/s
     slowest: FloatArray  # (N, M) least acceleration, rad/s²
@@ -27,8 +26,8 @@ class Motion(NamedTuple):
     barrier: FloatArray  # (N, M) χ is never less: positive where the joint cannot go
 
 
-class Method(NamedTuple):
-    """How the equation is solved."""
+class MarchOptions(NamedTuple):
+    """Options of the numerical scheme."""
 
     cfl: float  # share of the largest stable step
     cap: float  # largest value of χ
@@ -39,7 +38,7 @@ class Method(NamedTuple):
 
 @compiled
 def fill_edges(padded: FloatArray) -> None:  # pragma: no cover
-    """Continue the padded values (N + 4, M + 4) linearly beyond the grid."""
+    """Extrapolate the padded values (N + 4, M + 4) linearly beyond the grid."""
     rows, columns = padded.shape
     for j in range(2, columns - 2):
         padded[1, j] = 2 * padded[2, j] - padded[3, j]
@@ -55,7 +54,7 @@ def fill_edges(padded: FloatArray) -> None:  # pragma: no cover
 
 @compiled
 def _limited(a: float, b: float) -> float:  # pragma: no cover
-    """The smaller in size of two numbers of one sign, else 0."""
+    """The number of smaller size if both have the same sign, otherwise 0."""
     if a * b <= 0.0:
         return 0.0
     return a if abs(a) < abs(b) else b
@@ -65,7 +64,7 @@ def _limited(a: float, b: float) -> float:  # pragma: no cover
 def _sides(
     before: float, left: float, right: float, after: float, second_order: bool
 ) -> tuple[float, float]:  # pragma: no cover
-    """Derivatives from the left and the right, from four differences in a row."""
+    """Left and right derivatives from four consecutive differences."""
     if not second_order:
         return left, right
     bend = right - left
@@ -76,7 +75,7 @@ def _sides(
 def _friedrichs(
     x2: float, low: float, high: float, p1: tuple[float, float], p2: tuple[float, float]
 ) -> float:  # pragma: no cover
-    """H by eq. 7.15, with the α of eq. 7.20."""
+    """Lax–Friedrichs Hamiltonian (eq. 7.15) with α of eq. 7.20."""
     middle = 0.5 * (p2[0] + p2[1])
     h = 0.5 * x2 * (p1[0] + p1[1]) + (middle * high if middle > 0 else middle * low)
     return h - 0.5 * abs(x2) * (p1[1] - p1[0]) - 0.5 * max(abs(low), abs(high)) * (p2[1] - p2[0])
@@ -86,7 +85,7 @@ def _friedrichs(
 def _godunov(
     x2: float, low: float, high: float, p1: tuple[float, float], p2: tuple[float, float]
 ) -> float:  # pragma: no cover
-    """H of the front that the two sides make: each term from where it comes."""
+    """Godunov's Hamiltonian: each term takes the derivative from its upwind side."""
     h = x2 * p1[0] if x2 > 0 else x2 * p1[1]
     if low > 0:
         return h + (p2[0] * high if p2[0] > 0 else p2[0] * low)
@@ -97,20 +96,20 @@ def _godunov(
 
 @compiled
 def advance(
-    padded: FloatArray, out: FloatArray, motion: Motion, method: Method, dt: float
+    padded: FloatArray, out: FloatArray, motion: StateRates, method: MarchOptions, dt: float
 ) -> float:  # pragma: no cover
-    """One Euler step; the largest rate at which anything crosses a node, 1/s.
+    """Compute one Euler step and return the largest rate at which anything crosses a node, 1/s.
 
-    Where χ and its neighbours are at the cap nothing is computed: no front is near.
+    Nodes where χ and its neighbours are at the cap are skipped, because no front is near.
 
     Parameters
     ----------
     padded : (N + 4, M + 4) array
-        χ with two values beyond every edge.
+        χ with two extra values beyond every edge.
     out : (N + 4, M + 4) array
-        Its inner part is written.
-    motion : Motion
-    method : Method
+        Output; only its inner part is written.
+    motion : StateRates
+    method : MarchOptions
     dt : float
         s.
     """
@@ -140,9 +139,9 @@ def advance(
 
 @compiled
 def _take(  # noqa: PLR0917
-    padded: FloatArray, new: FloatArray, arrival: FloatArray, motion: Motion, time: float, dt: float, heun: bool
+    padded: FloatArray, new: FloatArray, arrival: FloatArray, motion: StateRates, time: float, dt: float, heun: bool
 ) -> None:  # pragma: no cover
-    """Put the new values in place, above the barrier, and note what was reached for the first time."""
+    """Store the new values, at least at the barrier, and the arrival time of states reached for the first time."""
     for i in range(arrival.shape[0]):
         for j in range(arrival.shape[1]):
             before = padded[i + 2, j + 2]
@@ -155,20 +154,20 @@ def _take(  # noqa: PLR0917
 
 @compiled
 def march(  # noqa: PLR0917
-    padded: FloatArray, arrival: FloatArray, motion: Motion, method: Method, start: float, end: float
+    padded: FloatArray, arrival: FloatArray, motion: StateRates, method: MarchOptions, start: float, end: float
 ) -> int:  # pragma: no cover
-    """Advance χ in place from one time to another; the number of steps.
+    """Advance χ in place from one time to another and return the number of steps.
 
-    A step is as long as the front's own rates allow; where what the front comes upon is faster, it is cut.
+    The length of a step follows from the rates near the front; it is reduced if the front meets faster states.
 
     Parameters
     ----------
     padded : (N + 4, M + 4) array
         As for :func:`advance`.
     arrival : (N, M) array
-        When each state was first reached, s; infinite before.
-    motion : Motion
-    method : Method
+        Time at which each state was first reached, s; infinite before.
+    motion : StateRates
+    method : MarchOptions
     start, end : float
         s.
     """

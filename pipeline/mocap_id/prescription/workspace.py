@@ -1,7 +1,7 @@
-"""The reachable workspace: what the tip of a chain can reach within joint limits, and how well that is known (7.2).
+"""Reachable workspace: the points that the tip of a chain can reach within joint limits, with an interval (7.2).
 
-W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the limits, from low-discrepancy samples of Q and an alpha shape of the
-points that they are mapped to.
+W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the limits. It is the alpha shape of the points to which low-discrepancy
+samples of Q are mapped.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.alpha_shape import RADIUS_FACTOR, AlphaShape, alpha_shape, covering_radius, enclosed
-from mocap_id.prescription.limits import Limits
-from mocap_id.prescription.reach import Arm
+from mocap_id.prescription.arms import Arm
+from mocap_id.prescription.joint_limits import JointLimits
 from mocap_id.prescription.sampling import sample_box, sobol
 
 SAMPLES = 10_000
-"""Postures, as in the thesis."""
-_PARTS = (8, 4, 2, 1)  # of the samples, to show the convergence
-_LEAST = 64  # samples from which there is a shape to speak of
+"""Default number of postures, as in the thesis."""
+_PARTS = (8, 4, 2, 1)  # divisors of the number of samples, to show the convergence
+_LEAST = 64  # least number of samples for a useful shape
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,20 @@ class Workspace:
     Parameters
     ----------
     shape : AlphaShape
-        Of the points reached, m.
+        Shape of the points reached, m.
     postures : (N, n) array
-        Those that reach them, rad.
+        The postures that reach them, rad.
     measure : float
         Area, m², or volume, m³.
     interval : (low, high)
-        Of the measure, 95 %.
+        95 % interval of the measure.
     sd : float
-        From limits and dimensions.
+        Standard deviation of the measure from those of limits and dimensions.
     discretisation : float
-        Largest difference of the measure from those with a half, a quarter and an eighth of the samples. Where a half
-        leaves 1.6 times the error (a curved surface in space), this is three times what remains.
+        Largest difference to the measures from a half, a quarter and an eighth of the samples. If half of the samples
+        have 1.6 times the error (a curved surface in space), this is three times the remaining error.
     convergence : tuple of (samples, radius, measure)
-        With a part of the samples, the last with all of them.
+        For an eighth, a quarter, a half and all of the samples.
     """
 
     shape: AlphaShape
@@ -54,33 +54,34 @@ class Workspace:
     convergence: tuple[tuple[int, float, float], ...]
 
 
-def reachable(arm: Arm, limits: Limits, samples: int = SAMPLES, seed: int = 0) -> Workspace:
-    """The reachable workspace of an arm within joint limits.
+def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, seed: int = 0) -> Workspace:
+    """Compute the reachable workspace of an arm within joint limits.
 
     The radius of the alpha shape is :data:`~mocap_id.prescription.alpha_shape.RADIUS_FACTOR` times the largest distance
-    from the tip in any of as many other postures to the nearest sample.
+    between the tip in an equal number of other postures and the nearest sample.
 
-    The interval is 1.96 standard deviations from limits and dimensions (each moved by its own, in turn, while the edge
-    of the shape keeps its topology), widened on either side by the discretisation.
+    The interval is 1.96 standard deviations, widened on both sides by the discretisation. The standard deviation is
+    computed by displacing each limit and dimension in turn by its own, with the topology of the shape's edge kept.
 
     Parameters
     ----------
     arm : Arm
-    limits : Limits
+    limits : JointLimits
     samples : int
         Number of postures, at least 512.
     seed : int
-        Of the samples.
+        Seed of the samples.
 
     Raises
     ------
     ValueError
-        Too few samples, as many limits as joints are not given, or the tip fills no area (volume).
+        There are too few samples, the number of limits is not that of the joints, or the tip's points have no area
+        (volume).
     """
     if samples < _LEAST * max(_PARTS):
         raise ValueError(f"{samples} samples are too few to show convergence; expected at least {_LEAST * max(_PARTS)}")
     if limits.dimension != arm.joints:
-        raise ValueError(f"there are limits for {limits.dimension} joints, and the chain has {arm.joints}")
+        raise ValueError(f"there are limits for {limits.dimension} joints, but the chain has {arm.joints}")
     postures = sample_box(limits.lower, limits.upper, samples, seed, arm.dimension)
     points = arm.tips(postures)
     others = arm.tips(limits.lower + sobol(samples, arm.joints, seed + 1000) * (limits.upper - limits.lower))
@@ -106,7 +107,7 @@ def _shape(points: FloatArray, others: FloatArray) -> AlphaShape:
     return alpha_shape(points, RADIUS_FACTOR * covering_radius(points, others))
 
 
-def _deviation(arm: Arm, limits: Limits, postures: FloatArray, shape: AlphaShape) -> float:
+def _deviation(arm: Arm, limits: JointLimits, postures: FloatArray, shape: AlphaShape) -> float:
     """Standard deviation of the measure from those of limits and dimensions."""
     facets = shape.boundary()
     used, corner = np.unique(facets, return_inverse=True)

@@ -1,1 +1,1 @@
-"""What is specific to a movement: names, repetitions, the chair, the body to compare with (ch. 5, 6)."""
+"""Analysis specific to a movement: segment names, repetitions, chair contact, reference body (thesis ch. 5, 6)."""

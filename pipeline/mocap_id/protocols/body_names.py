@@ -1,4 +1,4 @@
-"""What the segments and joints of a movement are called, base first."""
+"""Names of the segments and joints of a movement."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _SIT_TO_STAND = {
 }
 
 LONGEST = {"sit-to-stand": 5, "robot-joint": 2, "free": 8}
-"""Largest number of segments with the base that a protocol's movement has: arms are branches, not links."""
+"""Maximum number of segments for each protocol, including the base; arms are branches, not links of the chain."""
 
 
 def body_names(
     protocol: Literal["free", "sit-to-stand", "robot-joint"], count: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of ``count`` segments, base first, and of the ``count - 1`` joints between them.
+    """Return names for ``count`` segments, base first, and for the ``count - 1`` joints between them.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Times of the five-times-sit-to-stand test, by both common stop rules, for whatever number of repetitions there is."""
+"""Times of the five-times-sit-to-stand test by both common stop rules."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ import numpy as np
 
 from mocap_id.protocols.posture import STANDING
 from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise import Rise
+from mocap_id.protocols.rise_details import RiseDetails
 
-ASKED = 5
+REQUIRED_RISES = 5
 
 
 @dataclass(frozen=True)
 class FiveTimes:
-    """The test's times, s; None where one cannot be told, and ``why``.
+    """Times of the test, s; None if unknown.
 
     Parameters
     ----------
     repetitions : int
-        Rises that come to standing.
+        Number of rises that reach standing.
     to_fifth_stand, to_fifth_seat_contact, to_fifth_seated : float or None
-        From the start of the first rise until the fifth stand; until the chair is touched after it; until the person
-        sits at rest after it. A stopwatch runs from the command, and so adds the reaction time.
+        Time from the start of the first rise to the fifth stand, to the next seat contact, and to the next seated
+        rest. A stopwatch starts at the command, and so adds the reaction time.
     mean_cycle, cycle_sd : float or None
-        From one stand to the next, over all repetitions.
+        Mean and standard deviation of the time from one stand to the next, over all repetitions.
     attempts : int
-        Failed ones within the time to the fifth stand.
+        Number of failed attempts before the fifth stand.
     why : str or None
+        Why a time is unknown.
     """
 
     repetitions: int
@@ -41,19 +42,19 @@ class FiveTimes:
     why: str | None = None
 
 
-def five_times(repetitions: tuple[Repetition, ...], rises: tuple[Rise, ...], *, chair: bool | None) -> FiveTimes:
-    """Time the test.
+def five_times(repetitions: tuple[Repetition, ...], rises: tuple[RiseDetails, ...], *, chair: bool | None) -> FiveTimes:
+    """Compute the times of the test.
 
     Parameters
     ----------
     repetitions : tuple of Repetition
-    rises : tuple of Rise
-        Their details; a rise that does not come to standing is not counted.
+    rises : tuple of RiseDetails
+        Their details; a rise that does not reach standing is not counted.
     chair : bool or None
-        A chair is used; squats (False) are no such test.
+        Whether a chair is used; squats (False) have no test times.
     """
     if chair is False:
-        return FiveTimes(0, why="no chair is used: squats are no sit-to-stands")
+        return FiveTimes(0, why="no chair is used, so the rises are squats and not sit-to-stands")
     counted = [
         k
         for k, (each, rise) in enumerate(zip(repetitions, rises, strict=True))
@@ -63,10 +64,10 @@ def five_times(repetitions: tuple[Repetition, ...], rises: tuple[Rise, ...], *, 
     cycles = np.diff(stands)
     cycle = float(cycles.mean()) if len(cycles) else None
     spread = float(cycles.std(ddof=1)) if len(cycles) > 1 else None
-    if len(counted) < ASKED:
-        why = f"{len(counted)} of {ASKED} rises come to standing in the recording"
+    if len(counted) < REQUIRED_RISES:
+        why = f"only {len(counted)} of {REQUIRED_RISES} rises in the recording reach standing"
         return FiveTimes(len(counted), mean_cycle=cycle, cycle_sd=spread, why=why)
-    first, fifth = counted[0], counted[ASKED - 1]
+    first, fifth = counted[0], counted[REQUIRED_RISES - 1]
     start, last = repetitions[first].start, repetitions[fifth]
     events = (last.stand, last.seat_on, last.end)
     stand, contact, seated = (None if np.isnan(event - start) else float(event - start) for event in events)
@@ -83,9 +84,8 @@ def five_times(repetitions: tuple[Repetition, ...], rises: tuple[Rise, ...], *, 
 
 
 def _why(first: Repetition, fifth: Repetition) -> str | None:
-    """What is missing for the times; None where nothing is."""
     if np.isnan(first.start):
-        return f"the start of the first rise is not known: {first.why or 'its angles are not'}"
+        return f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
     if np.isnan([fifth.seat_on, fifth.end]).any():
-        return f"the end of the fifth repetition is not known: {fifth.why or 'its angles are not'}"
+        return f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
     return None

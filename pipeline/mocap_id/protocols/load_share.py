@@ -1,4 +1,4 @@
-"""How left and right foot share the load, where each stands on a plate of its own."""
+"""Share of the load on the left and right foot, if each stands on its own force plate."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from mocap_id.protocols.posture import STANDING, Posture
 from mocap_id.protocols.repetitions import Repetition
 
 PHASES = ("seated", "rising", "standing")
-_APART_M = 0.05  # feet whose centres of pressure are closer stand behind each other, or on the same side
+_APART_M = 0.05  # with centres of pressure closer than this, the plates are not side by side
 
 
 @dataclass(frozen=True)
 class LoadShare:
-    """The left foot's share of the feet's load.
+    """Share of the feet's load on the left foot.
 
     Parameters
     ----------
     left_plate, right_plate : int or None
-        Counted from 1.
+        Plate numbers, from 1.
     phases : dict of str to (R,) array
-        For each of seated (touching the chair before the rise), rising (start to stand) and standing, the mean share in
-        each repetition; NaN where unknown.
+        Mean share in each repetition while seated (before the rise), rising (start to stand) and standing; NaN where
+        unknown.
     why : str or None
-        Why nothing is told.
+        Why the shares are unknown.
     """
 
     left_plate: int | None
@@ -37,20 +37,20 @@ class LoadShare:
 
 
 def sides(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
-    """Plates under the left and the right foot, or why that is not known.
+    """Return the plates under the left and the right foot, or why they are unknown.
 
     Parameters
     ----------
     across : sequence of (int, float)
-        Of every plate under the feet its number and where it is loaded along the plane frame's z, m.
+        Number of every plate under the feet, and the z coordinate of its load in the plane frame, m.
     forwards : {-1, 1}
-        Sign of the plane frame's x in front of the subject: with y up, z is to the left of who faces -x.
+        Sign of the plane frame's x axis in front of the subject. With y up, z is to the left if the subject faces -x.
     """
     if len(across) != 2:
-        return f"left and right are told where each foot has a plate of its own; here the feet are on {len(across)}"
+        return f"left and right need one plate under each foot, but the feet are on {len(across)}"
     (one, z_one), (other, z_other) = across
     if not abs(z_one - z_other) > _APART_M:  # also where one is unknown
-        return f"plates {one} and {other} are not loaded side by side, so they are not one for each foot"
+        return f"plates {one} and {other} are not loaded side by side, so they do not carry one foot each"
     return (one, other) if (z_one > z_other) == (forwards < 0) else (other, one)
 
 
@@ -61,7 +61,7 @@ def load_share(
     right: FloatArray,
     repetitions: tuple[Repetition, ...],
 ) -> dict[str, FloatArray]:
-    """Mean share of the left foot in each phase of each repetition, (R,) each.
+    """Return the mean share of the left foot in each phase, one (R,) array per phase.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def load_share(
 
 
 def _released(repetition: Repetition) -> float:
-    """When a repetition's seated phase is over, s; where no plate tells, when the rise begins."""
+    """Return the end of the seated phase, s: seat-off, or the start of the rise if seat-off is unknown."""
     return repetition.start if np.isnan(repetition.seat_off) else repetition.seat_off
 
 
 def _until(repetition: Repetition, after: float) -> float:
-    """When a repetition's standing is over at the latest, s; of a squat, when the next one begins."""
+    """Return the latest end of standing, s; for a squat, the start of the next repetition."""
     if repetition.end > repetition.stand:
         return repetition.end
     return after if not np.isnan(after) else np.inf

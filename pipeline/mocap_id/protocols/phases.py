@@ -1,4 +1,4 @@
-"""Signals on a repetition's own time, 0 to 100 %, averaged over the repetitions (figures 6.5 and 6.7)."""
+"""Signals normalised to 0 to 100 % of each repetition and averaged over the repetitions (figures 6.5 and 6.7)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GRID = np.linspace(0.0, 1.0, 101)
 
 @dataclass(frozen=True)
 class Averaged:
-    """Mean (P,), standard deviation (P,; NaN of fewer than two) and number of repetitions known (P,) at each share."""
+    """Mean, standard deviation (NaN for fewer than two) and number of known repetitions at each share, (P,)."""
 
     mean: FloatArray
     sd: FloatArray
@@ -22,17 +22,18 @@ class Averaged:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How two records of an angle compare where both are known.
+    """Agreement of two records of an angle over the samples where both are known.
 
     Parameters
     ----------
     r : float
-        Correlation; negative where the other counts the angle the other way round.
+        Correlation; negative if the two angles have opposite senses.
     offset : float
-        Mean of the other less ours, rad.
+        Mean of the other angle minus ours, rad.
     rmse : float
-        Of the difference without that constant, rad.
+        rms difference after removing the offset, rad.
     samples : int
+        Number of samples.
     """
 
     r: float
@@ -42,7 +43,7 @@ class Agreement:
 
 
 def on_grid(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
-    """A signal at 0, 1 … 100 % of each repetition, (R, 101); NaN where the samples beside are unknown.
+    """Interpolate a signal at 0, 1 … 100 % of each repetition, (R, 101); NaN next to unknown samples.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ def on_grid(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatAr
     values : (T,) array
         NaN where unknown.
     bounds : (R, 2) array
-        Begin and end of each repetition, s.
+        Start and end of each repetition, s.
     """
     at = bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * GRID
     curves = np.interp(at, time, values, np.nan, np.nan)
@@ -60,7 +61,7 @@ def on_grid(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatAr
 
 
 def average(curves: FloatArray) -> Averaged:
-    """Over the repetitions of curves (R, P)."""
+    """Average curves (R, P) over the repetitions."""
     known = np.isfinite(curves)
     count = known.sum(axis=0).astype(np.float64)
     mean = np.where(known, curves, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
@@ -69,7 +70,7 @@ def average(curves: FloatArray) -> Averaged:
 
 
 def agreement(ours: FloatArray, other: FloatArray) -> Agreement:
-    """Of two angles (T,) at the same times, rad, NaN where unknown."""
+    """Compare two angles (T,) at the same times, rad; NaN where unknown."""
     both = np.isfinite(ours) & np.isfinite(other)
     count = int(both.sum())
     if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:

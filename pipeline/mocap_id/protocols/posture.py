@@ -1,4 +1,4 @@
-"""How upright a person on a fixed base is, from the chain alone."""
+"""Posture of a person on a fixed base: how upright the chain is."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import planar
 
-_LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, of the height's range
+_LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, as shares of the rise
 
 STANDING = 0.9
-"""Of the height's range: what is above is standing."""
+"""Height above which the person stands, as a share of the rise."""
 
-_LEAST_RISE = 0.15  # of the legs' length: less is not a sit-to-stand
+_LEAST_RISE = 0.15  # share of the leg length; a smaller rise is not a sit-to-stand
 
 
 @dataclass(frozen=True)
 class Posture:
-    """Height of the joint that rises and falls most (the hip, or the joint within the trunk) through the trial.
+    """Height over time of the joint that moves up and down most: the hip, or the joint within the trunk.
 
     Parameters
     ----------
     height : (T,) array
         0 at the trial's lowest (2 % quantile), 1 at its highest (98 %); NaN where unknown.
     rise : float
-        Distance between the two, m.
+        Distance between these two heights, m.
     upright : (T,) bool array
-        High with hysteresis: entered above 0.7 of the rise, left below 0.3.
+        Upright state with hysteresis: entered above 0.7 of the rise, left below 0.3.
     moves : bool
-        The rise is at least 15 % of the chain's length up to that joint: people get up here.
+        Whether the rise is at least 15 % of the chain length up to that joint, so that the person gets up.
     speed : (T,) array
         Norm of the joint velocities, rad/s; NaN where unknown.
     """
@@ -43,14 +43,14 @@ class Posture:
 
 
 def posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
-    """Posture of a chain whose base is on the ground.
+    """Compute the posture of a chain whose base is on the ground.
 
     Parameters
     ----------
     q, dq : (T, n) arrays
         Joint angles, rad, and velocities; NaN where unknown.
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Joint centres in the frame of the previous segment, m.
     """
     _, origin = planar.segment_poses(q, centres)
     heights = origin[:, 1:, 1]
@@ -66,19 +66,19 @@ def posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
 
 
 def standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
-    """Angle of each segment's frame from the plane's while the person stands: medians (n,), rad.
+    """Return the median angle of each segment frame in the plane frame while the person stands.
 
     Parameters
     ----------
     q : (T, n) array
         Joint angles, rad.
     posture : Posture
-        Where nobody rises, every sample counts as standing.
+        If nobody rises, every sample counts as standing.
 
     Returns
     -------
     (n,) array or None
-        None where no angles are known.
+        rad; None if no angles are known.
     """
     high = posture.height > STANDING if posture.moves else np.ones(len(q), dtype=bool)
     known = high & np.isfinite(q).all(axis=1)
@@ -86,7 +86,7 @@ def standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
 
 
 def _with_hysteresis(height: FloatArray) -> BoolArray:
-    """True from above 0.7 until below 0.3; unknown samples keep the state."""
+    """Return the upright state; unknown samples keep the previous state."""
     change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
     decided = np.flatnonzero(change)
     if len(decided) == 0:

@@ -1,7 +1,6 @@
-"""Published times of the five-times-sit-to-stand test, as context for a trial's: no diagnosis follows from them.
+"""Published times of the five-times-sit-to-stand test, for context and not for diagnosis.
 
-Quoted is what the sources could be seen to say. They differ in chair, instruction and stop rule, and a stopwatch starts
-at the command, not where the movement begins.
+The sources differ in chair, instruction and stop rule. A stopwatch starts at the command, not when the movement begins.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ class Published:
     limit : float
         s.
     people : str
-        Whom it was found on.
+        Group that was studied.
     meaning : str
-        What the source says of longer times.
+        Meaning of longer times according to the source.
     stop : {"fifth stand", "fifth seat contact", "not said"}
-        When the clock was stopped, as far as the source was seen to say it.
+        Stop rule, as far as the text available to us states it.
     source : str
     """
 

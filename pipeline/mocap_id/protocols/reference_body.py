@@ -1,4 +1,4 @@
-"""The allometric body that a trial's subject is compared with, and what had to be assumed for it."""
+"""Allometric reference body of the subject, and the assumptions behind it."""
 
 from __future__ import annotations
 
@@ -7,28 +7,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.allometry import Sex, Table, TableName, full_parameters, height_from_legs, table
+from mocap_id.dynamics.allometry import (
+    ReferenceTable,
+    Sex,
+    TableName,
+    full_parameters,
+    height_from_legs,
+    reference_table,
+)
 from mocap_id.verdict import Reason
 
 
 @dataclass(frozen=True)
 class ReferenceBody:
-    """Full parameters of a reference body on the trial's chain.
+    """Full parameters of a reference body on the chain of the trial.
 
     Parameters
     ----------
     table : str or None
-        ``winter``, ``de-leva``; None where no reference applies.
+        ``winter`` or ``de-leva``; None if no reference applies.
     parameters : (4(n + 1),) array
-        m, mx, my, Izz of every segment, base first; NaN where no reference applies.
+        m, mx, my, Izz of every segment, base first; NaN if no reference applies.
     height, mass : float or None
-        Of the body, m and kg.
+        Height and mass of the body, m and kg.
     assumed : tuple of str
-        What was not given, and what stands in for it.
+        Assumptions made for values that were not given.
     why : str or None
         Why no reference applies.
     reasons : tuple of Reason
-        The same for the verdict.
+        Assumptions, or ``why``, as reasons for the verdict.
     """
 
     table: TableName | None
@@ -51,30 +58,30 @@ def reference_body(
     plate_mass: float | None,
     standing: FloatArray | None = None,
 ) -> ReferenceBody:
-    """A person of this height, mass and sex on a foot-shank-thigh-torso chain (or with the torso in two).
+    """Build the reference body for a foot-shank-thigh-torso chain, or one with pelvis and trunk.
 
     Parameters
     ----------
     name : {"winter", "de-leva"}
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Joint centres in the frame of the previous segment, m.
     facing : {-1, 1}
-        Sign of x in front of the subject.
+        Sign of the x axis in front of the subject.
     height, mass, sex : optional
-        As the user gave them. A missing height is estimated from shank and thigh, a missing mass taken from the
-        plates; without the sex de Leva's table is the mean of both.
+        Values given by the user. A missing height is estimated from shank and thigh, a missing mass is taken from
+        the plates, and without the sex the mean of de Leva's two tables is used.
     plate_mass : float or None
-        What the plates show, kg.
+        Mass measured by the plates, kg.
     standing : (n,) array or None
-        Angle of each segment's frame while the person stands, rad.
+        Angle of each segment frame while the person stands, rad.
     """
     if len(centres) not in (3, 4):
         return no_reference(len(centres), f"the tables describe people of 4 or 5 segments, not of {len(centres) + 1}")
     if mass is None and plate_mass is None:
         return no_reference(
-            len(centres), "neither the subject's mass nor a plate's is known: give `subject: {mass: …}`"
+            len(centres), "neither the mass of the subject nor that on a plate is known; give `subject: {mass: …}`"
         )
-    reference = table(name, sex)
+    reference = reference_table(name, sex)
     assumed: list[str] = []
     if mass is None:
         assert plate_mass is not None
@@ -92,27 +99,27 @@ def reference_body(
         mass=mass,
         assumed=tuple(assumed),
         why=None,
-        reasons=_told(name, assumed),
+        reasons=_assumption_reasons(name, assumed),
     )
 
 
-def _height(reference: Table, centres: FloatArray) -> tuple[float, str]:
-    """Stature, m, by the lengths of shank and thigh, and how it came about."""
+def _height(reference: ReferenceTable, centres: FloatArray) -> tuple[float, str]:
+    """Estimate the stature, m, from the lengths of shank and thigh; also return the assumption in words."""
     shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
     height, factor = height_from_legs(reference, shank, thigh), reference.shank.length + reference.thigh.length
     legs = f"{shank + thigh:.3f} m / {factor:.3f}"
     return height, f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})"
 
 
-def _told(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
+def _assumption_reasons(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
     if not assumed:
         return ()
-    message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give `subject:` to be exact"
+    message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give these values under `subject:`"
     return (Reason("reference-assumed", message, level="ok"),)
 
 
 def no_reference(joints: int, why: str | None) -> ReferenceBody:
-    """No reference body for a chain of so many joints; without a ``why`` none is to be expected."""
+    """Return an empty reference body for a chain with this many joints; without ``why`` it has no reason."""
     reasons: tuple[Reason, ...] = ()
     if why is not None:
         reasons = (Reason("no-reference", f"there is no reference body to compare with: {why}", level="ok"),)

@@ -1,4 +1,4 @@
-"""What is unusual about repetitions, in words: for each of them, and for the verdict."""
+"""Remarks on unusual repetitions: one text for each repetition, and reasons for the verdict."""
 
 from __future__ import annotations
 
@@ -10,42 +10,43 @@ import numpy as np
 from mocap_id.protocols.attempts import Attempt
 from mocap_id.protocols.posture import STANDING, Posture
 from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise import Rise
+from mocap_id.protocols.rise_details import RiseDetails
 from mocap_id.protocols.support import LIMIT
 from mocap_id.verdict import Reason
 
 
-def with_remark(repetition: Repetition, rise: Rise) -> Repetition:
-    """The repetition with everything unusual among its ``why``; one that does not come to standing is not complete."""
+def with_remark(repetition: Repetition, rise: RiseDetails) -> Repetition:
+    """Return the repetition with remarks added to ``why``; it is incomplete if it does not reach standing."""
     partial = _partial(rise)
     remarks = (
         repetition.why,
         partial,
-        "" if not rise.attempts else f"{_times(rise.attempts)} tried in vain before",
-        "" if not rise.held > 0 else f"held for {rise.held:.1f} s in mid-rise",
-        "" if not rise.support > LIMIT else f"{100 * rise.support:.0f} % of the weight carried by something unknown",
+        "" if not rise.attempts else f"{rise.attempts} failed attempt{'' if rise.attempts == 1 else 's'} before",
+        "" if not rise.held > 0 else f"paused for {rise.held:.1f} s during the rise",
+        "" if not rise.support > LIMIT else f"{100 * rise.support:.0f} % of the weight carried by an unknown support",
     )
     why = "; ".join(remark for remark in remarks if remark)
     return replace(repetition, complete=repetition.complete and not partial, why=why)
 
 
 def reasons(
-    repetitions: Sequence[Repetition], rises: Sequence[Rise], tried: Sequence[Attempt], posture: Posture
+    repetitions: Sequence[Repetition], rises: Sequence[RiseDetails], attempts: Sequence[Attempt], posture: Posture
 ) -> tuple[Reason, ...]:
-    """What the verdict says of the repetitions.
+    """Return the reasons for the verdict about the repetitions.
 
     Parameters
     ----------
     repetitions : sequence of Repetition
-        As the protocol found them.
-    rises : sequence of Rise
+        Repetitions found by the protocol, without remarks.
+    rises : sequence of RiseDetails
         Their details.
-    tried : sequence of Attempt
+    attempts : sequence of Attempt
+        Failed attempts.
     posture : Posture
     """
     found = (
         _cut(repetitions, posture),
-        _failed(tried),
+        _failed(attempts),
         _short(rises),
         _paused(rises),
         _supported(rises),
@@ -53,88 +54,87 @@ def reasons(
     return tuple(reason for reason in found if reason is not None)
 
 
-def _partial(rise: Rise) -> str:
-    return f"reaches only {100 * rise.reached:.0f} % of the height of standing" if rise.reached < STANDING else ""
+def _partial(rise: RiseDetails) -> str:
+    return f"reaches only {100 * rise.reached:.0f} % of the standing height" if rise.reached < STANDING else ""
 
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-def _listed(rises: Sequence[Rise], chosen: Sequence[bool]) -> str:
+def _listed(rises: Sequence[RiseDetails], chosen: Sequence[bool]) -> str:
     return ", ".join(str(k) for k, (_, one) in enumerate(zip(rises, chosen, strict=True), start=1) if one)
 
 
 def _cut(repetitions: Sequence[Repetition], posture: Posture) -> Reason | None:
-    """The recording's ends cut repetitions off."""
     whats = [part for each in repetitions for part in each.why.split("; ") if part.startswith("the recording ")]
     height = posture.height[np.isfinite(posture.height)]
     if posture.moves and len(height) and not posture.upright[-1] and height[-1] > 0.25:
-        whats.append("the recording ends during a rise that is not counted")
+        whats.append("the recording ends during a further rise, which is not counted")
     if not whats:
         return None
     return Reason(
         "repetition-cut",
-        f"{'; '.join(dict.fromkeys(whats))}: events outside the recording are not known, and what belongs to a whole "
-        "repetition is not told",
+        f"{'; '.join(dict.fromkeys(whats))}: events outside the recording are unknown, and so are the quantities of "
+        "whole repetitions",
         level="ok",
     )
 
 
-def _failed(tried: Sequence[Attempt]) -> Reason | None:
-    if not tried:
+def _failed(attempts: Sequence[Attempt]) -> Reason | None:
+    if not attempts:
         return None
-    each = ", ".join(f"{one.time:.1f} s" for one in tried)
-    highest = max(tried, key=lambda one: one.height)
+    each = ", ".join(f"{one.time:.1f} s" for one in attempts)
+    highest = max(attempts, key=lambda one: one.height)
     return Reason(
         "attempt-failed",
-        f"a rise was broken off {_times(len(tried))} (at {each}): the hips came up to "
-        f"{100 * max(highest.height, 0.0):.0f} % of the way to standing and back to the seat. It is counted as no "
-        "repetition",
-        value=float(len(tried)),
+        f"an attempt to rise failed {_times(len(attempts))} (at {each}): the hips rose up to "
+        f"{100 * max(highest.height, 0.0):.0f} % of the way to standing and returned to the seat. Failed attempts are "
+        "not counted as repetitions",
+        value=float(len(attempts)),
         level="caution",
     )
 
 
-def _short(rises: Sequence[Rise]) -> Reason | None:
+def _short(rises: Sequence[RiseDetails]) -> Reason | None:
     short = [rise.reached < STANDING for rise in rises]
     if not any(short):
         return None
     lowest = min(rise.reached for rise in rises if rise.reached < STANDING)
     return Reason(
         "rise-partial",
-        f"repetition {_listed(rises, short)} does not come to standing: the hips reach {100 * lowest:.0f} % of the "
-        "height that they reach in the others. It is kept, as not complete, and not counted for the five-times test",
+        f"repetition {_listed(rises, short)} does not reach standing: the hips reach {100 * lowest:.0f} % of the "
+        "height of the other repetitions. It is marked as incomplete and not counted in the five-times test",
         value=lowest,
         limit=STANDING,
         level="caution",
     )
 
 
-def _paused(rises: Sequence[Rise]) -> Reason | None:
+def _paused(rises: Sequence[RiseDetails]) -> Reason | None:
     paused = [rise.held > 0 for rise in rises]
     if not any(paused):
         return None
     longest = max(rise.held for rise in rises if rise.held > 0)
     return Reason(
         "rise-paused",
-        f"repetition {_listed(rises, paused)} stops between seat and standing, for up to {longest:.1f} s: its times "
-        "are longer by that",
+        f"repetition {_listed(rises, paused)} pauses between seat and standing, for up to {longest:.1f} s; its times "
+        "include the pause",
         value=longest,
         level="caution",
     )
 
 
-def _supported(rises: Sequence[Rise]) -> Reason | None:
+def _supported(rises: Sequence[RiseDetails]) -> Reason | None:
     supported = [rise.support > LIMIT for rise in rises]
     if not any(supported):
         return None
     most = max(rise.support for rise in rises if rise.support > LIMIT)
     return Reason(
         "support-unexplained",
-        f"while repetition {_listed(rises, supported)} rises, up to {100 * most:.0f} % of the weight is carried "
-        "neither by the plates nor, that high, by a chair: arms on a rest or rail, or a helping hand. Samples with "
-        "that support are identified on, so parameters and torques are biased; seat-off may be told late",
+        f"in the rise of repetition {_listed(rises, supported)}, up to {100 * most:.0f} % of the weight is carried "
+        "neither by the plates nor, at this height, by a chair: arms on an armrest or rail, or a helping hand. These "
+        "samples are used for identification, so parameters and torques are biased; seat-off may be found late",
         value=most,
         limit=LIMIT,
         level="caution",

@@ -1,4 +1,4 @@
-"""A repetition of a movement and its events."""
+"""Repetition of a movement, with its events."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Repetition:
-    """One repetition; times in s on the recording's clock, NaN where there is no such event.
+    """Events of one repetition, s on the clock of the recording; NaN if there is no such event.
 
     Parameters
     ----------
     start : float
-        The rise begins; of a squat, the descent.
+        Start of the rise; for a squat, of the descent; for a robot, of the cycle.
     seat_off : float
-        The chair is released.
+        Release of the chair.
     stand : float
-        Upright.
+        Upright standing is reached.
     seat_on : float
         The chair is touched again.
     end : float
-        Seated; of a squat, upright again; of a robot's cycle, its end.
+        Seated rest is reached; for a squat, standing; for a robot, the end of the cycle.
     complete : bool
-        Every event of the protocol was found.
+        Whether every event of the protocol was found.
     why : str
-        What is missing, or empty.
+        What is missing; empty if nothing is.
     """
 
     start: float

@@ -1,4 +1,4 @@
-"""Cycles of a robot's joint that swings to and fro (thesis ch. 5)."""
+"""Cycles of a swinging robot joint (thesis ch. 5)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.protocols.repetitions import Repetition
 
-_SIDE = 0.5  # of the half range: this far from the middle is one side
+_SIDE = 0.5  # share of the half range; farther from the middle counts as one side
 _LEAST_ARC = np.radians(3.0)
 
 
 def robot_repetitions(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]:
-    """Cycles of the joint that moves most: out to one side, to the other and back to the middle.
+    """Find the cycles of the joint that moves most: from the middle to one side, to the other and back.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def robot_repetitions(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]
     Returns
     -------
     tuple of Repetition
-        Without the events of a chair; ``stand`` is NaN.
+        Seat events and ``stand`` are NaN.
     """
     known = np.isfinite(q).all(axis=1)
     if known.sum() < 2:
@@ -41,7 +41,7 @@ def robot_repetitions(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]
 def _cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
     side = np.where(swing > _SIDE, 1, np.where(swing < -_SIDE, -1, 0))
     visits = np.flatnonzero(side)
-    turns = visits[np.concatenate([[True], np.diff(side[visits]) != 0])]  # first sample on each side, in turn
+    turns = visits[np.concatenate([[True], np.diff(side[visits]) != 0])]  # first sample of each visit to a side
     middles = [_crossing_before(swing, int(turn)) for turn in turns]
     after = _crossing_after(swing, int(turns[-1]))
     if after is not None:
@@ -57,7 +57,7 @@ def _cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
 
 
 def _crossing_before(swing: FloatArray, index: int) -> int:
-    """Last sample before ``index`` on the other side of the middle, or at it; 0 if there is none."""
+    """Return the last sample before ``index`` that is at the middle or beyond it; 0 if there is none."""
     before: IntArray = np.flatnonzero(np.sign(swing[:index]) != np.sign(swing[index]))
     return int(before[-1]) if len(before) else 0
 

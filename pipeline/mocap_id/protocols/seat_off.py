@@ -1,7 +1,7 @@
-"""Seat-off by the two rules of the thesis (6.4.2), beside the instant at which the chair's force vanishes.
+"""Seat-off by the two rules of the thesis (6.4.2).
 
-The thesis sees the chair released where the measured wrench comes to be what a model without a chair expects, and finds
-that the feet then carry 72 % of the standing weight. Both come before the force is exactly zero.
+The thesis takes the chair as released when the measured wrench agrees with a model without a chair, and finds that the
+feet then carry 72 % of the standing weight. Both instants are earlier than that of zero chair force.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.protocols.repetitions import Repetition
 
 
-def past_share(time: FloatArray, vertical: FloatArray, share: float, repetition: Repetition) -> float:
-    """When the feet's force rises past a share of the standing weight for the last time before its peak in the rise.
+def share_crossing_time(time: FloatArray, vertical: FloatArray, share: float, repetition: Repetition) -> float:
+    """Return the last time before the peak force at which the force under the feet exceeds a share of the weight.
 
-    A fast rise ends with less than that share for an instant, so what comes after the peak does not count.
+    Crossings after the peak are ignored, because the force at the end of a fast rise is briefly below the share.
 
     Parameters
     ----------
     time : (T,) array
         s.
     vertical : (T,) array
-        Force under the feet over the standing weight; NaN where unknown.
+        Force under the feet divided by the standing weight; NaN where unknown.
     share : float
         0.72 in the thesis.
     repetition : Repetition
@@ -30,7 +30,7 @@ def past_share(time: FloatArray, vertical: FloatArray, share: float, repetition:
     Returns
     -------
     float
-        s, between two samples; NaN where the force is not seen to pass.
+        s, interpolated between samples; NaN without a known crossing.
     """
     rise = np.flatnonzero((time >= repetition.start) & (time <= repetition.stand))
     if not len(rise) or not np.isfinite(vertical[rise]).any():
@@ -44,18 +44,18 @@ def past_share(time: FloatArray, vertical: FloatArray, share: float, repetition:
     return float(np.interp(share, vertical[[i, j]], time[[i, j]]))
 
 
-def where_models_meet(time: FloatArray, shown: BoolArray | None, repetition: Repetition) -> float:
-    """When measured and modelled force come together: the end of what stands out of the noise; NaN where unknown.
+def model_agreement_time(time: FloatArray, above_noise: BoolArray | None, repetition: Repetition) -> float:
+    """Return when measured and modelled force agree: the end of the samples above the noise; NaN if unknown.
 
     Parameters
     ----------
     time : (T,) array
         s.
-    shown : (T,) bool array or None
-        See :class:`mocap_id.protocols.sit_to_stand.Contact`.
+    above_noise : (T,) bool array or None
+        See :class:`mocap_id.protocols.chair_contact.Contact`.
     repetition : Repetition
     """
-    if shown is None or np.isnan(repetition.start):
+    if above_noise is None or np.isnan(repetition.start):
         return float("nan")
-    found = np.flatnonzero(shown & (time >= repetition.start) & (time <= repetition.seat_off))
+    found = np.flatnonzero(above_noise & (time >= repetition.start) & (time <= repetition.seat_off))
     return float(time[min(found[-1] + 1, len(time) - 1)]) if len(found) else float("nan")

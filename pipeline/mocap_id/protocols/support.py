@@ -1,8 +1,8 @@
-"""Vertical support in a rise that neither the ground nor the chair explains: an armrest, a rail, somebody's hand.
+"""Unexplained vertical support during a rise: an armrest, a rail or a helping hand.
 
-What the body's acceleration asks for, the plates together must give. What they give less, something else does. While
-the thighs are on the seat that may be the chair, so without a plate under the chair only the part of the rise counts
-in which no seat is near. A push with the hands on the own thighs is a force within the body: no plate can show it.
+The plates must carry what the acceleration of the body requires; a missing force acts elsewhere. While the thighs are
+on the seat it may act on the chair, so without a plate under the chair only the upper part of the rise is used. Pushing
+with the hands on one's own thighs is an internal force, which no plate can show.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from mocap_id.protocols.posture import STANDING, Posture
 from mocap_id.protocols.repetitions import Repetition
 
 OFF_SEAT = 0.25
-"""Of the rise: no seat is that high. Simulated chairs are released below 0.04, that of a real trial at 0.16."""
+"""Share of the rise above which no seat is. Simulated chairs are released below 0.04, that of a real trial at 0.16."""
 
 LIMIT = 0.05
-"""Of the standing weight. Without any support the error of an allometric body is below."""
+"""Share of the standing weight; the error of an allometric body without any support is smaller."""
 
-_QUIET = 0.1  # of the fastest speed
+_QUIET = 0.1  # share of the maximum speed
 _LEAST = 5  # samples
 
 
-def unexplained(
+def unexplained_support(
     time: FloatArray,
     posture: Posture,
     missing: FloatArray,
@@ -32,7 +32,7 @@ def unexplained(
     *,
     seat_measured: bool,
 ) -> float:
-    """Mean missing vertical force of a rise, of the standing weight; NaN where unknown.
+    """Return the mean missing vertical force of a rise as a share of the standing weight; NaN if unknown.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ def unexplained(
         s.
     posture : Posture
     missing : (T,) array
-        What a body model expects of the ground, less what the ground gives, N. What it misses in quiet standing is the
-        model's own error, and is taken off.
+        Ground force predicted by a body model minus measured ground force, N. Its median in quiet standing is the
+        error of the model and is subtracted.
     weight : float
         Standing weight, N.
     repetition : Repetition
     seat_measured : bool
-        The chair's force is known and not among what is missing, so the whole rise counts.
+        Whether the chair force is measured and excluded from ``missing``; the whole rise is then used.
     """
     with np.errstate(invalid="ignore"):
         quiet = (posture.height > STANDING) & (posture.speed < _QUIET * np.nanmax(posture.speed))

@@ -1,4 +1,4 @@
-"""Another system's joint angles: MOT and STO by their header, CSV by its columns' names."""
+"""Joint angles that another system measured, from MOT, STO or CSV files."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.tables import read_csv, read_table
+from mocap_id.recording.text_tables import read_csv, read_table
 
 _TIME = ("time", "time_s")
 _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
@@ -18,14 +18,14 @@ _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
 
 @dataclass(frozen=True)
 class AngleTable:
-    """Angles over the file's own times.
+    """Joint angles at the times of the file.
 
     Parameters
     ----------
     time : (K,) array
-        s, increasing.
+        Increasing times, s.
     angles : dict of str to (K,) array
-        rad, by column; NaN where a cell is empty.
+        Angle by column name, rad; NaN where a cell is empty.
     """
 
     time: FloatArray
@@ -33,17 +33,17 @@ class AngleTable:
 
 
 def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
-    """Read some columns of angles.
+    """Read the given columns of angles.
 
-    A MOT or STO file says in its header whether its angles are in degrees (``inDegrees``). In a CSV file each column's
-    name ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s.
+    The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
+    each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s.
 
     Raises
     ------
     ConfigError
-        The file has no such column.
+        The file lacks a column.
     RecordingError
-        The file is missing or no such table, its times do not increase, or a CSV column does not tell its unit.
+        The file is missing or not such a table, its times do not increase, or a CSV column name has no unit.
     """
     return _csv(path, columns) if path.suffix.lower() == ".csv" else _mot(path, columns)
 
@@ -63,8 +63,8 @@ def _csv(path: Path, columns: Collection[str]) -> AngleTable:
     _check(path, columns, names[1:])
     values = table.numbers()
     time = values[:, 0]
-    if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
-        raise RecordingError(f"{path}: `{names[0]}` must hold two times or more that increase")
+    if not is_time_axis(time):
+        raise RecordingError(f"{path}: `{names[0]}` must contain at least two increasing times")
     return AngleTable(time, {name: values[:, names.index(name, 1)] * _factor(path, name) for name in columns})
 
 
@@ -72,11 +72,11 @@ def _factor(path: Path, name: str) -> float:
     for ending, factor in _TO_RAD.items():
         if name.lower().endswith(ending):
             return factor
-    raise RecordingError(f"{path}: column {name} does not tell its unit: let its name end in _deg or _rad")
+    raise RecordingError(f"{path}: column {name} has no unit in its name: the name must end in _deg or _rad")
 
 
-def _check(path: Path, columns: Collection[str], there: Collection[str]) -> None:
-    absent = [name for name in columns if name not in there]
+def _check(path: Path, columns: Collection[str], existing: Collection[str]) -> None:
+    absent = [name for name in columns if name not in existing]
     if absent:
-        shown = ", ".join(list(there)[:12]) + (" …" if len(there) > 12 else "")
+        shown = ", ".join(list(existing)[:12]) + (" …" if len(existing) > 12 else "")
         raise ConfigError(f"compare: columns: {path} has no column {', '.join(absent)}; it has {shown}")

@@ -1,4 +1,4 @@
-"""Which axis of a file points up, and the turn that takes it to Z."""
+"""The upward axis of a file, and the rotation that turns it to Z."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ AXES = ("X", "Y", "Z")
 
 
 def parse_axis(text: str) -> str | None:
-    """``"+Z"``, ``"y"``, ``"-Y"`` … as ``"Z"``, ``"Y"``, ``"-Y"``; None where it is no axis."""
+    """Return the axis name of ``"+Z"``, ``"y"`` or ``"-Y"`` as ``"Z"``, ``"Y"`` or ``"-Y"``; None if not an axis."""
     name = text.strip().strip("\x00").upper()
     sign = "-" if name.startswith("-") else ""
     name = name.lstrip("+-").strip()
@@ -18,7 +18,7 @@ def parse_axis(text: str) -> str | None:
 
 
 def axis_vector(axis: str) -> FloatArray:
-    """Unit vector of an axis name in the file's own frame, (3,)."""
+    """Return the unit vector (3,) of an axis name, in the frame of the file."""
     vector = np.zeros(3)
     vector[AXES.index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
     return vector
@@ -35,22 +35,22 @@ _TO_Z_UP: dict[str, tuple[tuple[int, int, int], ...]] = {
 
 
 def to_z_up(axis: str) -> FloatArray:
-    """Rotation (3, 3) from the file's axes to the lab's: the file's up becomes Z.
+    """Return the rotation (3, 3) from the file's axes to the lab's, where Z is up.
 
-    The first horizontal axis of the file stays the lab's X (X for files with Z or Y up; Y for files with X up).
+    The first horizontal axis of the file becomes the lab's X (X for files with Z or Y up, Y for files with X up).
     """
     return np.array(_TO_Z_UP[axis], dtype=np.float64)
 
 
 def nearest_axis(vector: FloatArray, least_cosine: float = 0.95) -> str | None:
-    """The axis that a vector runs along, with its sign; None where it runs along none of them.
+    """Return the signed axis that is nearly parallel to a vector; None if there is none.
 
     Parameters
     ----------
     vector : (3,) array
-        Any length but zero.
+        Non-zero vector of any length.
     least_cosine : float
-        Cosine of the largest accepted angle between the two.
+        Cosine of the largest accepted angle between vector and axis.
     """
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:

@@ -1,7 +1,7 @@
-"""The header and the parameter section of a C3D file, read with every bound checked.
+"""Header and parameter section of a C3D file, read with all bounds checked.
 
-The libraries for C3D believe headers that contradict the file (a truncated file, a wrong point count) without an error,
-so the file is read from its bytes.
+C3D libraries accept headers that contradict the file (a truncated file, a wrong point count) without an error.
+Therefore the bytes are parsed here.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.units import strip_padding
 
 BLOCK = 512
 MAGIC = 0x50
-_MOST_DIMENSIONS = 7
+_MAX_DIMENSIONS = 7
 PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
 
 Value: TypeAlias = "np.ndarray[Any, Any] | tuple[str, ...]"
-"""A parameter: numbers with the first index running fastest, or strings."""
+"""Value of a parameter: numbers with the first index varying fastest, or strings."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """The fixed first block, as unsigned words; the two floats are already in IEEE."""
+    """Fields of the first block: unsigned words, and two floats converted to IEEE."""
 
     points: int
     analog_words: int
@@ -44,10 +45,10 @@ class Header:
 
 @dataclass(frozen=True)
 class C3DFile:
-    """A C3D file, open for reading, with its header and parameters.
+    """Open C3D file with its header and parameters.
 
-    ``parameters`` maps ``"GROUP:NAME"`` (upper case) to the value; ``repeated`` names parameters that occur twice, of
-    which the first holds.
+    ``parameters`` maps ``"GROUP:NAME"`` (upper case) to the value. ``repeated`` lists parameters that occur more than
+    once; the first occurrence is used.
     """
 
     path: Path
@@ -58,23 +59,23 @@ class C3DFile:
     parameters: Mapping[str, Value]
     repeated: tuple[str, ...]
 
-    def stored(self, start: int, stop: int) -> bytes:
-        """The bytes from ``start`` up to ``stop``, or to the file's end."""
+    def read_bytes(self, start: int, stop: int) -> bytes:
+        """Read the bytes from ``start`` to ``stop``, or to the end of the file."""
         self.stream.seek(start)
         raw = self.stream.read(max(0, min(stop, self.size) - start))
         if len(raw) < min(stop, self.size) - start:
-            raise RecordingError(f"{self.path}: it changed while it was read: wait until it is complete")
+            raise RecordingError(f"{self.path}: it changed while it was being read: wait until it is complete")
         return raw
 
     def numbers(self, name: str) -> FloatArray | None:
-        """A numeric parameter as floats, in its own shape; None where it is missing, empty or text."""
+        """Return a numeric parameter as floats, in its own shape; None if it is missing, empty or text."""
         value = self.parameters.get(name)
         if not isinstance(value, np.ndarray) or value.size == 0:
             return None
         return value.astype(np.float64)
 
     def words(self, name: str) -> list[int] | None:
-        """A numeric parameter as unsigned integers: 16-bit ones are read without their sign."""
+        """Return a numeric parameter as integers, 8- and 16-bit ones unsigned; None if missing, empty, text or NaN."""
         value = self.parameters.get(name)
         if not isinstance(value, np.ndarray) or value.size == 0 or not np.isfinite(value).all():
             return None
@@ -84,22 +85,22 @@ class C3DFile:
         return [int(word) for word in flat]
 
     def strings(self, name: str) -> tuple[str, ...]:
-        """A text parameter as a tuple; empty where it is missing or numeric."""
+        """Return a text parameter as a tuple, which is empty if the parameter is missing or numeric."""
         value = self.parameters.get(name)
         return value if isinstance(value, tuple) else ()
 
     def text(self, name: str) -> str:
-        """The first string of a text parameter, stripped; empty where it is missing."""
-        return next(iter(self.strings(name)), "").strip().strip("\x00").strip()
+        """Return the first string of a text parameter without padding; empty if it is missing."""
+        return strip_padding(next(iter(self.strings(name)), ""))
 
 
 def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
-    """Parse the header and the parameters of an open file.
+    """Parse the header and the parameters of an open C3D file.
 
     Raises
     ------
     RecordingError
-        The bytes are no C3D file, or its parameter section is damaged.
+        The file is not a C3D file, or its parameter section is damaged.
     """
     size = stream.seek(0, os.SEEK_END)
     stream.seek(0)
@@ -125,9 +126,9 @@ def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
 
 
 def floats(raw: bytes, processor: int) -> FloatArray:
-    """32-bit floats of the processor as float64."""
-    with np.errstate(invalid="ignore"):  # a damaged file may hold signalling NaN
-        if processor == 85:  # DEC: two 16-bit words swapped, exponent larger by two
+    """Convert 32-bit floats of the given processor to float64."""
+    with np.errstate(invalid="ignore"):  # a damaged file may contain signalling NaN
+        if processor == 85:  # DEC: 16-bit words swapped, exponent larger by two
             words = np.frombuffer(raw, "<u2").reshape(-1, 2)
             bits = (words[:, 0].astype(np.uint32) << 16) | words[:, 1]
             return np.asarray(bits.view(np.float32).astype(np.float64) / 4)
@@ -135,7 +136,7 @@ def floats(raw: bytes, processor: int) -> FloatArray:
 
 
 def endian(processor: int) -> str:
-    """Byte order of a processor's integers, as struct and numpy write it."""
+    """Return the byte order of a processor in the notation of struct and numpy."""
     return ">" if processor == 86 else "<"
 
 
@@ -147,10 +148,10 @@ def _header(data: bytes, processor: int) -> Header:
 
 
 def _parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
-    """Walk the linked list of groups and parameters; groups may be named after their parameters.
+    """Read the linked list of groups and parameters; the name of a group may follow its parameters.
 
-    The data's first block bounds the list: the declared number of parameter blocks is too small in some files, and
-    the closing zero is missing in others.
+    The list ends at the first block of the data: in some files the declared number of parameter blocks is too small,
+    and in others the closing zero is missing.
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Value]] = []
@@ -191,12 +192,12 @@ def _unsigned(path: Path, data: bytes, at: int, processor: int) -> int:
 
 
 def _value(path: Path, name: str, data: bytes, processor: int) -> Value:
-    """Decode one parameter's value: type, dimensions, elements; ``data`` ends where the next parameter begins."""
+    """Decode type, dimensions and elements of a parameter; ``data`` ends where the next parameter begins."""
     kind, rank = struct.unpack("bB", data[:2]) if len(data) >= 2 else (0, 0)
     shape = tuple(data[2 : 2 + rank])
     size = abs(kind) * math.prod(shape)
     raw = data[2 + rank : 2 + rank + size]
-    if kind not in (-1, 1, 2, 4) or len(shape) < rank or rank > _MOST_DIMENSIONS or len(raw) < size:
+    if kind not in (-1, 1, 2, 4) or len(shape) < rank or rank > _MAX_DIMENSIONS or len(raw) < size:
         raise RecordingError(
             f"{path}: the C3D parameter {name!r} is damaged (element size {kind}, dimensions {list(shape)}, "
             f"{len(data)} bytes up to the next one); the file is corrupt, export it again"

@@ -1,4 +1,4 @@
-"""FORCE_PLATFORM and ANALOG parameters → the signals of every plate, in the file's own axes."""
+"""Signals of every force plate of a C3D file, in the axes of the file."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.c3d_decode import calibration
+from mocap_id.recording.c3d_data import calibration
 from mocap_id.recording.c3d_file import C3DFile
 from mocap_id.recording.c3d_layout import Layout
 from mocap_id.recording.channel_units import ForceUnits, channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
-from mocap_id.recording.saturation import saturated
+from mocap_id.recording.saturation import find_saturated
 
-_MOST_PLATES = 64
-"""No laboratory has more, and each takes memory."""
+_MAX_PLATES = 64
+"""No laboratory has more plates, and each plate needs memory."""
 
-_SPIKE = 7
-"""Samples of a running median: no load is as short as half of it, a spike is."""
+_MEDIAN_WIDTH = 7
+"""Width of a running median, samples: it removes spikes, but no real load."""
 
 
 @dataclass(frozen=True)
 class StoredPlate:
-    """A plate as the file has it.
+    """Force plate as stored in the file.
 
     Parameters
     ----------
@@ -33,15 +33,15 @@ class StoredPlate:
     kind : int
         FORCE_PLATFORM:TYPE.
     signals : PlateSignals or None
-        None where the plate cannot be used.
+        None if the plate cannot be used.
     ok : (K,) bool array
-        Every channel is finite and away from the converter's limits.
+        Whether every channel is finite and not saturated.
     problem : str
-        Why it cannot be used, or empty.
-    oddities : tuple of str
-    assumptions : tuple of str
+        Why the plate cannot be used, or empty.
+    oddities, assumptions : tuple of str
+        As in :class:`mocap_id.recording.model.Recording` and ``Plate``.
     saturated : (K,) bool array or None
-        A channel is at its limit; None where none is.
+        Whether a channel is at its limit; None if none ever is.
     """
 
     index: int
@@ -55,7 +55,7 @@ class StoredPlate:
 
 
 def plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
-    """Analog channels that the plates' parameters point to, from 0; those of muscles and the like are not read."""
+    """Return the analog channels of force plates, from 0; other channels, such as EMG, are not read."""
     named = file.numbers("FORCE_PLATFORM:CHANNEL")
     wanted = set() if named is None else {int(channel) for channel in named.ravel() if np.isfinite(channel)}
     return tuple(channel for channel in range(layout.channels) if channel + 1 in wanted)
@@ -64,28 +64,28 @@ def plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
 def stored_plates(
     file: C3DFile, layout: Layout, counts: FloatArray, metres: float, units: ForceUnits
 ) -> list[StoredPlate]:
-    """Collect every plate's signals.
+    """Read the signals of every plate.
 
     Parameters
     ----------
     counts : (K, C) array
-        Samples of the C :func:`plate_channels`, as stored.
+        Samples of the :func:`plate_channels`, as stored.
     metres : float
-        Metres per POINT unit, which CORNERS and ORIGIN share.
+        Metres per POINT unit, in which CORNERS and ORIGIN are given.
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
-    read = min(used, len(kinds), _MOST_PLATES)
+    read = min(used, len(kinds), _MAX_PLATES)
     plates = [_PlateReader(file, layout, counts, metres, units, kinds, index).read() for index in range(1, read + 1)]
     if used > read:
-        problem = f"FORCE_PLATFORM:USED promises {used} plates, TYPE tells of {len(kinds)}; {read} were read"
+        problem = f"FORCE_PLATFORM:USED declares {used} plates and TYPE {len(kinds)}; {read} were read"
         plates.append(StoredPlate(read + 1, 0, None, np.zeros(len(counts), bool), problem, ()))
     return plates
 
 
 @dataclass(frozen=True)
 class _PlateReader:
-    """One plate's parameters, and what is odd about them."""
+    """Reader of one plate, which collects its oddities and assumptions."""
 
     file: C3DFile
     layout: Layout
@@ -115,26 +115,26 @@ class _PlateReader:
             self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
         signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
         assumed = tuple(self.assumptions)
-        full_ = full if full.any() else None
-        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, full_)
+        saturated_samples = full if full.any() else None
+        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, saturated_samples)
 
     def _note(self, oddity: str) -> None:
         self.oddities.append(f"plate {self.index}: {oddity}")
 
     def _columns(self) -> list[int]:
-        """Analog columns of the channels, from 0."""
+        """Return the analog channels of the plate, from 0."""
         if self.kind not in CHANNELS:
             raise UnusablePlateError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
         if not self.layout.channels:
-            raise UnusablePlateError("the file holds no analog channels")
+            raise UnusablePlateError("the file contains no analog channels")
         channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
         if channel_map is None or not np.isfinite(channel_map).all():
-            raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing or holds no numbers")
+            raise UnusablePlateError("FORCE_PLATFORM:CHANNEL is missing or not numeric")
         channel_map = np.atleast_1d(channel_map)
         channel_map = channel_map.reshape(channel_map.shape[0], -1, order="F")
         needed = max(CHANNELS.get(kind, 0) for kind in self.kinds)
         rows, plates = channel_map.shape
-        if rows < needed:  # then the columns of all plates are shifted
+        if rows < needed:  # the columns of all plates are then shifted
             raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL has {rows} rows, a plate of this file needs {needed}")
         if plates < self.index:
             raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL describes only {plates} plates")
@@ -142,14 +142,14 @@ class _PlateReader:
         for channel in channels:
             if not 1 <= channel <= self.layout.channels:
                 raise UnusablePlateError(
-                    f"FORCE_PLATFORM:CHANNEL points to channel {channel}, the file has {self.layout.channels}"
+                    f"FORCE_PLATFORM:CHANNEL names channel {channel}, the file has {self.layout.channels}"
                 )
         if len(set(channels)) < len(channels):
-            raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL points to one channel twice: {channels}")
+            raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL names a channel twice: {channels}")
         return [channel - 1 for channel in channels]
 
     def _parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:
-        """This plate's part of a FORCE_PLATFORM parameter whose last dimension counts the plates."""
+        """Return this plate's part of a FORCE_PLATFORM parameter, whose last dimension is the plate."""
         value = self.file.numbers(f"FORCE_PLATFORM:{name}")
         size = int(np.prod(shape))
         if value is None or value.size < size * self.index:
@@ -160,21 +160,21 @@ class _PlateReader:
         return part.reshape(shape, order="F")
 
     def _origin(self) -> FloatArray:
-        """ORIGIN in m with z negative: old files hold the reverse vector."""
+        """Return ORIGIN in m with negative z; old files contain the reverse vector."""
         if self.kind == 1:
             return np.zeros(3)
         origin = self._parameter("ORIGIN", (3,)) * self.metres
         if origin[2] > 0:
-            self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected negative), sign repaired")
+            self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected negative): sign corrected")
             origin = origin * [1, 1, -1] if self.kind == 3 else -origin
         if self.kind == 3:
             origin = np.abs(origin) * [1, 1, -1]
             if not np.all(np.abs(origin[:2]) > 0):
-                raise UnusablePlateError("ORIGIN gives no sensor distances, which a type 3 plate needs")
+                raise UnusablePlateError("ORIGIN has no sensor distances, which a type 3 plate needs")
         return np.asarray(origin)
 
     def _samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Scaled samples of the channels (NaN where not finite), which samples are valid, and which are saturated."""
+        """Return the scaled samples (NaN where not finite), and which of them are valid and which saturated."""
         offset, scale = (each[columns] for each in calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
@@ -186,16 +186,16 @@ class _PlateReader:
         values[~np.isfinite(values)] = np.nan
         finite = np.isfinite(values).all(axis=1)
         if not finite.any():
-            raise UnusablePlateError("in none of its samples are all of its channels numbers")
+            raise UnusablePlateError("no sample has numbers in all channels of the plate")
         bits = self.file.words("ANALOG:BITS")
-        full = saturated(counts, offset, bits[0] if bits else None)
+        full = find_saturated(counts, offset, bits[0] if bits else None)
         ok = np.asarray(finite & ~full)
         if not ok.any():
             raise UnusablePlateError("all of its samples are saturated or not finite")
         return values, ok, full
 
     def _without_baseline(self, channels: FloatArray) -> FloatArray:
-        """Subtract the mean over the frames that ZERO names, if the plate was unloaded then."""
+        """Subtract the mean over the baseline frames (ZERO), if the plate was unloaded in them."""
         zero = self.file.words("FORCE_PLATFORM:ZERO") or [0, 0]
         first, last = max(zero[0], 1), zero[-1]
         if self.kind == 1 or len(zero) < 2 or last <= first or last > self.layout.frames:
@@ -206,13 +206,13 @@ class _PlateReader:
         if 2 * len(good) < len(channels[part]):
             self._note(
                 f"only {len(good)} of {len(channels[part])} samples of the baseline frames {first} to {last} (ZERO) "
-                "are numbers: not subtracted"
+                "are numbers: the baseline was not subtracted"
             )
             return channels
         baseline = good.mean(axis=0)
         parts = slice(4, 8) if self.kind == 3 else slice(2, 3)
-        load = np.pad(channels[finite, parts].sum(axis=1), _SPIKE // 2, mode="edge")
-        vertical = np.median(sliding_window_view(load, _SPIKE), axis=1)
+        load = np.pad(channels[finite, parts].sum(axis=1), _MEDIAN_WIDTH // 2, mode="edge")
+        vertical = np.median(sliding_window_view(load, _MEDIAN_WIDTH), axis=1)
         level = float(baseline[parts].sum())
         if _is_offset(level, vertical):
             return np.asarray(channels - baseline)
@@ -223,10 +223,10 @@ class _PlateReader:
         return channels
 
     def _in_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
-        """Calibrated channels in N, m and N·m."""
+        """Convert the channels to N, m and N·m."""
         if self.kind == 4:
-            if self.units.given:
-                self._note("its CAL_MATRIX gives N and N·mm: the configuration's units of force were not applied")
+            if self.units.configured:
+                self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
             return self._calibrated(channels, calibration(self.file, self.layout)[1][columns])
         units = self.file.strings("ANALOG:UNITS")
         declared = [units[column] if column < len(units) else "" for column in columns]
@@ -237,10 +237,10 @@ class _PlateReader:
         return np.asarray(channels * found.factors)
 
     def _calibrated(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
-        """Type 4: the 6 × 6 matrix turns the channels into N and N·mm; in SI.
+        """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and convert to SI.
 
-        Some files scale the channels by the matrix's diagonal already (and hold the matrix in N and N·m); applied
-        once more, forces come out several times too large.
+        In some files ANALOG:SCALE already contains the diagonal of the matrix (and the matrix is in N and N·m).
+        Applying it again would make the forces several times too large.
         """
         matrix = self._parameter("CAL_MATRIX", (6, 6))
         if np.linalg.matrix_rank(matrix) < 6:
@@ -250,7 +250,7 @@ class _PlateReader:
         ratio = np.abs(scale) / np.maximum(np.abs(diagonal), 1e-12)
         alike = all(np.ptp(part) < 0.01 * part.mean() for part in (ratio[:3], ratio[3:]))
         if alike and np.ptp(np.abs(scale[:3])) > 0.1 * np.abs(scale[:3]).mean():
-            self._note("ANALOG:SCALE already holds the diagonal of CAL_MATRIX: applied once")
+            self._note("ANALOG:SCALE already contains the diagonal of CAL_MATRIX: it was applied once")
             moments = ratio[3] / ratio[0]
             channels = channels / (np.sign(scale) * diagonal * np.repeat([1.0, moments], 3))
             to_si = np.repeat([1.0, 1e-3 * moments], 3)
@@ -258,7 +258,7 @@ class _PlateReader:
 
 
 def _is_offset(level: float, vertical: FloatArray) -> bool:
-    """Whether a baseline level is an offset: small, or of the other sign than the loads, which have only one."""
+    """Return whether a baseline level is an offset: it is small, or has the opposite sign of the loads."""
     if abs(level) <= 0.1 * float(np.abs(vertical).max()):
         return True
     excursion = vertical - level

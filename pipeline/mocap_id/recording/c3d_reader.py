@@ -1,4 +1,4 @@
-"""One C3D file → a Recording."""
+"""Reader of C3D files."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.recording.axes import axis_vector, nearest_axis, parse_axis, to_z_up
-from mocap_id.recording.c3d_decode import decode
+from mocap_id.recording.c3d_data import decode
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
-from mocap_id.recording.c3d_layout import Layout, encoding, establish
+from mocap_id.recording.c3d_layout import Layout, describe_encoding, find_layout
 from mocap_id.recording.c3d_plates import StoredPlate, plate_channels, stored_plates
 from mocap_id.recording.channel_units import ForceUnits
-from mocap_id.recording.lab_plates import place
+from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import name_markers
-from mocap_id.recording.markers import clean, metres_per_unit, thinned, turn_up
+from mocap_id.recording.marker_positions import clean, resolve_length_unit, thin_frames, turn_z_up
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.plate_types import plate_axes
 
 _OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")
-"""POINT parameters that list trajectories which are no markers; POINT:TYPE_GROUPS may name more."""
-
+"""POINT parameters that list computed trajectories, not markers; POINT:TYPE_GROUPS may name more."""
 
 _BELOW_M = 0.2
-"""Markers that far under a plate show that its corners run the wrong way round, not that people hang from it."""
+"""Markers this far below a plate mean that its corners are in the wrong order."""
 
 
 def read_c3d(
@@ -34,24 +33,24 @@ def read_c3d(
 ) -> Recording:
     """Read an open C3D file; see :func:`mocap_id.recording.read`."""
     file = open_c3d(path, stream)
-    layout = establish(file)
+    layout = find_layout(file)
     oddities = list(layout.oddities)
-    unit, metres = metres_per_unit(path, file.text("POINT:UNITS"), units, oddities)
+    unit, metres = resolve_length_unit(path, file.text("POINT:UNITS"), units, oddities)
     subjects = _subjects(file)
     naming = name_markers(_labels(file, layout), _outputs(file), subjects)
     oddities += [*naming.oddities, *_named_after(path, subjects)]
     positions, counts = decode(file, layout, naming.keep, plate_channels(file, layout), metres)
     clean(path, positions, unit, oddities)
     stored = stored_plates(file, layout, counts, metres, force_units)
-    del counts  # a long recording's are large
+    del counts  # large in a long recording
     up = _vertical(file, stored, positions, vertical, oddities)
-    turn_up(positions, up)
+    turn_z_up(positions, up)
     frames = layout.first + np.arange(layout.frames)
     time = (frames - min(layout.first, 1)) / layout.rate
     plates = _plates(stored, to_z_up(up), float(time[0]), layout, oddities)
     return Recording(
         files=(path,),
-        format=encoding(file, layout),
+        format=describe_encoding(file, layout),
         labels=naming.labels,
         positions=positions,
         frames=frames.astype(np.int64),
@@ -66,7 +65,7 @@ def read_c3d(
 
 
 def _labels(file: C3DFile, layout: Layout) -> list[str]:
-    """POINT:LABELS, continued in LABELS2 …; one a point."""
+    """Return one label per point, from POINT:LABELS, LABELS2 and so on."""
     labels = list(file.strings("POINT:LABELS"))
     number = 2
     while more := file.strings(f"POINT:LABELS{number}"):
@@ -76,24 +75,24 @@ def _labels(file: C3DFile, layout: Layout) -> list[str]:
 
 
 def _subjects(file: C3DFile) -> list[str]:
-    """Names and label prefixes of the subjects that the header declares."""
+    """Return the names and label prefixes of the subjects in the header."""
     found = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
     return [name.strip() for name in found if name.strip()]
 
 
 def _named_after(path: Path, subjects: Sequence[str]) -> list[str]:
-    """Whether the file's own name gives a subject away."""
+    """Note a file name that contains the name of a subject."""
     stem = path.stem.casefold()
     if not any(len(name) > 2 and name.strip(":_-. ").casefold() in stem for name in subjects):
         return []
     return [
-        "the file is called after a subject whom its header names, and outputs show the files' names: call it by a "
-        "pseudonym"
+        "the file name contains the name of a subject from its header, and outputs show the file name: rename the file "
+        "to a pseudonym"
     ]
 
 
 def _outputs(file: C3DFile) -> list[str]:
-    """Labels that the file's own groups declare as computed."""
+    """Return the labels that the file declares as computed."""
     types = file.strings("POINT:TYPE_GROUPS")
     groups = [*_OUTPUT_GROUPS, *(name.strip().upper() for name in types[::2])]
     found = [
@@ -108,26 +107,26 @@ def _outputs(file: C3DFile) -> list[str]:
 def _vertical(
     file: C3DFile, stored: Sequence[StoredPlate], positions: FloatArray, override: str | None, oddities: list[str]
 ) -> str:
-    """The file's upward axis: configured, or from the plates' surfaces, or POINT:Y_SCREEN, or Z as an assumption."""
+    """Return the upward axis: configured, or normal to the plates, or POINT:Y_SCREEN, or Z as an assumption."""
     declared = parse_axis(file.text("POINT:Y_SCREEN"))
     found = _plates_normal(stored, positions)
     if override is not None:
-        for axis, source in ((found, "the force plates lie"), (declared, "POINT:Y_SCREEN points")):
+        for axis, source in ((found, "the force plates say"), (declared, "POINT:Y_SCREEN says")):
             if axis is not None and axis != override:
-                oddities.append(f"vertical is {override} by the configuration, but {source} across {axis}")
+                oddities.append(f"{source} that {axis} is up, the configuration says {override}: {override} was used")
         return override
     if found is not None:
         if declared is not None and declared != found:
-            oddities.append(f"POINT:Y_SCREEN says that {declared} is up, the force plates say {found}: that was taken")
+            oddities.append(f"POINT:Y_SCREEN says {declared} is up, the force plates say {found}: {found} was used")
         return found
     if declared is not None:
         return declared
-    oddities.append("the file does not say which axis is up: Z was assumed (set `vertical:` if it is not)")
+    oddities.append("the file does not say which axis is up: Z was assumed (if it is another, set `vertical:`)")
     return "Z"
 
 
 def _plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str | None:
-    """The axis out of the working surface of all usable plates; the other way where the markers are there."""
+    """Return the axis normal to the surface of all usable plates, pointing to the side of the markers."""
     axes = set()
     for plate in stored:
         if plate.signals is None:
@@ -136,7 +135,7 @@ def _plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str 
         axis = nearest_axis(-down) if np.isfinite(down).all() else None
         if axis is None:
             return None
-        height = (thinned(positions) - plate.signals.corners.mean(axis=0)) @ axis_vector(axis)
+        height = (thin_frames(positions) - plate.signals.corners.mean(axis=0)) @ axis_vector(axis)
         below = bool(np.isfinite(height).any()) and np.nanmedian(height) < -_BELOW_M
         axes.add(axis if not below else axis.removeprefix("-") if axis.startswith("-") else f"-{axis}")
     return axes.pop() if len(axes) == 1 else None
@@ -147,7 +146,7 @@ def _plates(
 ) -> tuple[Plate, ...]:
     plates = []
     for each in stored:
-        plate, found = place(each, turn, start, layout.per_frame * layout.rate)
+        plate, found = place_plate(each, turn, start, layout.per_frame * layout.rate)
         plates.append(plate)
         oddities += found
     return tuple(plates)

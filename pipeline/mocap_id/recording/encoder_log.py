@@ -1,4 +1,4 @@
-"""A robot's own record of its joint: CSV with the time, position, velocity and perhaps the torque."""
+"""Encoder log of a robot joint: a CSV file with time, position, velocity and optionally torque."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.tables import read_csv
+from mocap_id.recording.text_tables import read_csv
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
 
-_LEAST_ROWS = 20
-_SPAN = 0.1  # s, over which the velocity must add up to the change of position
-_AGREES = (0.8, 1.25)  # of the change of position by the velocity's own
-_MOVES = 0.05  # rad: less movement tells nothing
+_MIN_ROWS = 20
+_SPAN = 0.1  # s; over this time the integrated velocity must match the change of position
+_ACCEPTED_RATIO = (0.8, 1.25)  # accepted ratio of the change of position to the integrated velocity
+_MIN_MOVEMENT = 0.05  # rad; a smaller movement is not checked
 DEGREES = 180.0 / np.pi
-_LONGEST = 120  # characters of a header that is shown
-_EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and perhaps {TORQUE}"
+_MAX_SHOWN = 120  # characters of the header to show in a message
+_EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and optionally {TORQUE}"
 
 
 @dataclass(frozen=True)
 class EncoderLog:
-    """What an encoder logged, on its own clock.
+    """Signals of an encoder, on its own clock.
 
     Parameters
     ----------
     time : (K,) array
-        Increasing, s.
+        Increasing times, s.
     position, velocity : (K,) arrays
-        rad, rad/s.
+        Joint position, rad, and velocity, rad/s.
     torque : (K,) array or None
-        N·m; NaN where a cell is empty. None where the file has none.
+        Joint torque, N·m; NaN where a cell is empty. None if the file has no such column.
     """
 
     time: FloatArray
@@ -43,21 +43,21 @@ class EncoderLog:
 
     @property
     def rate(self) -> float:
-        """Rows a second."""
+        """Mean number of rows per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
 
 def read_encoder(path: Path) -> EncoderLog:
-    """Read an encoder's CSV.
+    """Read an encoder log.
 
-    Columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and perhaps ``torque_Nm``: their names hold their
-    units, so that none is guessed.
+    The columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and optionally ``torque_Nm``. Their names contain
+    the units, so that no unit is guessed.
 
     Raises
     ------
     RecordingError
-        The file is missing, no such table, has other columns or empty cells, its times do not increase, or its
-        velocity is not the change of its position.
+        The file is missing or not such a table, has other columns or empty cells, its times do not increase, or its
+        velocity is not the derivative of its position.
     """
     columns = _columns(path)
     time, position, velocity = (columns[name] for name in (TIME, POSITION, VELOCITY))
@@ -71,25 +71,25 @@ def _columns(path: Path) -> dict[str, FloatArray]:
     table = read_csv(path)
     names = list(table.names)
     if len(names) == 1 and ";" in names[0]:
-        raise RecordingError(f"{path}: its cells are parted by `;`: export it with `,` between and decimal points")
+        raise RecordingError(f"{path}: its cells are separated by `;`: export it with `,` and with decimal points")
     if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
         raise RecordingError(
-            f"{path}: has the columns {', '.join(names)[:_LONGEST]}, {_EXPECTED}: convert other units, which the names "
-            "tell (degrees to radians), and leave everything else out"
+            f"{path}: has the columns {', '.join(names)[:_MAX_SHOWN]}, {_EXPECTED}: convert to the "
+            "units in these names and remove all other columns"
         )
     return dict(zip(names, table.numbers().T.copy(), strict=True))
 
 
 def _check_whole(path: Path, columns: dict[str, FloatArray]) -> None:
     rows = len(columns[TIME])
-    if rows < _LEAST_ROWS:
-        raise RecordingError(f"{path}: has {rows} rows, expected {_LEAST_ROWS} or more")
+    if rows < _MIN_ROWS:
+        raise RecordingError(f"{path}: has {rows} rows, expected at least {_MIN_ROWS}")
     for name in (TIME, POSITION, VELOCITY):
         empty = np.flatnonzero(~np.isfinite(columns[name]))
         if len(empty):
             raise RecordingError(
-                f"{path}: `{name}` holds no number in line {empty[0] + 2} ({len(empty)} such lines): leave these lines "
-                "out, the times need not be even"
+                f"{path}: `{name}` has no number in line {empty[0] + 2} ({len(empty)} such lines): remove these "
+                "lines; the times need not be evenly spaced"
             )
 
 
@@ -99,27 +99,27 @@ def _check_times(path: Path, time: FloatArray) -> None:
         k = int(back[0]) + 1
         raise RecordingError(
             f"{path}: `{TIME}` does not increase: line {k + 2} has {time[k]:g} s after {time[k - 1]:g} s; sort the "
-            "record by its own clock and leave out what stands twice"
+            "rows by time and remove repeated rows"
         )
 
 
 def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-    """Refuse a velocity that is not the position's: another unit, another sense, another joint."""
+    """Refuse a velocity that is not the derivative of the position: wrong unit, direction or joint."""
     apart = max(1, round(_SPAN / float(np.median(np.diff(time)))))
     summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
     by_velocity, by_position = (each[apart:] - each[:-apart] for each in (summed, position))
     size = float(by_velocity @ by_velocity)
     slope = float(by_velocity @ by_position) / size if size > 0.0 else 0.0
-    if np.ptp(position) < _MOVES or _AGREES[0] <= slope <= _AGREES[1]:
+    if np.ptp(position) < _MIN_MOVEMENT or _ACCEPTED_RATIO[0] <= slope <= _ACCEPTED_RATIO[1]:
         return
     ratio = abs(slope)
-    hint = "of another joint or sense"
+    hint = "of another joint or direction"
     for what, factor in (("position", DEGREES), ("velocity", 1.0 / DEGREES)):
-        if _AGREES[0] <= ratio / factor <= _AGREES[1]:
+        if _ACCEPTED_RATIO[0] <= ratio / factor <= _ACCEPTED_RATIO[1]:
             hint = f"in other units, the {what} in degrees"
-    if _AGREES[0] <= ratio * 1000.0 <= _AGREES[1]:
+    if _ACCEPTED_RATIO[0] <= ratio * 1000.0 <= _ACCEPTED_RATIO[1]:
         hint = f"in other units, or `{TIME}` is in milliseconds and must be in seconds"
     raise RecordingError(
-        f"{path}: `{POSITION}` changes by {slope:.3g} times what `{VELOCITY}` adds up to: one of them is {hint}; both "
+        f"{path}: `{POSITION}` changes by {slope:.3g} times the integral of `{VELOCITY}`: one of them is {hint}; both "
         "must be in radians and of the same joint"
     )

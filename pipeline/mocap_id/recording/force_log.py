@@ -1,4 +1,4 @@
-"""A second force sensor's own file: CSV with the time, the force and perhaps a moment."""
+"""Log of a further force sensor: a CSV file with time, force and optionally moment."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
-from mocap_id.recording.tables import read_csv
+from mocap_id.recording.text_tables import read_csv
 
 TIME, FORCE, MOMENT = "time_s", ("Fx_N", "Fy_N", "Fz_N"), ("Mx_Nm", "My_Nm", "Mz_Nm")
 
-_EVEN = 0.5  # of a step: farther from even times, samples are missing
+_MAX_ERROR = 0.5  # of a step; a larger deviation from even times means missing samples
 
 
 @dataclass(frozen=True)
 class ForceLog:
-    """What a force sensor logged, at even times on its own clock.
+    """Signals of a force sensor at evenly spaced times on its own clock.
 
     Parameters
     ----------
     start : float
         Time of the first sample, s.
     rate : float
-        Samples a second.
+        Samples per second.
     force : (K, 3) array
-        N, in the file's axes; NaN where a cell is empty.
+        Force in the axes of the file, N; NaN where a cell is empty.
     moment : (K, 3) array
-        Free moment about the point where the force acts, N·m; zeros where the file has none.
+        Moment about the point of application, N·m; zeros if the file has none.
     """
 
     start: float
@@ -44,24 +44,24 @@ class ForceLog:
 
 
 def read_force_log(path: Path) -> ForceLog:
-    """Read a force sensor's CSV.
+    """Read the log of a force sensor.
 
-    Columns are ``time_s``, ``Fx_N``, ``Fy_N``, ``Fz_N`` and, all or none, ``Mx_Nm``, ``My_Nm``, ``Mz_Nm``: their names
-    hold their units, so that none is guessed.
+    The columns are ``time_s``, ``Fx_N``, ``Fy_N``, ``Fz_N`` and, all or none, ``Mx_Nm``, ``My_Nm``, ``Mz_Nm``. Their
+    names contain the units, so that no unit is guessed.
 
     Raises
     ------
     RecordingError
-        The file is missing, no such table, has other columns, or its times are not even.
+        The file is missing or not such a table, has other columns, or its times are not evenly spaced.
     """
     table = read_csv(path)
     names = list(table.names)
     expected = [TIME, *FORCE] if not set(names) & set(MOMENT) else [TIME, *FORCE, *MOMENT]
     if sorted(names) != sorted(expected):
         raise RecordingError(
-            f"{path}: has the columns {', '.join(names)}, expected {', '.join([TIME, *FORCE])} and perhaps "
-            f"{', '.join(MOMENT)} about the point where the force acts: convert other units, which the names tell, and "
-            "leave everything else out"
+            f"{path}: has the columns {', '.join(names)}, expected {', '.join([TIME, *FORCE])} and optionally "
+            f"{', '.join(MOMENT)} about the point of application: convert to the units in these names and remove all "
+            "other columns"
         )
     values = table.numbers()[:, [names.index(name) for name in expected]]
     time = _even(path, values[:, 0])
@@ -71,15 +71,15 @@ def read_force_log(path: Path) -> ForceLog:
 
 
 def _even(path: Path, time: FloatArray) -> FloatArray:
-    """Even times (K,) nearest to the file's."""
-    if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
-        raise RecordingError(f"{path}: `{TIME}` must hold two times or more that increase, in every row")
+    """Return evenly spaced times (K,) closest to those of the file."""
+    if not is_time_axis(time):
+        raise RecordingError(f"{path}: `{TIME}` must contain at least two times that increase from row to row")
     even = np.linspace(time[0], time[-1], len(time))
     step = float(even[1] - even[0])
     worst = int(np.argmax(np.abs(time - even)))
-    if abs(time[worst] - even[worst]) > _EVEN * step:
+    if abs(time[worst] - even[worst]) > _MAX_ERROR * step:
         raise RecordingError(
-            f"{path}: the times are not even: row {worst + 2} has {time[worst]:g} s, expected {even[worst]:g} s at "
-            f"{1 / step:.6g} Hz: samples are missing; export the record without gaps"
+            f"{path}: the times are not evenly spaced: row {worst + 2} has {time[worst]:g} s, expected "
+            f"{even[worst]:g} s at {1 / step:.6g} Hz: samples are missing; export the file without gaps"
         )
     return np.asarray(even)

@@ -1,4 +1,8 @@
-"""Plates in the lab: pose from the corners, sense from the load, moment about the lab origin."""
+"""Force plates in lab coordinates.
+
+Sign convention: the wrench is that of the ground on the body, about the lab origin. The vertical force under a standing
+person is positive. A file with the opposite sign (force of the body on the plate) is recognised and reversed.
+"""
 
 from __future__ import annotations
 
@@ -10,28 +14,29 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.c3d_plates import StoredPlate
 from mocap_id.recording.model import Plate
 from mocap_id.recording.plate_types import plate_axes, surface_wrench
+from mocap_id.recording.resampling import PlateSamples
 
 LOADED_N = 20.0
-"""Below this vertical force neither the sense nor the centre of pressure of a plate means anything."""
+"""Below this vertical force, neither the sign nor the centre of pressure of a plate is meaningful."""
 
 _ON_PLATE_M = 0.05
-_MOSTLY = 0.8
+_SHARE_ON_PLATE = 0.8
 _SPIKE = 5.0
 
 
-def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> tuple[Plate, list[str]]:
-    """Turn a stored plate into the wrench of the ground on the body.
+def place_plate(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> tuple[Plate, list[str]]:
+    """Convert a stored plate to the wrench of the ground on the body in the lab.
 
     Parameters
     ----------
     stored : StoredPlate
-        In the file's axes.
+        Plate in the axes of the file.
     turn : (3, 3) array
-        From the file's axes to the lab's (Z up).
+        Rotation from the file's axes to the lab's (Z up).
     start : float
         Time of the first analog sample, s.
     rate : float
-        Analog samples a second.
+        Analog samples per second.
 
     Returns
     -------
@@ -48,7 +53,7 @@ def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> t
             force, moment = surface_wrench(stored.signals)
             force, moment, reversed_ = _reaction(force, moment, axes, corners.mean(axis=0), stored.ok)
             if reversed_:
-                oddities.append(f"plate {stored.index} holds the force of the body on the plate: reversed")
+                oddities.append(f"plate {stored.index} measures the force of the body on the plate: reversed")
             plate = Plate(stored.index, f"type {stored.kind}", corners, force, moment, stored.ok, rate, start)
             assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
             plate = replace(plate, assumptions=assumptions, saturated=stored.saturated)
@@ -61,11 +66,11 @@ def place(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> t
 
 def _pose_problem(axes: FloatArray) -> str:
     if not np.isfinite(axes).all():
-        return "CORNERS span no rectangle"
+        return "CORNERS do not form a rectangle"
     if axes[2, 2] > -0.5:
         return (
-            f"CORNERS turn its z axis {'up' if axes[2, 2] > 0.5 else 'sideways'}; "
-            "they should run +x+y, -x+y, -x-y, +x-y with z down"
+            f"CORNERS make its z axis point {'up' if axes[2, 2] > 0.5 else 'sideways'}; "
+            "the expected order is +x+y, -x+y, -x-y, +x-y with z down"
         )
     return ""
 
@@ -73,22 +78,24 @@ def _pose_problem(axes: FloatArray) -> str:
 def _reaction(
     force: FloatArray, moment: FloatArray, axes: FloatArray, centre: FloatArray, ok: BoolArray
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """Wrench on the body in lab axes about the lab origin, and whether the channels held the opposite one."""
+    """Return the wrench on the body in lab axes about the lab origin, and whether its sign was reversed."""
     force, moment = force @ axes.T, moment @ axes.T
-    reversed_ = is_load(force[ok, 2])
+    reversed_ = is_force_on_plate(force[ok, 2])
     if reversed_:
         force, moment = -force, -moment
     return force, moment + np.cross(centre, force), reversed_
 
 
-def is_load(vertical: FloatArray) -> bool:
-    """Whether upward forces are those of the body on the plate, which mostly point down under load.
+def is_force_on_plate(vertical: FloatArray) -> bool:
+    """Return whether a force is that of the body on the plate: it points mostly down under load.
+
+    The mean of all samples over 20 N decides, each limited to five times their median. A few spikes therefore do not
+    outweigh a person, nor does an offset of the unloaded plate outweigh a short contact.
 
     Parameters
     ----------
     vertical : (K,) array
-        Good samples, N. What counts is the mean of those over 20 N, each at most five times as large as their median:
-        a few spikes do not outvote a person, nor does an offset of the unloaded plate outvote a short contact.
+        Upward force of valid samples, N.
     """
     loaded = vertical[np.abs(vertical) > LOADED_N]
     if not loaded.size:
@@ -97,31 +104,31 @@ def is_load(vertical: FloatArray) -> bool:
     return bool(np.clip(loaded, -most, most).mean() < 0)
 
 
-def centre_of_pressure(plate: Plate) -> FloatArray:
-    """Where the force meets the plane of the working surface, (K, 2) lab m; NaN under a load of 20 N."""
+def centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
+    """Return the centre of pressure of a wrench on the working surface, (K, 2), lab, m; NaN below a load of 20 N."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
-    about = plate.moment - np.cross(centre, plate.force)
-    vertical = np.where(plate.force[:, 2] > LOADED_N, plate.force[:, 2], np.nan)
+    about = wrench.moment - np.cross(centre, wrench.force)
+    vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)
     return centre[:2] + np.column_stack([-about[:, 1], about[:, 0]]) / vertical[:, None]
 
 
 def _off_plate(plate: Plate) -> list[str]:
-    """A load that does not act on its plate gives a wrong unit, origin or corner away."""
+    """Note a load that acts beside its plate, which means a wrong unit, origin or corner."""
     assert plate.corners is not None
     most = plate.force[plate.ok, 2].max(initial=0.0)
     good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * most))
     if not good.any():
         return []
-    point = centre_of_pressure(plate)[good]
+    point = centre_of_pressure(plate, plate)[good]
     x, y = plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3]
     away = point - plate.corners.mean(axis=0)[:2]
     inside = np.ones(len(point), bool)
     for side in (x, y):
         half = np.linalg.norm(side) / 2
         inside &= np.abs(away @ side[:2]) / (2 * half) < half + _ON_PLATE_M
-    if inside.mean() >= _MOSTLY:
+    if inside.mean() >= _SHARE_ON_PLATE:
         return []
     return [
         f"plate {plate.index}: the centre of pressure lies off the plate in {100 * (1 - inside.mean()):.0f} % of its "
-        "loaded samples; its corners, ORIGIN or moment units are doubtful"
+        "loaded samples: check its corners, ORIGIN and moment units"
     ]

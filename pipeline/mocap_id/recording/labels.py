@@ -1,4 +1,4 @@
-"""Marker names: subject prefixes, repeated labels, and trajectories that are no markers at all."""
+"""Marker names: subject prefixes, repeated labels, and trajectories that are not markers."""
 
 from __future__ import annotations
 
@@ -7,34 +7,36 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from mocap_id.recording.units import strip_padding
+
 _OUTPUT = re.compile(
     r"(angles?|forces?|moments?|powers?|grf|centre_?of_?mass\w*|center_?of_?mass\w*)$",
     re.IGNORECASE,
 )
-"""What gait models write among the points: joint angles, forces, moments, powers, centres of mass."""
+"""Outputs of gait models among the points: joint angles, forces, moments, powers, centres of mass."""
 
 _JOINT_CENTRE = re.compile(r"(?:^|[LR_.\s-])(?:H|K|A|S|E|W)JC(?:[_.\s-].*)?$|joint_?cent(?:re|er)", re.IGNORECASE)
-"""Computed joint centres: LHJC, R_KJC, L_HJC_reg …"""
+"""Computed joint centres, such as LHJC, R_KJC or L_HJC_reg."""
 
 _SEPARATORS = ":_-. "
-"""What stands between a subject's name and a marker's."""
+"""Characters between the name of a subject and the name of a marker."""
 
 _SEGMENT_AXES = ("O", "A", "L", "P")
-"""A model's segment frame is written as four points: origin and one point along each axis."""
+"""Last letters of the four points of a model's segment frame: the origin and a point on each axis."""
 
 
 @dataclass(frozen=True)
-class Naming:
-    """Which trajectories are kept, under which names.
+class MarkerNames:
+    """Trajectories to keep, and their names.
 
     Parameters
     ----------
     keep : tuple of int
-        Columns of the file that are markers.
+        Trajectories of the file that are markers, from 0.
     labels : tuple of str
         Their unique names.
     oddities : tuple of str
-        What was renamed or left out.
+        Notes on renamed and omitted trajectories.
     """
 
     keep: tuple[int, ...]
@@ -42,41 +44,41 @@ class Naming:
     oddities: tuple[str, ...]
 
 
-def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> Naming:
-    """Choose the markers among a file's trajectories and give each a unique name, without the name of any person.
+def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> MarkerNames:
+    """Select the markers among the trajectories and give each a unique name without the name of a person.
 
     Parameters
     ----------
     raw : sequence of str
-        Labels as in the file, one a trajectory, possibly empty.
+        Label of each trajectory as in the file, possibly empty.
     outputs : iterable of str
-        Labels that the file itself declares as something else than markers (POINT:ANGLES …).
+        Labels that the file declares as other than markers (POINT:ANGLES …).
     subjects : iterable of str
-        Names of subjects and prefixes of labels that the file declares. Where labels begin with one it is taken off,
-        as is everything up to a colon. No message names them.
+        Names of subjects and label prefixes that the file declares. They are removed from the start of labels, as is
+        everything up to a colon. No message contains them.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
-    split = [_split(text.strip().strip("\x00").strip(), known) for text in raw]
+    split = [_split(strip_padding(text), known) for text in raw]
     bare, oddities = _without_subject(split)
     declared = {part for name in outputs for part in (name.strip(), _split(name.strip(), known)[1])}
     dropped = _not_markers(bare, declared)
     if dropped:
         names = ", ".join(bare[i] for i in dropped[:4]) + (" …" if len(dropped) > 4 else "")
-        oddities.append(f"{len(dropped)} trajectories are computed, not measured, and were left out: {names}")
+        oddities.append(f"{len(dropped)} trajectories are computed, not measured, and were omitted: {names}")
     unnamed = [i for i, name in enumerate(bare) if not name]
     if unnamed:
-        oddities.append(f"{len(unnamed)} trajectories have no label and were named unlabelled-1 …")
+        oddities.append(f"{len(unnamed)} trajectories have no label and were named unlabelled-1, …")
         for number, i in enumerate(unnamed, start=1):
             bare[i] = f"unlabelled-{number}"
     keep = [i for i in range(len(bare)) if i not in set(dropped)]
-    labels, repeated = _made_unique([bare[i] for i in keep])
+    labels, repeated = _make_unique([bare[i] for i in keep])
     if repeated:
-        oddities.append(f"labels that occur more than once were numbered (A, A#2 …): {', '.join(repeated)}")
-    return Naming(tuple(keep), tuple(labels), tuple(oddities))
+        oddities.append(f"labels that occur more than once were numbered (A, A#2, …): {', '.join(repeated)}")
+    return MarkerNames(tuple(keep), tuple(labels), tuple(oddities))
 
 
 def _split(label: str, subjects: Sequence[str]) -> tuple[str, str]:
-    """Prefix (empty without one) and name of a label."""
+    """Split a label into its prefix, possibly empty, and its name."""
     if ":" in label:
         prefix, name = label.split(":", 1)
         return prefix, name.strip()
@@ -88,7 +90,7 @@ def _split(label: str, subjects: Sequence[str]) -> tuple[str, str]:
 
 
 def _without_subject(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[str]]:
-    """Names without their prefixes; where two markers would become one, the prefixes are numbered instead."""
+    """Remove the prefixes; if two markers would then share a name, number the subjects instead."""
     names = [name for _, name in split]
     prefixes = list(dict.fromkeys(prefix for prefix, _ in split if prefix))
     if not prefixes:
@@ -96,11 +98,11 @@ def _without_subject(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[
     markers = {(prefix, name) for prefix, name in split if name}
     if len({name for _, name in markers}) == len(markers):
         several = f" of {len(prefixes)} subjects" if len(prefixes) > 1 else ""
-        return names, [f"the labels hold subject names{several}: they were taken off"]
+        return names, [f"the labels contain subject names{several}, which were removed"]
     number = {prefix: f"subject-{k}:" for k, prefix in enumerate(prefixes, start=1)} | {"": ""}
     oddity = (
-        f"markers of {len(prefixes)} subjects share names: the subjects are called subject-1 to "
-        f"subject-{len(prefixes)}, in the file's order. A trial is of one person: leave the others out with "
+        f"markers of {len(prefixes)} subjects share names: the subjects were named subject-1 to "
+        f"subject-{len(prefixes)}, in the order of the file. A trial must have one person: omit the others with "
         "`planarise: {ignore: ['subject-2:*']}`"
     )
     return [number[prefix] + name for prefix, name in split], [oddity]
@@ -125,16 +127,16 @@ def _not_markers(names: Sequence[str], declared: set[str]) -> list[int]:
     ]
 
 
-def _made_unique(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    seen: Counter[str] = Counter()
+def _make_unique(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    counts: Counter[str] = Counter()
     taken = set(names)
     unique = []
     for name in names:
-        seen[name] += 1
-        candidate, number = name, seen[name]
+        counts[name] += 1
+        candidate, number = name, counts[name]
         while number > 1 and (candidate := f"{name}#{number}") in taken:
             number += 1
         taken.add(candidate)
-        seen[name] = number
+        counts[name] = number
         unique.append(candidate)
     return unique, sorted(_repeats(names))

@@ -1,4 +1,4 @@
-"""What a lab hands over, in one form: markers, force plates, and everything odd that was found on the way."""
+"""A recording in one form for all file formats: markers, force plates, and notes on oddities."""
 
 from __future__ import annotations
 
@@ -12,33 +12,35 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Plate:
-    """One force plate: the wrench of the ground on the body, in lab axes (Z up), SI.
+    """Force plate in lab axes (Z up), SI units.
+
+    Sign convention: force and moment are those of the ground on the body, not of the body on the plate.
 
     Parameters
     ----------
     index : int
-        As in the file, counted from 1.
+        Number in the file, from 1.
     kind : str
         ``"type 1"`` … ``"type 4"`` (C3D) or ``"mot"``.
     corners : (4, 3) array or None
-        Corners of the working surface in the lab, m; None where the file does not give them.
+        Corners of the working surface in the lab, m; None if the file does not give them.
     force : (K, 3) array
         Force of the ground on the body, N.
     moment : (K, 3) array
-        Its moment about the *lab origin*, N·m.
+        Moment of the ground on the body about the *lab origin*, N·m.
     ok : (K,) bool array
-        Every channel is finite and unsaturated.
+        Whether every channel is finite and unsaturated.
     rate : float
         Samples per second.
     start : float
-        Time of sample 0 in the recording's clock, s: sample k was taken at ``start + k / rate``.
+        Time of sample 0 on the clock of the recording, s; sample k is at ``start + k / rate``.
     problem : str
-        Why the plate cannot be used (its samples are NaN then), or empty.
+        Why the plate cannot be used, or empty; the samples of an unusable plate are NaN.
     assumptions : tuple of str
-        What the file does not say about the plate and was assumed, on which its forces rest; also among the oddities
-        of the recording.
+        Assumptions about the plate that the file does not state and the forces depend on. They are also among the
+        oddities of the recording.
     saturated : (K,) bool array or None
-        A channel sat at the end of its range; None where none did.
+        Whether a channel is at the limit of its range; None if none ever is.
     """
 
     index: int
@@ -55,49 +57,49 @@ class Plate:
 
     @property
     def centre(self) -> FloatArray | None:
-        """Centre of the working surface in the lab, (3,) m."""
+        """Centre of the working surface in the lab, (3,), m."""
         return None if self.corners is None else self.corners.mean(axis=0)
 
     @property
     def usable(self) -> bool:
-        """Whether the samples mean anything."""
+        """Whether the plate can be used."""
         return not self.problem
 
     def mean_vertical(self) -> float:
-        """Mean upward force over the good samples, N; NaN where there are none."""
+        """Return the mean upward force of the valid samples, N; NaN if there are none."""
         vertical = self.force[self.ok, 2]
         return float(vertical.mean()) if vertical.size else float("nan")
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Marker trajectories and force plates of one trial, in SI and with the lab's Z axis up.
+    """Marker trajectories and force plates of one trial, in SI units and lab axes with Z up.
 
     Parameters
     ----------
     files : tuple of Path
-        What was read.
+        Files that were read.
     format : str
         ``"C3D (Intel, real)"``, ``"TRC"``, ``"TRC + MOT"``.
     labels : tuple of str, length M
         Unique marker names.
     positions : (F, M, 3) array
-        m, lab axes with Z up; NaN where a marker was not seen.
+        Marker positions, m; NaN where a marker was not seen.
     frames : (F,) int array
-        The file's own frame numbers.
+        Frame numbers in the file.
     time : (F,) array
-        s, the file's clock: frame 1 (frame 0 where the file counts from 0) at 0 s.
+        Time on the clock of the file, s: 0 at frame 1 (or at frame 0, if the file counts from 0).
     rate : float
         Marker frames per second.
     units : str
-        Length unit as declared in the file (or by the caller).
+        Length unit declared in the file or by the caller.
     vertical : str
-        The file's own axis that points up (``"Z"``, ``"Y"``, ``"-Y"``, …), before it was turned to Z.
+        Axis of the file that points up (``"Z"``, ``"Y"``, ``"-Y"``, …); here it is already turned to Z.
     analog_rate : float or None
-        Samples per second of the analog channels; None where there are none.
+        Samples per second of the analog channels; None if there are none.
     plates : tuple of Plate
     oddities : tuple of str
-        Everything repaired, left out, assumed or contradictory, one sentence each.
+        Notes on all repairs, omissions, assumptions and contradictions, one sentence each.
     """
 
     files: tuple[Path, ...]
@@ -115,10 +117,10 @@ class Recording:
 
     @property
     def visible(self) -> BoolArray:
-        """(F, M): the marker was seen in the frame."""
+        """Whether each marker is visible in each frame, (F, M)."""
         return np.asarray(np.isfinite(self.positions).all(axis=2))
 
     @property
     def missing_fraction(self) -> float:
-        """Share of marker samples that were not seen."""
+        """Fraction of the marker samples that are missing."""
         return float(1.0 - self.visible.mean()) if self.positions.size else 1.0

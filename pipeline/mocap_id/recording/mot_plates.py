@@ -1,4 +1,4 @@
-"""Ground forces in a MOT table: force, point of application and free moment of every plate."""
+"""Force plates in a MOT table: force, point of application and free moment."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.channel_units import ForceUnits
-from mocap_id.recording.clock import Clock, even_clock
-from mocap_id.recording.lab_plates import is_load
+from mocap_id.recording.lab_plates import is_force_on_plate
 from mocap_id.recording.model import Plate
-from mocap_id.recording.saturation import clipped
-from mocap_id.recording.tables import MotionTable
+from mocap_id.recording.saturation import find_clipped
+from mocap_id.recording.text_tables import MotionTable
+from mocap_id.recording.time_stamps import EvenClock, fit_even_clock
 
 _COLUMN = re.compile(r"^(?P<name>.*?)_?(?P<what>[vpm]?)(?P<axis>[xyz])$")
 _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|-", re.IGNORECASE)
@@ -23,7 +23,7 @@ _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|
 
 @dataclass(frozen=True)
 class ForceColumns:
-    """Columns of one plate: name, and indexes of force, point and moment (None where the table has none)."""
+    """Columns of one plate: name, and indices of force, point and moment (None if the table lacks them)."""
 
     name: str
     force: tuple[int, int, int]
@@ -32,15 +32,15 @@ class ForceColumns:
 
 
 def find_forces(path: Path, table: MotionTable) -> list[ForceColumns]:
-    """Group the columns of a table by plate.
+    """Group the columns of a MOT table by plate.
 
-    Understood are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
-    ``ground_force_r_vx``, and ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x`` for the moment.
+    Accepted names are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
+    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``.
 
     Raises
     ------
     RecordingError
-        No column names a force, or a force lacks a component.
+        There is no force column, or a force lacks a component.
     """
     found: dict[str, dict[str, dict[str, int]]] = {}
     for index, column in enumerate(table.columns):
@@ -56,7 +56,7 @@ def find_forces(path: Path, table: MotionTable) -> list[ForceColumns]:
     groups = {name: parts for name, parts in found.items() if "force" in parts}
     if not groups:
         raise RecordingError(
-            f"{path}: no column names a ground force ({', '.join(table.columns[:3])} …); expected names like "
+            f"{path}: no column is a ground force ({', '.join(table.columns[:3])} …); expected names such as "
             "ground_force_1_vx, ground_force_1_px, ground_torque_1_x"
         )
     return [_columns(path, name, parts) for name, parts in groups.items()]
@@ -83,18 +83,18 @@ def mot_plates(
     turn: FloatArray,
     units: ForceUnits,
 ) -> tuple[Plate, ...]:
-    """Plates of a MOT table in the lab: m, N, N·m as the format has it, unless the configuration says otherwise.
+    """Return the plates of a MOT table in the lab; its units are m, N and N·m unless configured otherwise.
 
     Parameters
     ----------
     turn : (3, 3) array
-        From the table's axes to the lab's (Z up).
+        Rotation from the table's axes to the lab's (Z up).
     units : ForceUnits
-        Of force and moment, where the configuration declares them.
+        Configured units of force and moment.
     """
-    clock = even_clock(path, table.time)
-    if clock.coarse:
-        oddities.append(f"{path.name}: {clock.coarse}")
+    clock = fit_even_clock(path, table.time)
+    if clock.rounding_note:
+        oddities.append(f"{path.name}: {clock.rounding_note}")
     plates = []
     for index, each in enumerate(columns, start=1):
         plate, found = _plate(table, each, index, clock, turn=turn, units=units)
@@ -104,7 +104,7 @@ def mot_plates(
 
 
 def _plate(
-    table: MotionTable, columns: ForceColumns, index: int, clock: Clock, *, turn: FloatArray, units: ForceUnits
+    table: MotionTable, columns: ForceColumns, index: int, clock: EvenClock, *, turn: FloatArray, units: ForceUnits
 ) -> tuple[Plate, list[str]]:
     oddities = []
     newtons, newton_metres = units.factor("force"), units.factor("moment")
@@ -116,17 +116,17 @@ def _plate(
         moment, problem = np.cross(table.values[:, columns.point] @ turn.T, force) + free, ""
         if columns.moment is None:
             oddities.append(f"plate {index} ({columns.name}): no moment columns, a free moment of 0 was assumed")
-    if is_load(force[np.isfinite(force[:, 2]), 2]):
+    if is_force_on_plate(force[np.isfinite(force[:, 2]), 2]):
         force, moment = -force, -moment
-        oddities.append(f"plate {index} holds the force of the body on the plate: reversed")
+        oddities.append(f"plate {index} measures the force of the body on the plate: reversed")
     if not np.any(force):
         oddities.append(f"plate {index} ({columns.name}) is zero throughout")
     if problem:
         oddities.append(f"plate {index} is not used: {problem}")
         force = np.full_like(force, np.nan)
     finite = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
-    full = clipped(force[:, 2]) if finite.any() else ~finite
+    full = find_clipped(force[:, 2]) if finite.any() else ~finite
     if full.any():
-        oddities.append(f"plate {index}: {int(full.sum())} samples are saturated: held at an extreme of the load")
+        oddities.append(f"plate {index}: {int(full.sum())} samples are saturated: they repeat an extreme of the load")
     plate = Plate(index, "mot", None, force, moment, finite & ~full, clock.rate, clock.start, problem)
     return replace(plate, saturated=full if full.any() else None), oddities

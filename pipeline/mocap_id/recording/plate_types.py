@@ -1,7 +1,7 @@
-"""Force-plate types 1-4: channels → force and moment about the centre of the working surface, in the plate's frame.
+"""Force and moment of plates of types 1 to 4, in the plate frame about the centre of the working surface.
 
-The plate's frame is right-handed with z down. Whether the channels hold the load on the plate or the reaction on the
-body is not decided here: force and moment carry the channels' own sense.
+The plate frame is right-handed with z down. Sign convention: that of the channels. Whether they measure the force on
+the plate or on the body is decided in :mod:`mocap_id.recording.lab_plates`.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
-"""Channels by type."""
+"""Number of channels of each type."""
 
 
 class UnusablePlateError(Exception):
-    """A plate cannot be decoded; the message says why. It is left out, and the recording goes on without it."""
+    """A plate cannot be decoded. The recording is read without it; the message says why."""
 
 
 @dataclass(frozen=True)
 class PlateSignals:
-    """One plate's channels with what is needed to read them, SI.
+    """Channels of one plate and its geometry, SI units.
 
     Parameters
     ----------
     kind : int
         FORCE_PLATFORM:TYPE, 1 to 4.
     channels : (K, C) array
-        Type 1: Fx Fy Fz (N), CoPx CoPy (m), Tz (N·m). Types 2 and 4: Fx Fy Fz (N), Mx My Mz (N·m), a calibration
-        matrix already applied. Type 3: Fx12 Fx34 Fy14 Fy23 Fz1 Fz2 Fz3 Fz4 (N).
+        Type 1: Fx Fy Fz (N), CoPx CoPy (m), Tz (N·m). Types 2 and 4: Fx Fy Fz (N), Mx My Mz (N·m), after
+        calibration. Type 3: Fx12 Fx34 Fy14 Fy23 Fz1 Fz2 Fz3 Fz4 (N).
     origin : (3,) array
-        m, plate frame. Types 2 and 4: from the transducer to the centre of the working surface (z negative). Type 3:
-        half the sensor distances along x and y, and the same z.
+        Plate frame, m. Types 2 and 4: from the transducer to the centre of the working surface (z negative). Type 3:
+        half the distances between sensors along x and y, and the same z.
     corners : (4, 3) array
-        (+x+y, -x+y, -x-y, +x-y) in the lab, m.
+        Corners +x+y, -x+y, -x-y, +x-y in the lab, m.
     rate : float
         Samples per second.
     """
@@ -48,7 +48,7 @@ class PlateSignals:
 
 
 def surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
-    """Force (K, 3) N and moment (K, 3) N·m about the centre of the working surface, plate frame."""
+    """Return force (K, 3), N, and moment (K, 3), N·m, about the centre of the working surface, plate frame."""
     if plate.kind == 1:
         return _from_centre_of_pressure(plate.channels)
     if plate.kind == 3:
@@ -60,7 +60,7 @@ def surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_centre_of_pressure(channels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Type 1: force, point of application and free moment."""
+    """Type 1 measures force, point of application and free moment."""
     force = channels[:, :3]
     point = np.column_stack([channels[:, 3:5], np.zeros(len(channels))])
     moment = np.cross(point, force)
@@ -69,9 +69,9 @@ def _from_centre_of_pressure(channels: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _from_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Type 3: piezoelectric plate with a three-component sensor near each corner, in the quadrants 1 to 4.
+    """Type 3 is a piezoelectric plate with a three-component sensor near each corner.
 
-    Sensors 1 (+x+y), 2 (-x+y), 3 (-x-y), 4 (+x-y), at ±a along x and ±b along y.
+    The sensors 1 (+x+y), 2 (-x+y), 3 (-x-y) and 4 (+x-y) are at ±a along x and ±b along y.
     """
     x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
     a, b = origin[0], origin[1]
@@ -87,9 +87,9 @@ def _from_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatA
 
 
 def plate_axes(corners: FloatArray) -> FloatArray:
-    """The plate's axes in the lab as columns, (3, 3); NaN where the corners span no rectangle.
+    """Return the plate's axes in the lab as columns, (3, 3); NaN if the corners do not form a rectangle.
 
-    x runs from corners 2 and 3 to 1 and 4, y from 3 and 4 to 1 and 2, z = x × y.
+    x points from corners 2 and 3 to 1 and 4, y from 3 and 4 to 1 and 2, and z = x × y.
     """
     x = corners[0] - corners[1] + corners[3] - corners[2]
     y = corners[0] - corners[3] + corners[1] - corners[2]

@@ -1,33 +1,33 @@
-"""Samples at which an analog channel sat at the end of its range."""
+"""Detection of samples at which an analog channel is saturated."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
 _RUN = 8
-"""A noisy channel that repeats its extreme this often in a row is clipped."""
+"""A noisy channel that repeats its extreme this many times in a row is clipped."""
 
 _QUANTISED = 0.2
-"""Channels that repeat more than this share of their samples are coarse or at rest, and repetition means nothing."""
+"""Channels that repeat a larger share of their samples are coarse or at rest and are not checked."""
 
 _REST = 0.1
-"""Of the range from zero to the other extreme: an extreme this near to zero is a channel at rest."""
+"""Share of the larger extreme; an extreme closer to zero belongs to a channel at rest."""
 
 
-def saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
-    """Find saturated samples.
+def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
+    """Find the samples at which any channel is saturated.
 
-    Where the counts are whole numbers, the converter's limits are known from the resolution; elsewhere an extreme
-    that is held exactly, in a channel that otherwise never stands still, gives clipping away.
+    If the counts are integers, the limits of the converter follow from its resolution. Otherwise a channel is clipped
+    if it repeats its extreme exactly but is never constant elsewhere.
 
     Parameters
     ----------
     counts : (K, C) array
-        Samples in counts of the converter, as far as the file tells.
+        Samples in counts of the converter, if the file contains counts.
     offset : (C,) array
-        Counts at zero input; about half the range for converters that count from 0.
+        Counts at zero input; about half the range for unsigned converters.
     bits : int or None
         Resolution, ANALOG:BITS.
 
@@ -45,24 +45,24 @@ def saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolA
             low, high = _limits(float(zero), bits)
             flags |= (column <= low + 0.5) | (column >= high - 0.5)
         else:
-            flags |= clipped(column - zero)
+            flags |= find_clipped(column - zero)
     return flags
 
 
 def _limits(offset: float, bits: int | None) -> tuple[float, float]:
-    """Lowest and highest count of a converter, offset binary or two's complement."""
+    """Return the lowest and highest count of a converter, offset binary or two's complement."""
     resolution = bits if bits in (12, 14, 16) else (12 if 1900 < abs(offset) < 2200 else 16)
     span = 2.0**resolution
     return (0.0, span - 1) if abs(offset) > span / 4 else (-span / 2, span / 2 - 1)
 
 
-def clipped(column: FloatArray) -> BoolArray:
-    """Samples of one channel that are held at an extreme, far from zero, while it never stands still elsewhere.
+def find_clipped(column: FloatArray) -> BoolArray:
+    """Find the samples of a channel that repeat an extreme far from zero, if the channel is not constant elsewhere.
 
     Parameters
     ----------
     column : (K,) array
-        Less its zero; NaN where unknown.
+        Signal minus its zero level; NaN where unknown.
 
     Returns
     -------
@@ -76,8 +76,7 @@ def clipped(column: FloatArray) -> BoolArray:
     for extreme in (low, high):
         if abs(extreme) < _REST * max(abs(low), abs(high)):
             continue
-        held = column == extreme
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], held.astype(np.int8), [0]))))
-        if np.max(edges[1::2] - edges[::2]) >= _RUN:
-            flags |= held
+        at_extreme = column == extreme
+        if max(run.stop - run.start for run in find_runs(at_extreme)) >= _RUN:
+            flags |= at_extreme
     return flags

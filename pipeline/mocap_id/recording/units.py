@@ -1,4 +1,4 @@
-"""Declared units → SI. What is undeclared or ambiguous is refused, never guessed."""
+"""Conversion factors of declared units to SI. Unknown and ambiguous units have none."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LENGTHS: dict[str, float] = {
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1e-3),
     **dict.fromkeys(("in", "inch", "inches"), 0.0254),
 }
-"""Length units by name, in metres."""
+"""Metres per length unit, by name."""
 
 FORCES: dict[str, float] = {
     **dict.fromkeys(("n", "nt", "newt", "newto", "newton", "newtons"), 1.0),
@@ -20,7 +20,7 @@ FORCES: dict[str, float] = {
     **dict.fromkeys(("lb", "lbs", "lbf", "pound", "pounds"), 4.4482216152605),
     **dict.fromkeys(("kgf", "kp", "kilopond"), 9.80665),
 }
-"""Force units by name without case, in newtons; files cut ``newton`` after four letters."""
+"""Newtons per force unit, by lower-case name, including truncated forms of ``newton``."""
 
 _FEET = dict.fromkeys(("ft", "foot", "feet"), 0.3048)
 _ARMS: dict[str, float] = {**LENGTHS, **_FEET}
@@ -29,17 +29,16 @@ _SHORTEST_PREFIX = 3
 
 
 def length_scale(declared: str) -> float | None:
-    """Metres per declared unit; None where the name is empty, unknown or an ambiguous truncation.
+    """Return the metres per declared unit; None if the name is empty, unknown or ambiguous.
 
-    C3D files cut strings short, so a prefix of three letters or more counts where every name it could stand for is
-    the same unit.
+    C3D files truncate strings. A prefix of at least three letters is accepted if all matching names are the same unit.
 
     Examples
     --------
     >>> length_scale("MM"), length_scale("mete"), length_scale("furlong")
     (0.001, 1.0, None)
     """
-    name = bare(declared).strip("()").lower()
+    name = strip_padding(declared).strip("()").lower()
     if name in LENGTHS:
         return LENGTHS[name]
     if len(name) < _SHORTEST_PREFIX:
@@ -49,7 +48,7 @@ def length_scale(declared: str) -> float | None:
 
 
 def force_scale(declared: str) -> float | None:
-    """Newtons per declared unit of a force; None where the name is empty or no force.
+    """Return the newtons per declared unit of force; None if the name is empty or not a force.
 
     Examples
     --------
@@ -60,10 +59,10 @@ def force_scale(declared: str) -> float | None:
 
 
 def moment_scale(declared: str) -> float | None:
-    """Newton metres per declared unit of a moment; None where the name is empty or no moment.
+    """Return the newton metres per declared unit of moment; None if the name is empty or not a moment.
 
-    A force times a length, with or without a sign between them, or the other way round: where nothing stands between
-    them then, only with feet and inches (``mN`` is a millinewton).
+    The unit is a force and a length, with or without a separator. The length may come first; without a separator only
+    if it is in feet or inches, since ``mN`` is a millinewton.
 
     Examples
     --------
@@ -78,14 +77,14 @@ def moment_scale(declared: str) -> float | None:
     return FORCES[force] * _ARMS[arm]
 
 
-def bare(declared: str) -> str:
-    """A declared unit without the padding of its field."""
+def strip_padding(declared: str) -> str:
+    """Remove the padding of a text field."""
     return declared.strip().strip("\x00").strip()
 
 
 def _folded(declared: str) -> str:
-    """Without case, except that mN is a millinewton and MN is none."""
-    return re.sub("^mN", "millinewton", bare(declared)).lower()
+    """Convert a unit to lower case, except that mN is a millinewton and MN is not."""
+    return re.sub("^mN", "millinewton", strip_padding(declared)).lower()
 
 
 def _any_of(names: dict[str, float]) -> str:

@@ -1,5 +1,5 @@
-"""What people look at: the summary, the figures and the page of a trial.
+"""Reports for people: the summary, the figures and the page of a trial.
 
-Nothing is computed here that another program would need: the numbers are the artefacts', the report shows them.
-Nothing is imported here either, since drawing costs half a second that most commands do not need.
+The report only presents numbers that are in the artefacts. This package imports nothing here, because the drawing
+libraries take half a second to load and most commands do not need them.
 """

@@ -1,4 +1,4 @@
-"""What a page's figures need in its one file: data, scripts, and a policy that lets these run and nothing else."""
+"""Figures embedded in an HTML page: their data, the scripts that draw them and the content security policy."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _OPENING = '<script type="application/json" id="figure-data">'
 
 @dataclass(frozen=True)
 class Embedded:
-    """What the templates need.
+    """Data and scripts for the page templates.
 
     Parameters
     ----------
     data : mapping of str to str
-        JSON that may stand in a script element, by the element's id.
+        JSON that is safe in a script element, by the id of the element.
     scripts : tuple of str
-        The library, and what draws with it.
+        Plotly, and our scripts that draw with it.
     policy : str
-        The page's content security policy: these scripts by their digests, and no connection.
+        Content security policy of the page: these scripts by their digests, and no connection.
     """
 
     data: Mapping[str, str]
@@ -37,31 +37,34 @@ class Embedded:
     policy: str
 
 
-def embedded(drawings: Drawings, player: Player | None = None) -> Embedded:
-    """The figures of a page, and its player if it has one."""
-    told: dict[str, Any] = {"figure-data": to_json(drawings)}
+def embed(drawings: Drawings, player: Player | None = None) -> Embedded:
+    """Embed the figures of a page, and its player if it has one."""
+    contents: dict[str, Any] = {"figure-data": to_json(drawings)}
     if player is not None:
-        told["player-data"] = player.to_json()
+        contents["player-data"] = player.to_json()
     scripts = (*_library(), *([_script("player.js")] if player is not None else []))
     digests = " ".join(f"'sha256-{digest}'" for _, digest in scripts)
     return Embedded(
-        data={name: _inert(json.dumps(held, separators=(",", ":"), allow_nan=False)) for name, held in told.items()},
+        data={
+            name: _escaped(json.dumps(content, separators=(",", ":"), allow_nan=False))
+            for name, content in contents.items()
+        },
         scripts=tuple(text for text, _ in scripts),
         policy=f"default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; script-src {digests}",
     )
 
 
-def read(page: str) -> Drawings:
-    """The figures that a page holds.
+def read_figures(page: str) -> Drawings:
+    """Read the figures embedded in a page.
 
     Raises
     ------
     ValueError, TypeError, KeyError, AttributeError, RecursionError
-        It holds none that can be read.
+        The page contains no valid figures.
     """
     drawings = from_json(json.loads(page.partition(_OPENING)[2].partition("</script>")[0]))
     if not isinstance(drawings, Drawings) or not all(re.fullmatch(r"[a-z0-9_-]+", one.name) for one in drawings.all):
-        raise ValueError("these are no figures of ours")
+        raise ValueError("the page contains no figures of mocap-id")
     return drawings
 
 
@@ -72,11 +75,11 @@ def _library() -> tuple[tuple[str, str], ...]:
 
 @cache
 def _script(name: str) -> tuple[str, str]:
-    """A script and its digest."""
+    """Return a script and its SHA-256 digest."""
     text = files("mocap_id.reporting").joinpath("templates", name).read_text("utf-8").strip()
     return text, base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode()
 
 
-def _inert(text: str) -> str:
-    """JSON whose labels cannot end the element that it stands in."""
+def _escaped(text: str) -> str:
+    """Escape JSON so that no label can close the script element."""
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -1,7 +1,7 @@
-"""What a figure shows, told once: panels of curves, bands, points and bars with axes and units.
+"""Figures as data: panels of curves, bands, points and bars, independent of the drawing library.
 
-A figure is plain data. The page's ``chart.js`` draws it with Plotly, :mod:`mocap_id.reporting.paper` with matplotlib; a
-page holds its figures as JSON (:func:`to_json`), from which they are read again for a paper (:func:`from_json`).
+The page's ``chart.js`` draws a figure with Plotly and :mod:`mocap_id.reporting.paper` with matplotlib. A page holds its
+figures as JSON (:func:`to_json`), from which they are read again for a paper (:func:`from_json`).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from mocap_id.arrays import FloatArray
 
 Dash: TypeAlias = Literal["-", "--", "-.", ":"]
 Symbol: TypeAlias = Literal["dot", "ring", "x", "+", "|", "diamond", "square"]
-"""A dot is filled; ring and diamond are open."""
+"""Marker symbols; ring and diamond are open."""
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A curve through (K,) points; NaN lifts the pen. Widths and sizes are in points of a figure on paper."""
+    """A curve through (K,) points, interrupted by NaN. Widths and sizes are in points on paper."""
 
     x: FloatArray
     y: FloatArray
@@ -35,7 +35,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """An area between two curves; NaN leaves a gap."""
+    """The area between two curves, interrupted by NaN."""
 
     x: FloatArray
     low: FloatArray
@@ -46,7 +46,7 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Single points, with half-widths of their intervals along x and names where they have some."""
+    """Single points, with optional half-widths of intervals along x (``half``) and names."""
 
     x: FloatArray
     y: FloatArray
@@ -60,7 +60,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Heat:
-    """Squares coloured by a value on the figure's scale."""
+    """Squares coloured by value on the colour scale of the figure."""
 
     x: FloatArray
     y: FloatArray
@@ -70,7 +70,7 @@ class Heat:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Horizontal bars from ``low`` to ``high``, one a row; each has its own colour, opacity and name."""
+    """Horizontal bars from ``low`` to ``high``, each with its own row, colour, opacity and name."""
 
     row: FloatArray
     low: FloatArray
@@ -83,7 +83,7 @@ class Bars:
 
 @dataclass(frozen=True, eq=False)
 class Spans:
-    """Stretches of x that are shaded over the whole panel."""
+    """Intervals of x that are shaded over the full height of the panel."""
 
     start: FloatArray
     end: FloatArray
@@ -93,7 +93,7 @@ class Spans:
 
 @dataclass(frozen=True)
 class Rule:
-    """A straight line across the whole panel, at this place of an axis."""
+    """A straight line across the whole panel at one position of an axis."""
 
     axis: Literal["x", "y"]
     at: float
@@ -104,7 +104,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Text:
-    """Words to the right of a place."""
+    """Text to the right of a position."""
 
     x: float
     y: float
@@ -113,7 +113,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Key:
-    """An entry of the legend for what has no single item of its own."""
+    """A legend entry without an item of its own."""
 
     colour: str
     label: str
@@ -129,21 +129,21 @@ class Panel:
     Parameters
     ----------
     items : tuple of Item
-        From the lowest to the topmost.
+        Items from back to front.
     title, x, y : str
-        Above, and on the axes, with units.
+        Title and axis labels, with units.
     x_range, y_range : (2,) tuples or None
-        What is shown; None for all.
+        Range of the axis; None to show everything.
     x_ticks : tuple of (float, str)
-        Positions and labels of the ticks, where x is not a plain scale.
+        Positions and labels of ticks, if x is not a numeric scale.
     rows : tuple of str
-        Where y counts rows (0 on top): their names. Beside another panel of a line they are not repeated.
+        Row names if y counts rows (0 at the top). Only the first panel of a line shows them.
     equal : bool
-        A metre is as long on either axis.
+        Whether both axes have the same scale.
     linked : bool
-        x is shared with the other linked panels of the figure; its numbers stand where the axis has a name.
+        Whether x is shared with the other linked panels of the figure; only a panel with an x label shows numbers.
     height : float
-        Inches on paper, with everything that stands around it.
+        Height on paper including labels, inches.
     """
 
     items: tuple[Item, ...]
@@ -161,7 +161,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Scale:
-    """The colours of :class:`Heat`: lowest and highest value, and what they are."""
+    """Colour scale of :class:`Heat`: lowest value, highest value and label."""
 
     low: float
     high: float
@@ -170,19 +170,20 @@ class Scale:
 
 @dataclass(frozen=True)
 class Figure:
-    """Lines of panels, each line as wide as the page; on a narrow page they stand below each other."""
+    """Lines of panels, each as wide as the page; a narrow page stacks the panels of a line."""
 
     lines: tuple[tuple[Panel, ...], ...]
     scale: Scale | None = None
 
     @property
     def panels(self) -> tuple[Panel, ...]:
+        """All panels, line by line."""
         return tuple(panel for line in self.lines for panel in line)
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of a page: its file's stem, title and caption; ``figure`` is a sentence where there is none."""
+    """A figure of a page with its name (file stem), title and caption; a sentence instead of a missing figure."""
 
     name: str
     title: str
@@ -191,13 +192,13 @@ class Drawing:
 
     @property
     def missing(self) -> str | None:
-        """Why there is nothing to see; None where there is something."""
+        """Why the figure is missing; None if it exists."""
         return self.figure if isinstance(self.figure, str) else None
 
 
 @dataclass(frozen=True)
 class Drawings:
-    """All figures of a page, and what it is about."""
+    """All figures of a page, and the subject of the page (``of``)."""
 
     of: str
     all: tuple[Drawing, ...]
@@ -213,38 +214,38 @@ _KINDS = {
 
 
 def in_lines(panels: tuple[Panel, ...], most: int) -> tuple[tuple[Panel, ...], ...]:
-    """Panels in lines of at most so many, and of as equal a number as possible."""
+    """Arrange panels in lines of at most ``most`` panels and of nearly equal length."""
     count = -(-len(panels) // most)
     size = -(-len(panels) // max(count, 1))
     return tuple(panels[k : k + size] for k in range(0, len(panels), max(size, 1)))
 
 
 def to_json(value: Any) -> Any:
-    """A figure, or a part of one, as JSON values; arrays as base64 of 32-bit numbers, defaults left out."""
+    """Convert a figure or part of one to JSON values: arrays as base64 of 32-bit floats, defaults omitted."""
     if isinstance(value, np.ndarray):
         return {"f4": base64.b64encode(value.astype("<f4").tobytes()).decode("ascii")}
     if isinstance(value, tuple):
         return [to_json(one) for one in value]
     if type(value).__name__ not in _KINDS:
         return value
-    told = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
+    members = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
     return {"is": type(value).__name__} | {
-        name: to_json(own) for name, (own, default) in told.items() if default is MISSING or own is not default
+        name: to_json(own) for name, (own, default) in members.items() if default is MISSING or own is not default
     }
 
 
-def from_json(told: Any) -> Any:
-    """The figure that :func:`to_json` told.
+def from_json(value: Any) -> Any:
+    """Convert the result of :func:`to_json` back.
 
     Raises
     ------
     ValueError, TypeError, KeyError
-        It is no figure.
+        The values do not describe a figure.
     """
-    if isinstance(told, list):
-        return tuple(from_json(one) for one in told)
-    if not isinstance(told, Mapping):
-        return told
-    if "f4" in told:
-        return np.frombuffer(base64.b64decode(told["f4"], validate=True), "<f4").astype(np.float64)
-    return _KINDS[told["is"]](**{name: from_json(own) for name, own in told.items() if name != "is"})
+    if isinstance(value, list):
+        return tuple(from_json(one) for one in value)
+    if not isinstance(value, Mapping):
+        return value
+    if "f4" in value:
+        return np.frombuffer(base64.b64decode(value["f4"], validate=True), "<f4").astype(np.float64)
+    return _KINDS[value["is"]](**{name: from_json(own) for name, own in value.items() if name != "is"})

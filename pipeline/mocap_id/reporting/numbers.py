@@ -1,4 +1,4 @@
-"""Numbers as the report takes and shows them: finite or unknown, with sensible digits."""
+"""Formatting of numbers in the report: finite or unknown, with a sensible number of digits."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from collections.abc import Iterable
 import numpy as np
 
 UNKNOWN = "–"
-"""What stands for a quantity that is not known."""
+"""Text for an unknown quantity."""
 
 NORMAL_95 = 1.96
 """Half-width of a 95 % interval in standard deviations."""
 
 
 def known(value: object) -> float | None:
-    """A fact as a finite number; None where it is missing, NaN, infinite or no number."""
+    """Return a fact as a finite number; None if it is missing, NaN, infinite or not a number."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         return None
     return float(value) if math.isfinite(value) else None
 
 
 def all_known(values: object) -> list[float] | None:
-    """A vector as finite numbers; None where it is missing or any of it is unknown."""
+    """Return a vector as finite numbers; None if it is missing or any element is unknown."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         return None
     numbers = [known(value) for value in values]
@@ -31,7 +31,7 @@ def all_known(values: object) -> list[float] | None:
 
 
 def show(value: object, digits: int = 3, unit: str = "") -> str:
-    """A number with ``digits`` significant ones and its unit; a dash where it is unknown.
+    """Format a number with ``digits`` significant digits and its unit; a dash if unknown.
 
     >>> show(0.0123456, unit="m")
     '0.0123 m'
@@ -47,17 +47,17 @@ def show(value: object, digits: int = 3, unit: str = "") -> str:
 
 
 def show_fixed(value: object, decimals: int, unit: str = "") -> str:
-    """A number with so many decimals and its unit; a dash where it is unknown."""
+    """Format a number with a fixed number of decimals and its unit; a dash if unknown."""
     number = known(value)
     if number is None:
         return UNKNOWN
-    rounded = round(number, decimals) + 0.0  # no minus before a zero
+    rounded = round(number, decimals) + 0.0  # no negative zero
     text = f"{rounded:.{decimals}f}".replace("-", "−")
     return f"{text} {unit}".rstrip()
 
 
 def show_with_sd(value: object, sd: object, unit: str = "") -> str:
-    """``value ± sd``, both to the second significant digit of the standard deviation.
+    """Format ``value ± sd``, both to the second significant digit of the standard deviation.
 
     >>> show_with_sd(0.41234, 0.00312, "m")
     '0.4123 ± 0.0031 m'
@@ -69,7 +69,7 @@ def show_with_sd(value: object, sd: object, unit: str = "") -> str:
 
 
 def show_beside(value: object, sd: object, unit: str = "") -> str:
-    """A number with as many decimals as a standard deviation has that is shown with two digits."""
+    """Format a number to the second significant digit of a standard deviation."""
     spread = known(sd)
     if not spread:
         return show(value, 4, unit)
@@ -77,7 +77,7 @@ def show_beside(value: object, sd: object, unit: str = "") -> str:
 
 
 def show_interval(value: object, sd: object) -> str:
-    """The 95 % interval of a normal quantity."""
+    """Format the 95 % interval of a normally distributed quantity."""
     number, spread = known(value), known(sd)
     if number is None or not spread:
         return UNKNOWN
@@ -86,5 +86,5 @@ def show_interval(value: object, sd: object) -> str:
 
 
 def _magnitude(number: float) -> int:
-    """The power of ten of the leading digit; 0 for zero."""
+    """Return the power of ten of the leading digit; 0 for zero."""
     return 0 if number == 0 else math.floor(math.log10(abs(number)))

@@ -1,4 +1,4 @@
-"""``report.html``: one file that opens anywhere, with nothing to fetch and no script but what draws its figures."""
+"""``report.html``: a self-contained page whose only scripts draw its figures."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mocap_id.reporting import style
-from mocap_id.reporting.embedding import embedded
+from mocap_id.reporting.embedding import embed
 from mocap_id.reporting.explanations import EXPLANATIONS, LEVELS
 from mocap_id.reporting.figure import Drawings
-from mocap_id.reporting.material import Material
 from mocap_id.reporting.player import player
-from mocap_id.reporting.sections import glance, sections
-from mocap_id.reporting.shape import ReasonEntry, Summary
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.sections import key_numbers, sections
+from mocap_id.reporting.summary_schema import ReasonEntry, Summary
 
 Prose: TypeAlias = tuple[tuple[str, bool], ...]
 
 
 @dataclass(frozen=True)
-class Advice:
-    """A reason of the verdict as it is shown, with what its code means where the code is one that is explained.
+class ExplainedReason:
+    """A reason of the verdict with the explanation of its code.
 
-    Prose comes in pieces, each with whether it is code: what a message holds between backticks.
+    Prose is a sequence of text pieces, each with a flag for code (text between backticks).
     """
 
     level: str
@@ -34,54 +34,54 @@ class Advice:
     action: Prose
 
 
-def page(material: Material, summary: Summary, figures: Drawings) -> bytes:
-    """The page as UTF-8.
+def page(data: ReportData, summary: Summary, figures: Drawings) -> bytes:
+    """Render the page as UTF-8.
 
     Parameters
     ----------
-    material, summary
-        The trial and its summary.
+    data, summary
+        Trial and its summary.
     figures : Drawings
-        Every figure of :data:`mocap_id.reporting.contents.FIGURES`.
+        All figures of :data:`mocap_id.reporting.contents.FIGURES`.
     """
     headline, lead = LEVELS[summary.verdict.level]
-    moving = player(material)
+    motion_player = player(data)
     html = (
         environment()
         .get_template("report.html.j2")
         .render(
-            trial=style.printable(material.trial),
-            product=material.product,
+            trial=style.printable(data.trial),
+            product=data.product,
             level=summary.verdict.level,
             headline=headline,
             lead=lead,
-            reasons=[advice(reason) for reason in summary.verdict.reasons],
-            notes=[advice(reason) for reason in summary.verdict.notes],
-            glance=glance(material, summary),
-            sections=sections(material, summary),
+            reasons=[explained(reason) for reason in summary.verdict.reasons],
+            notes=[explained(reason) for reason in summary.verdict.notes],
+            glance=key_numbers(data, summary),
+            sections=sections(data, summary),
             figures=figures,
-            player=moving,
-            embedded=embedded(figures, moving),
+            player=motion_player,
+            embedded=embed(figures, motion_player),
         )
     )
     return html.encode("utf-8")
 
 
 def environment() -> Environment:
-    """Templates whose values are escaped."""
+    """Return the template environment, which escapes all values."""
     return Environment(
         loader=PackageLoader("mocap_id.reporting", "templates"),
-        autoescape=True,  # labels, names and messages come from files that anybody may have made
+        autoescape=True,  # labels, names and messages come from untrusted files
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
 
 
-def advice(reason: ReasonEntry) -> Advice:
-    """A reason with what its code means and what to do about it."""
+def explained(reason: ReasonEntry) -> ExplainedReason:
+    """Add the explanation of its code to a reason."""
     explained = EXPLANATIONS.get(reason.code)
-    return Advice(
+    return ExplainedReason(
         level=reason.level,
         code=reason.code,
         title=explained.title if explained else reason.code.replace("-", " ").capitalize(),
@@ -92,7 +92,7 @@ def advice(reason: ReasonEntry) -> Advice:
 
 
 def prose(text: str) -> Prose:
-    """Pieces of text and of code; an unpaired backtick is text."""
+    """Split text at backticks into text and code; an unpaired backtick is text."""
     pieces = text.split("`")
     if len(pieces) % 2 == 0:
         return ((text, False),)
@@ -100,5 +100,5 @@ def prose(text: str) -> Prose:
 
 
 def sentence(text: str) -> str:
-    """A message with a capital and a full stop, as messages on a terminal go without."""
+    """Add a capital letter and a full stop to a message, which has neither on the terminal."""
     return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith((".", "?", "!", "…")) else ".")

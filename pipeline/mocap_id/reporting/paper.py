@@ -1,6 +1,7 @@
-"""Figures for papers: SVG, PDF and captions, drawn by matplotlib.
+"""Figures for papers: SVG, PDF and captions, drawn with matplotlib.
 
-The same figure gives the same bytes. Nothing global outlives a drawing: no pyplot, and settings under :func:`house`.
+The same figure always gives the same bytes. No global state is changed: pyplot is not used, and matplotlib's settings
+are restored by :func:`paper_style`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure as Sheet
+from matplotlib.figure import Figure as MplFigure
 from matplotlib.lines import Line2D
 
 from mocap_id.reporting import style
@@ -70,9 +71,9 @@ _RC: dict[Any, object] = {
     "lines.linewidth": 1.1,
     "patch.linewidth": 0.6,
     "savefig.facecolor": "none",
-    "svg.fonttype": "none",  # text stays text: searchable, editable, small
+    "svg.fonttype": "none",  # keep text searchable, editable and small
     "text.color": style.INK,
-    "text.parse_math": False,  # labels come from files: a dollar sign is a dollar sign
+    "text.parse_math": False,  # labels come from files and may contain dollar signs
     "xtick.color": style.INK,
     "xtick.labelsize": 7.5,
     "ytick.color": style.INK,
@@ -81,8 +82,8 @@ _RC: dict[Any, object] = {
 
 
 @contextmanager
-def house(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
-    """The house's matplotlib settings, for the length of one drawing."""
+def paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
+    """Context with our matplotlib settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
@@ -90,55 +91,55 @@ def house(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
         yield
 
 
-def files(found: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
-    """Captions, and SVG and PDF of every figure that there is, by file."""
-    written = {CAPTIONS_FILE: _captions(found)}
-    for one in found.all:
-        whole = one.figure
-        if not isinstance(whole, str):
-            title = f"{one.title}: {found.of}"
-            drawn_ = drawn(one.name, title, lambda whole=whole: sheet(whole), pdf_fonts)  # type: ignore[misc]
-            written |= {f"figures/{file}": content for file, content in drawn_.items()}
-    return written
+def figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
+    """Return the captions, and each existing figure as SVG and PDF, by file name."""
+    contents = {CAPTIONS_FILE: _captions(drawings)}
+    for one in drawings.all:
+        figure = one.figure
+        if not isinstance(figure, str):
+            title = f"{one.title}: {drawings.of}"
+            rendered = render(one.name, title, lambda figure=figure: to_matplotlib(figure), pdf_fonts)  # type: ignore[misc]
+            contents |= {f"figures/{file}": content for file, content in rendered.items()}
+    return contents
 
 
-def _captions(found: Drawings) -> bytes:
-    """What stands under each figure, as Markdown: a figure leaves its page when it goes into a paper."""
-    told = (
+def _captions(drawings: Drawings) -> bytes:
+    """Return the captions of all figures as Markdown."""
+    captions = (
         f"**{one.title}** (`{one.name}.svg`, `{one.name}.pdf`). {one.caption}"
         if one.missing is None
         else f"**{one.title}**. {one.missing}"
-        for one in found.all
+        for one in drawings.all
     )
-    return ("\n\n".join([f"# Figures of {found.of}", *told]) + "\n").encode("utf-8")
+    return ("\n\n".join([f"# Figures of {drawings.of}", *captions]) + "\n").encode("utf-8")
 
 
-def drawn(name: str, title: str, draw: Callable[[], Sheet], pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
-    """What ``draw`` draws under the house's settings, in both formats by their files' names."""
+def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
+    """Render the result of ``draw`` with our settings as SVG and PDF, by file name."""
     about = {"CreationDate": None, "Creator": None, "Producer": None}
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    with house(pdf_fonts), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
-        # a letter that matplotlib's font does not have is text in the SVG, shown by the reader's own; in the PDF a box
+    with paper_style(pdf_fonts), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
+        # characters missing in matplotlib's font: text in the SVG, shown in the viewer's font; a box in the PDF
         warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
         made, svg, pdf = draw(), io.BytesIO(), io.BytesIO()
         made.draw_without_rendering()
-        made.set_layout_engine("none")  # laid out once for both
-        for axes in made.axes:  # the layout's solver leaves another last bit every time
+        made.set_layout_engine("none")  # one layout for both formats
+        for axes in made.axes:  # the layout solver is not reproducible to the last bit
             axes.set_position(np.round(axes.get_position(original=True).bounds, 6).tolist())
         FigureCanvasSVG(made).print_figure(svg, format="svg", metadata={**silent, "Title": style.printable(title)})
         FigureCanvasPdf(made).print_figure(pdf, format="pdf", metadata={**about, "Title": style.printable(title)})
     return {f"{name}.svg": svg.getvalue(), f"{name}.pdf": pdf.getvalue()}
 
 
-def blank(height: float) -> Sheet:
-    """An empty figure of the house's width and this height, inches; call it under :func:`house`."""
-    return Sheet(figsize=(WIDTH, height), layout="constrained")
+def new_figure(height: float) -> MplFigure:
+    """Return an empty figure of the standard width and this height, inches, inside :func:`paper_style`."""
+    return MplFigure(figsize=(WIDTH, height), layout="constrained")
 
 
-def sheet(figure: Figure) -> Sheet:
-    """A figure as matplotlib's; call it under :func:`house`."""
+def to_matplotlib(figure: Figure) -> MplFigure:
+    """Convert a figure to a matplotlib figure, inside :func:`paper_style`."""
     heights = [max(panel.height for panel in line) for line in figure.lines]
-    whole = blank(0.4 + sum(heights))
+    whole = new_figure(0.4 + sum(heights))
     columns = math.lcm(*(len(line) for line in figure.lines))
     grid = whole.add_gridspec(len(heights), columns, height_ratios=heights)
     norm = Normalize(figure.scale.low, figure.scale.high) if figure.scale else None
@@ -164,14 +165,14 @@ def sheet(figure: Figure) -> Sheet:
     return whole
 
 
-def legend_above(whole: Sheet, panels: Sequence[Axes]) -> None:
-    """One legend over the figure for what is labelled in any panel; nothing where nothing is."""
+def legend_above(whole: MplFigure, panels: Sequence[Axes]) -> None:
+    """Add one legend above the figure for the labels of all panels, if there are any."""
     handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(str(label), handle)
     if handles:
-        columns = max(1, min(6, 90 // (max(map(len, handles)) + 6)))  # about 90 characters go across
+        columns = max(1, min(6, 90 // (max(map(len, handles)) + 6)))  # about 90 characters per line
         whole.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
 
 
@@ -226,7 +227,7 @@ def _points(axes: Axes, item: Points) -> None:
 
 
 def _dress(axes: Axes, panel: Panel, *, named: bool) -> None:
-    """Title, names, ranges and scales of a panel."""
+    """Set title, labels, ranges and scales of a panel."""
     axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
     if panel.x_range is not None:
         axes.set_xlim(panel.x_range)

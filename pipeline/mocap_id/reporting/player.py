@@ -1,4 +1,4 @@
-"""The page's player: what moves at moments that an eye can follow, and curves with a line at the time shown."""
+"""Player of the page: an animated stick figure, and curves with a line at the current time."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Line, Panel, Points, Rule, to_json
 from mocap_id.reporting.figures import states, wrench
 from mocap_id.reporting.figures.skeleton import ALONG, UP
-from mocap_id.reporting.material import Material
-from mocap_id.reporting.tracks import tracks
+from mocap_id.reporting.markers import positions_at
+from mocap_id.reporting.report_data import ReportData
 
 RATE = 30.0
-"""Moments per second, at most."""
+"""Maximum number of frames per second."""
 MOST = 1800
-"""Moments, at most: a minute at :data:`RATE`; longer recordings are shown at longer steps."""
+"""Maximum number of frames: a minute at :data:`RATE`; longer recordings have longer time steps."""
 _VALUES = 900_000
-"""Numbers in all moments together, at most: 2.4 MB as text."""
+"""Maximum number of values in all frames together: 2.4 MB as text."""
 _UNKNOWN = -32768
-_REACH = 0.45  # of the figure's height, for the largest force
-_TALL, _LOW = 5.9, 1.12  # inches, of the figure and of each curve beside it
-_SHAPE = 0.54  # of the figure: its width by its height
+_REACH = 0.45  # length of the largest force as a share of the figure height
+_TALL, _LOW = 5.9, 1.12  # heights of the figure and of each curve, inches
+_SHAPE = 0.54  # width divided by height of the figure
 
 
 @dataclass(frozen=True)
 class Part:
-    """Lines or points that move together: how they look, and where they are at K moments, (K, 2, rows), m."""
+    """Lines or points that move together: their style, and their positions in K frames, (K, 2, rows), m."""
 
     name: str
     look: Mapping[str, Any]
@@ -40,14 +40,14 @@ class Part:
 
     @property
     def item(self) -> Line | Points:
-        """The part as the figure draws it first."""
+        """The part in the first frame."""
         made = Points if "symbol" in self.look else Line
         return made(*self.values[0], **self.look)
 
 
 @dataclass(frozen=True)
 class Player:
-    """What moves, at K moments, and what is known over time.
+    """Moving parts in K frames, and curves over time.
 
     Parameters
     ----------
@@ -55,11 +55,11 @@ class Player:
         s.
     parts : tuple of Part
     curves : tuple of Panel
-        Angles, wrench and centre of pressure; none where nothing is known over time.
+        Angles, wrench and centre of pressure; empty if none is known.
     newton_per_metre : float or None
-        Force that an arrow of one metre stands for; None where there are no forces.
+        Force of an arrow of one metre, N; None without forces.
     motion : str
-        A sentence on what moves the figure and the model; empty where nothing was identified.
+        A sentence on the motion of the figure and of the model; empty if nothing was identified.
     """
 
     time: FloatArray
@@ -69,9 +69,9 @@ class Player:
     motion: str
 
     def to_json(self) -> Mapping[str, Any]:
-        """For the page: the figure, the curves, and the moments as 16-bit numbers, one row a moment, by part x and y.
+        """Return figure, curves and frames as JSON values.
 
-        A step of these numbers is smaller than an eye could see.
+        Frames are 16-bit integers, one row per frame, with x and y of each part; the resolution is finer than visible.
         """
         rows = np.concatenate([part.values.reshape(len(self.time), -1) for part in self.parts], axis=1)
         known = np.isfinite(rows)
@@ -89,28 +89,28 @@ class Player:
         }
 
     def _panel(self) -> Panel:
-        """Sticks, joints, markers and arrows over the ground."""
+        """Return the panel with sticks, joints, markers, arrows and the ground."""
         x, y = _to_scale(bounds(self.parts))
         items = (Rule("y", 0.0, style.FAINT), *(part.item for part in self.parts))
         return Panel(items, x=ALONG, y=UP, x_range=x, y_range=y, equal=True, height=_TALL)
 
 
-def player(material: Material) -> Player | None:
-    """The moments of a trial; None where nothing moves, not even markers."""
-    planar = material.long("planar.parquet")
+def player(data: ReportData) -> Player | None:
+    """Return the player of a trial; None if there are no moving markers."""
+    planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
-    time = _moments(planar.time, len(planar.labels))
+    time = _frame_times(planar.time, len(planar.labels))
     if len(time) < 2:
         return None
     labels = tuple(str(label) for label in planar.labels)
-    moving = [*_chain(material, time), *_markers(material, labels, tracks(planar, time, labels))]
-    scale, forces = _forces(material, time, float(np.ptp(bounds(moving)[1])))
-    return Player(time, (*moving, *forces), _curves(material), scale, _motion(material))
+    moving = [*_chain(data, time), *_markers(data, labels, positions_at(planar, time, labels))]
+    scale, forces = _forces(data, time, float(np.ptp(bounds(moving)[1])))
+    return Player(time, (*moving, *forces), _curves(data), scale, _motion(data))
 
 
 def bounds(parts: Sequence[Part]) -> FloatArray:
-    """Lowest and highest x, and y, of all that moves, (2, 2), m; outliers aside."""
+    """Return minimum and maximum of x and y over all parts, (2, 2), m, without outliers."""
     seen = [part.values for part in parts if not part.name.startswith("force")]
     points = np.concatenate([values.swapaxes(1, 2).reshape(-1, 2) for values in seen])
     points = points[np.isfinite(points).all(axis=1)]
@@ -119,7 +119,7 @@ def bounds(parts: Sequence[Part]) -> FloatArray:
 
 
 def _to_scale(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of x and y that hold the bounds and the ground in a figure of the player's shape."""
+    """Return ranges of x and y that contain the bounds and the ground, in the shape of the player."""
     low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
     shape = np.array([_SHAPE, 1.0])
     half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
@@ -127,8 +127,8 @@ def _to_scale(found: FloatArray) -> tuple[tuple[float, float], tuple[float, floa
     return (float(left), float(right)), (float(below), float(above))
 
 
-def _moments(time: FloatArray, markers: int) -> FloatArray:
-    """Evenly spread samples of the recording's own times."""
+def _frame_times(time: FloatArray, markers: int) -> FloatArray:
+    """Return evenly spaced sample times of the recording."""
     if len(time) < 2:
         return time
     wanted = int((time[-1] - time[0]) * RATE) + 1
@@ -136,9 +136,9 @@ def _moments(time: FloatArray, markers: int) -> FloatArray:
     return time[np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))]
 
 
-def _chain(material: Material, time: FloatArray) -> list[Part]:
-    """Sticks from joint to joint and to the middle of the last segment's markers, and the joints."""
-    skeleton, motion = material.skeleton, material.motion
+def _chain(data: ReportData, time: FloatArray) -> list[Part]:
+    """Return sticks from joint to joint and to the centroid of the last segment's markers, and the joints."""
+    skeleton, motion = data.skeleton, data.motion
     if skeleton is None or motion is None or not len(motion.time):
         return []
     angle, origin = segment_poses(motion.angles[_nearest(motion.time, time)], skeleton.centres)
@@ -152,9 +152,9 @@ def _chain(material: Material, time: FloatArray) -> list[Part]:
     return [*sticks, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, points[..., :-1])]
 
 
-def _markers(material: Material, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
-    """The markers (K, M, 2) of each segment, and crosses for those of none."""
-    skeleton = material.skeleton
+def _markers(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
+    """Return the markers (K, M, 2) of each segment, and crosses for markers without a segment."""
+    skeleton = data.skeleton
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
     segments = np.array([known.get(label, -1) for label in labels])
     parts = []
@@ -166,9 +166,9 @@ def _markers(material: Material, labels: tuple[str, ...], values: FloatArray) ->
     return parts
 
 
-def _forces(material: Material, time: FloatArray, height: float) -> tuple[float | None, list[Part]]:
-    """Arrows of the ground's force from the centre of pressure, measured and by the model; N per metre of arrow."""
-    table = wrench.forces(material)
+def _forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | None, list[Part]]:
+    """Return the scale, N per metre of arrow, and the arrows of the measured and modelled ground reaction force."""
+    table = wrench.forces(data)
     if table is None or not table.length:
         return None, []
     row = _nearest(table["time"], time)
@@ -188,36 +188,36 @@ def _forces(material: Material, time: FloatArray, height: float) -> tuple[float 
         look = {"colour": colour, "label": label, "width": 1.6 if suffix else 2.2}
         parts += [
             Part(f"force{suffix}", look, arrow),
-            Part("force's foot", {"colour": colour, "symbol": "dot", "size": 5.0}, arrow[..., :1]),
+            Part("force origin", {"colour": colour, "symbol": "dot", "size": 5.0}, arrow[..., :1]),
         ]
     return scale, parts
 
 
 def _arrows(force: FloatArray, scale: float) -> FloatArray:
-    """Start and end of arrows, (K, 2, 2), m, of (cop_x, Fx, Fy)."""
+    """Return start and end of the arrows of (cop_x, Fx, Fy), (K, 2, 2), m."""
     cop, Fx, Fy = force.T
     start = np.where(np.isfinite(force.sum(axis=1)), 0.0, np.nan)
     ends = [[cop, cop + Fx / scale], [start, start + Fy / scale]]
     return np.moveaxis(np.array(ends), -1, 0)
 
 
-def _curves(material: Material) -> tuple[Panel, ...]:
-    motion = material.motion
-    told = motion is not None and motion.mean.size
-    angles = [states.panel(motion, 0, states.joint_names(material), _LOW)] if motion is not None and told else []
-    forces = [panel for panel in wrench.panels(material, _LOW) if any(isinstance(item, Line) for item in panel.items)]
+def _curves(data: ReportData) -> tuple[Panel, ...]:
+    motion = data.motion
+    states_known = motion is not None and motion.mean.size
+    angles = [states.panel(motion, 0, states.joint_names(data), _LOW)] if motion is not None and states_known else []
+    forces = [panel for panel in wrench.panels(data, _LOW) if any(isinstance(item, Line) for item in panel.items)]
     return (*angles, *forces)
 
 
-def _motion(material: Material) -> str:
-    if material.measured_poses:
-        return "The stick figure is the pinned chain; the model's forces rest on the measured poses."
-    known = material.facts("dynamics.h5").get("motion") is not None
-    return "Stick figure and model move as the pinned chain." if known else ""
+def _motion(data: ReportData) -> str:
+    if data.measured_poses:
+        return "The stick figure is the pinned chain; the modelled forces use the measured poses."
+    known = data.facts("dynamics.h5").get("motion") is not None
+    return "Stick figure and model both use the pinned chain." if known else ""
 
 
 def _nearest(clock: FloatArray, time: FloatArray) -> IntArray:
-    """Sample of ``clock`` (T,) nearest to each ``time`` (K,)."""
+    """Return the sample of ``clock`` (T,) nearest to each ``time`` (K,)."""
     after = np.searchsorted(clock, time).clip(1, max(len(clock) - 1, 1))
     before = after - 1
     after = after.clip(0, len(clock) - 1)

@@ -1,29 +1,29 @@
-"""The parts of the page, in the order in which they are read."""
+"""Sections of the page in reading order, and its key numbers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mocap_id.reporting import pins, readings, rising, tables
-from mocap_id.reporting.dynamics_shape import BaseEntry
+from mocap_id.reporting import motion_section, repetition_tables, segment_tables, tables
+from mocap_id.reporting.dynamics_schema import BaseEntry
 from mocap_id.reporting.encoder import encoder_table
-from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
-from mocap_id.reporting.shape import Summary
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Facts
 
 _SHOWN = {
     "wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque", "motion",
     "pins",
 }  # fmt: skip
-"""Facts of ``dynamics.h5`` that tables of their own show."""
+"""Facts of ``dynamics.h5`` that have their own tables."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: paragraphs first, then figures, then tables.
+    """A section of the page: paragraphs, then figures, then tables.
 
-    ``needs`` is the artefact without which it has nothing to say.
+    ``needs`` is the artefact without which the section is empty.
     """
 
     anchor: str
@@ -35,106 +35,106 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Glance:
-    """One of the numbers that one looks at first."""
+class KeyNumber:
+    """A key number at the top of the page, with a remark."""
 
     name: str
     value: str
     remark: str
 
 
-def sections(material: Material, summary: Summary) -> list[Section]:
-    """What the page holds; a refused trial's page is short, so what was never reached is left out."""
-    skeleton = "Markers as recorded" if material.skeleton is None else "Skeleton"
-    figures = ("skeleton",) if material.skeleton is None else ("skeleton", "recovery")
+def sections(data: ReportData, summary: Summary) -> list[Section]:
+    """Return the sections of the page; a refused trial has only those that were reached."""
+    skeleton = "Markers as recorded" if data.skeleton is None else "Skeleton"
+    figures = ("skeleton",) if data.skeleton is None else ("skeleton", "recovery")
     parts = [
         Section("skeleton", skeleton, "planar.parquet", figures, (tables.joints(summary), tables.lengths(summary))),
-        Section("states", "Joint states", "states.parquet", ("states",), _states(material, summary)),
+        Section("states", "Joint states", "states.parquet", ("states",), _states(data, summary)),
         Section(
             "repetitions",
             "Repetitions",
             "events.parquet",
-            ("repetitions", "phases") if "phases.parquet" in material.artefacts else ("repetitions",),
+            ("repetitions", "phases") if "phases.parquet" in data.artefacts else ("repetitions",),
             (
-                rising.repetitions(summary),
-                rising.seat_off(summary),
-                rising.attempts(summary),
-                rising.five_times(summary),
-                rising.published(summary),
-                rising.load_share(summary),
-                rising.compared(material),
+                repetition_tables.repetitions(summary),
+                repetition_tables.seat_off(summary),
+                repetition_tables.attempts(summary),
+                repetition_tables.five_times(summary),
+                repetition_tables.published(summary),
+                repetition_tables.load_share(summary),
+                repetition_tables.compared(data),
             ),
         ),
         Section(
             "wrench",
-            "Forces on the ground",
+            "Ground reaction forces",
             "wrench.parquet",
             ("wrench",),
             (
-                tables.agreement(material, summary),
-                tables.held_out(material, summary),
-                tables.rivals(material, summary),
+                tables.agreement(data, summary),
+                tables.held_out(data, summary),
+                tables.rivals(data, summary),
                 _clock(summary),
-                tables.plates(material),
+                tables.plates(data),
             ),
         ),
-        *_motion(material, summary),
+        *_motion(data, summary),
         Section(
             "parameters",
             "Inertial parameters",
             "dynamics.h5",
             ("parameters", "point_masses"),
-            (tables.base_parameters(material, summary), tables.excitation(summary), _identification(material)),
+            (tables.base_parameters(data, summary), tables.excitation(summary), _identification(data)),
         ),
         Section(
             "markers",
             "Markers and segments",
             "segments.parquet",
-            ("residuals",) if "markers.parquet" in material.artefacts else (),
+            ("residuals",) if "markers.parquet" in data.artefacts else (),
             (
-                tables.markers(material),
-                readings.against(material),
-                readings.joints(material),
-                readings.hypotheses(material),
-                _segmentation(material),
+                tables.markers(data),
+                segment_tables.against(data),
+                segment_tables.joints(data),
+                segment_tables.hypotheses(data),
+                _segmentation(data),
             ),
         ),
-        Section("origin", "Where these numbers come from", "", (), _origin(material, summary)),
+        Section("origin", "Provenance", "", (), _origin(data, summary)),
     ]
-    return [part for part in parts if not part.needs or part.needs in material.artefacts or material.level != "refused"]
+    return [part for part in parts if not part.needs or part.needs in data.artefacts or data.level != "refused"]
 
 
-def _motion(material: Material, summary: Summary) -> list[Section]:
-    """What moves the masses and what pins would cost; nothing where nothing was identified."""
+def _motion(data: ReportData, summary: Summary) -> list[Section]:
+    """Return the section on the motion of the masses; empty if nothing was identified."""
     if summary.dynamics.motion is None:
         return []
-    grids = (pins.cost(material, summary), pins.joints(material, summary), pins.poses(summary))
-    return [Section("motion", "Motion of the masses", "dynamics.h5", (), grids, pins.text(material, summary))]
+    grids = (motion_section.cost(data, summary), motion_section.joints(data, summary), motion_section.poses(summary))
+    return [Section("motion", "Motion of the masses", "dynamics.h5", (), grids, motion_section.text(data, summary))]
 
 
-def glance(material: Material, summary: Summary) -> list[Glance]:
-    """The numbers that one looks at first; those that are not known are left out."""
+def key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
+    """Return the key numbers that are known."""
     dynamics, segments = summary.dynamics, summary.segments
     mass = next((entry for entry in dynamics.base or () if entry.unit == "kg"), None)
     vertical = (dynamics.wrench or {}).get("Fy")
-    band = "" if material.low_pass is None else f", {tables.in_band(material)}"
+    band = "" if data.low_pass is None else f", {tables.in_band(data)}"
     found = (
-        Glance("segments", _count(segments.count), f"confidence {show_fixed(segments.confidence, 2)}"),
-        Glance("re-projection", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over the markers"),
-        Glance("missing", _scaled(summary.markers.missing_fraction, 100, 1, "%"), "of the marker samples"),
-        Glance("repetitions", _count(len(summary.repetitions or ()) or None), "found"),
-        Glance("five times", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
-        Glance("mass, plates", show(dynamics.mass_kg, 3, "kg"), "at rest"),
-        Glance("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
-        Glance("mean CoP", _scaled(dynamics.cop_mean_m, 1e3, 1, "mm"), "along the motion, plates"),
-        Glance(
-            "vertical force",
+        KeyNumber("segments", _count(segments.count), f"confidence {show_fixed(segments.confidence, 2)}"),
+        KeyNumber("reprojection error", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over all markers"),
+        KeyNumber("missing samples", _scaled(summary.markers.missing_fraction, 100, 1, "%"), "of all marker samples"),
+        KeyNumber("repetitions", _count(len(summary.repetitions or ()) or None), "found"),
+        KeyNumber("five-times test", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
+        KeyNumber("mass, measured", show(dynamics.mass_kg, 3, "kg"), "by the plates at rest"),
+        KeyNumber("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
+        KeyNumber("mean CoP", _scaled(dynamics.cop_mean_m, 1e3, 1, "mm"), "along the motion, measured"),
+        KeyNumber(
+            "vertical force fit",
             show_fixed(vertical.r2 if vertical else None, 4),
             f"r² of the model{band}",
         ),
-        Glance("CoP of the model", _scaled(dynamics.cop_rms_m, 1e3, 1, "mm"), f"rms error{band}"),
-        Glance("condition number", show(dynamics.condition_number), _condition_remark(summary)),
-        Glance("plates' clock", _scaled(dynamics.clock_offset_s, 1e3, 2, "ms"), "after the cameras'"),
+        KeyNumber("CoP error", _scaled(dynamics.cop_rms_m, 1e3, 1, "mm"), f"rms of the model{band}"),
+        KeyNumber("condition number", show(dynamics.condition_number), _condition_remark(summary)),
+        KeyNumber("clock offset", _scaled(dynamics.clock_offset_s, 1e3, 2, "ms"), "plates after cameras"),
     )
     return [number for number in found if number.value != UNKNOWN]
 
@@ -157,66 +157,66 @@ def _condition_remark(summary: Summary) -> str:
     return "of the regressor" if scaled is None else f"{show(scaled)} with unit-norm columns"
 
 
-def _states(material: Material, summary: Summary) -> tuple[tables.Grid, ...]:
-    return _noise(material, summary), encoder_table(summary)
+def _states(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
+    return _noise(data, summary), encoder_table(summary)
 
 
-def _noise(material: Material, summary: Summary) -> tables.Grid:
-    facts = material.facts("states.parquet")
+def _noise(data: ReportData, summary: Summary) -> tables.Grid:
+    facts = data.facts("states.parquet")
     values = {
-        "marker noise, one coordinate (mm)": _scaled(summary.noise.marker_sd_m, 1e3, 2, ""),
+        "marker noise per coordinate (mm)": _scaled(summary.noise.marker_sd_m, 1e3, 2, ""),
         "process noise σ_v of each joint (rad/s⁴)": facts.get("sigma_v"),
-        "re-projection, rms (mm)": show(summary.markers.reprojection_rms_mm),
-        **_but(facts, {"marker_sd_m", "sigma_v", "reprojection_rms_m"}),
+        "reprojection error, rms (mm)": show(summary.markers.reprojection_rms_mm),
+        **_without(facts, {"marker_sd_m", "sigma_v", "reprojection_rms_m"}),
     }
-    return tables.facts("What the filter settled on", values)
+    return tables.facts("Filter: noise and residuals", values)
 
 
 def _clock(summary: Summary) -> tables.Grid:
     dynamics = summary.dynamics
-    unheld = dynamics.wrench is not None and dynamics.held_out.model is None
+    not_predicted = dynamics.wrench is not None and dynamics.held_out.model is None
     values = {
         "clock offset, plates after cameras (ms)": _scaled(dynamics.clock_offset_s, 1e3, 2, ""),
-        "its standard deviation (ms)": _scaled(dynamics.clock_offset_sd_s, 1e3, 2, ""),
-        "clock offset with each repetition left out (ms)": ", ".join(
+        "standard deviation of the clock offset (ms)": _scaled(dynamics.clock_offset_sd_s, 1e3, 2, ""),
+        "clock offsets with one repetition left out (ms)": ", ".join(
             _scaled(offset, 1e3, 2, "") for offset in dynamics.held_out.clock_offset_s or ()
         ),
-        "centre of pressure, rms error (mm)": _scaled(dynamics.cop_rms_m, 1e3, 1, ""),
-        "samples of the fit": dynamics.samples,
-        "mass that the plates show (kg)": show(dynamics.mass_kg, 4),
+        "rms error of the centre of pressure (mm)": _scaled(dynamics.cop_rms_m, 1e3, 1, ""),
+        "samples in the fit": dynamics.samples,
+        "mass measured by the plates (kg)": show(dynamics.mass_kg, 4),
         "mean centre of pressure (mm)": _scaled(dynamics.cop_mean_m, 1e3, 1, ""),
-        "not known, because": dynamics.why,
-        "no repetition was predicted from the others, because": dynamics.held_out.why if unheld else None,
+        "why unknown": dynamics.why,
+        "why no left-out repetition was predicted": dynamics.held_out.why if not_predicted else None,
     }
     return tables.facts("Plates and clock", values)
 
 
-def _identification(material: Material) -> tables.Grid:
-    """What dynamics.h5 says about how the parameters were found, beyond what the other tables show."""
-    return tables.facts("Identification", _but(material.facts("dynamics.h5"), _SHOWN))
+def _identification(data: ReportData) -> tables.Grid:
+    """Return the facts of ``dynamics.h5`` about the identification that no other table shows."""
+    return tables.facts("Identification", _without(data.facts("dynamics.h5"), _SHOWN))
 
 
-def _segmentation(material: Material) -> tables.Grid:
-    shown = {"names", "joint_names", *readings.SHOWN}
-    return tables.facts("Segmentation", _but(material.facts("segments.parquet"), shown))
+def _segmentation(data: ReportData) -> tables.Grid:
+    shown = {"names", "joint_names", *segment_tables.SHOWN}
+    return tables.facts("Segmentation", _without(data.facts("segments.parquet"), shown))
 
 
-def _but(facts: Facts, shown: set[str]) -> Facts:
-    """The facts that no other table shows."""
+def _without(facts: Facts, shown: set[str]) -> Facts:
+    """Return the facts whose keys are not in ``shown``."""
     return {key: value for key, value in facts.items() if key not in shown}
 
 
-def _origin(material: Material, summary: Summary) -> tuple[tables.Grid, ...]:
-    """Recording, plane, settings, times, product."""
-    planar = dict(material.facts("planar.parquet"))
-    planar.pop("bursts", None)  # a stretch a jump: the verdict counts them
+def _origin(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
+    """Return the tables about recording, plane, joint fit, settings, run times and version."""
+    planar = dict(data.facts("planar.parquet"))
+    planar.pop("bursts", None)  # one interval per jump; the verdict gives their number
     plane = planar.pop("plane", None) or {}
-    chain = material.facts("chain.h5")
+    chain = data.facts("chain.h5")
     return (
         tables.facts("Recording", planar),
         tables.facts("Plane of motion", plane),
         tables.facts("Joint fit", chain),
-        tables.facts("Trial as asked for", material.settings),
-        tables.facts("Time of each stage (s)", summary.time_s or {}),
-        tables.facts("Product", {"mocap-id": material.product}),
+        tables.facts("Settings of the trial", data.settings),
+        tables.facts("Run time of each stage (s)", summary.time_s or {}),
+        tables.facts("Software version", {"mocap-id": data.product}),
     )

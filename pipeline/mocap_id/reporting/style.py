@@ -1,7 +1,7 @@
-"""How every figure looks: colours, dashes, labels and ranges.
+"""Style of all figures: colours, dashes, labels and ranges.
 
-The colours are Okabe and Ito's, which people with any colour vision tell apart. The page's style replaces those in
-:data:`ON_PAGE` by its own, so that a figure is readable on light and on dark.
+The colours are those of Okabe and Ito, which are suitable for colour-blind readers. The style sheet of the page
+replaces the colours in :data:`ON_PAGE`, so that figures are readable on light and dark backgrounds.
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#6b6e75"
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 MEASURED, MODEL, REFERENCE = INK, BLUE, ORANGE
 OTHER = "#b2182b"
-"""Another system's curves."""
+"""Colour of curves from another system."""
 NOW = "#882255"
-"""The player's time."""
+"""Colour of the current time in the player."""
 ON_PAGE: Mapping[str, str] = {INK: "--ink", GRID: "--grid", BLUE: "--blue", NOW: "--now"}
-"""Colours that the page has a lighter one of where it is dark, with the names that they go by in its style."""
+"""Colours with a lighter variant on dark pages, and the names of their CSS variables."""
 
-_CHAIN_COLOURS = (VERMILLION, GREEN, PURPLE, SKY, ORANGE, BLUE)  # last those that stand beside them for forces
+_CHAIN_COLOURS = (VERMILLION, GREEN, PURPLE, SKY, ORANGE, BLUE)  # last: the colours also used for forces
 _DASHES: tuple[Dash, ...] = ("-", "--", "-.", ":")
 
 
 def colour(k: int) -> str:
-    """Colour of joint or segment ``k``; 0 is the base, a negative one none."""
+    """Return the colour of joint or segment ``k``; 0 is the base, negative means no segment."""
     return FAINT if k <= 0 else _CHAIN_COLOURS[(k - 1) % len(_CHAIN_COLOURS)]
 
 
 def dashes(k: int) -> Dash:
-    """Line style of joint ``k``: solid until the colours are used up."""
+    """Return the line style of joint ``k``: solid until all colours are used."""
     return _DASHES[(k - 1) // len(_CHAIN_COLOURS) % len(_DASHES)]
 
 
 def printable(text: object, limit: int = 0) -> str:
-    """A label without control characters, cut to ``limit`` characters (0 = whole)."""
+    """Return a label without control characters, cut to ``limit`` characters (0 = no limit)."""
     clean = "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in str(text))
     return f"{clean[: limit - 1]}…" if 0 < limit < len(clean) else clean
 
 
 def unit(text: str) -> str:
-    """A unit as it is set: ``kg*m^2`` as kg·m²."""
+    """Typeset a unit: ``kg*m^2`` as kg·m²."""
     return text.replace("*", "·").replace("^2", "²").replace("^3", "³")
 
 
 def extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
-    """Lowest and highest of the curves, each without this share of its samples at either end; None of nothing known."""
+    """Return the extent of the curves, each without a share ``tail`` of its extremes at either end, or None."""
     known = [curve[np.isfinite(curve)] for curve in curves]
     if tail:
         ends = [tuple(np.quantile(curve, (tail, 1 - tail))) for curve in known if len(curve)]
@@ -61,7 +61,7 @@ def extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, floa
 
 
 def framed(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
-    """The range that shows the curves with a margin, see :func:`extent`; None where nothing is known or all is one."""
+    """Return the :func:`extent` of the curves with a margin; None if nothing is known or all values are equal."""
     found = extent(curves, tail)
     if found is None or not found[1] > found[0]:
         return None

@@ -1,4 +1,4 @@
-"""``summary.json``: the trial's verdict and numbers for other programs."""
+"""``summary.json``: verdict and numbers of a trial for other programs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting.dynamics_shape import BaseEntry, DynamicsEntry, RivalEntry
+from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry
 from mocap_id.reporting.encoder import base_length, channels, encoder
-from mocap_id.reporting.material import Material
-from mocap_id.reporting.motion import held_out, motion, pins
 from mocap_id.reporting.numbers import all_known, known
-from mocap_id.reporting.repetitions import attempts, five_times, load_share, repetitions
-from mocap_id.reporting.shape import (
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary_entry import join_sentences, why_unknown
+from mocap_id.reporting.summary_motion import held_out, motion, pins
+from mocap_id.reporting.summary_repetitions import attempts, five_times, load_share, repetitions
+from mocap_id.reporting.summary_schema import (
     HypothesisEntry,
     JointEntry,
     LengthEntry,
@@ -27,53 +28,52 @@ from mocap_id.reporting.shape import (
     Summary,
     VerdictEntry,
 )
-from mocap_id.reporting.views import Dynamics
-from mocap_id.reporting.whys import because, joined
 from mocap_id.store import Table
+from mocap_id.store.views import IdentifiedDynamics
 from mocap_id.verdict import Reason
 
 NOTHING_HELPS = "none of those tried"
-"""Where no other movement would tell more of a parameter."""
+"""Text for a parameter that no tested movement would determine better."""
 
 
-def summarise(material: Material) -> Summary:
-    """Collect a trial's summary from its artefacts.
+def summarise(data: ReportData) -> Summary:
+    """Collect the summary of a trial from its artefacts.
 
     Parameters
     ----------
-    material : Material
-        The artefacts that exist; in a refused trial some do not, and what they would have given is null with a why.
+    data : ReportData
+        Existing artefacts. Values of missing artefacts, as in a refused trial, are null with a ``why``.
     """
-    joints, lengths, found = _joints(material), _lengths(material), repetitions(material)
-    seconds = _seconds(material)
+    joints, lengths, found = _joints(data), _lengths(data), repetitions(data)
+    seconds = _seconds(data)
     why = (
-        because(f"joints and lengths_m: {material.why_missing('chain.h5')}", joints, lengths),
-        because(f"repetitions: {material.why_missing('events.parquet')}", found),
-        because("time_s: the stages' times were not recorded", seconds),
+        why_unknown(f"joints and lengths_m: {data.why_missing('chain.h5')}", joints, lengths),
+        why_unknown(f"repetitions: {data.why_missing('events.parquet')}", found),
+        why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
     return Summary(
-        trial=material.trial,
-        product=material.product,
-        verdict=_verdict(material),
-        plane=_plane(material),
-        segments=_segments(material),
+        trial=data.trial,
+        product=data.product,
+        verdict=_verdict(data),
+        plane=_plane(data),
+        segments=_segments(data),
         joints=joints,
         lengths_m=lengths,
-        markers=_markers(material),
-        noise=_noise(material),
-        dynamics=_dynamics(material),
+        markers=_markers(data),
+        noise=_noise(data),
+        dynamics=_dynamics(data),
         repetitions=found,
-        five_times=five_times(material),
-        attempts=attempts(material),
-        load_share=load_share(material),
-        encoder=encoder(material),
+        five_times=five_times(data),
+        attempts=attempts(data),
+        load_share=load_share(data),
+        encoder=encoder(data),
         time_s=seconds,
-        why=joined(why),
+        why=join_sentences(why),
     )
 
 
 def to_json(summary: Summary) -> bytes:
-    """The file's content: strict JSON (no NaN), ASCII, one final newline."""
+    """Return the content of the file: strict JSON without NaN, ASCII, with a final newline."""
     text = json.dumps(summary.model_dump(mode="json", by_alias=True), allow_nan=False, indent=1)
     return (text + "\n").encode("ascii")
 
@@ -83,36 +83,38 @@ def _entry(reason: Reason) -> ReasonEntry:
     return ReasonEntry(code=reason.code, message=reason.message, value=value, limit=limit, level=reason.level)
 
 
-def _verdict(material: Material) -> VerdictEntry:
+def _verdict(data: ReportData) -> VerdictEntry:
     return VerdictEntry(
-        level=material.level,
-        reasons=[_entry(reason) for reason in material.reasons if reason.level != "ok"],
-        notes=[_entry(reason) for reason in material.reasons if reason.level == "ok"],
+        level=data.level,
+        reasons=[_entry(reason) for reason in data.reasons if reason.level != "ok"],
+        notes=[_entry(reason) for reason in data.reasons if reason.level == "ok"],
     )
 
 
-def _plane(material: Material) -> PlaneEntry:
-    plane = material.facts("planar.parquet").get("plane") or {}
+def _plane(data: ReportData) -> PlaneEntry:
+    plane = data.facts("planar.parquet").get("plane") or {}
     yaw, planarity = known(plane.get("yaw_deg")), known(plane.get("planarity"))
     origin = all_known(plane.get("origin_m"))
-    share = known(material.facts("segments.parquet").get("planarity"))
+    share = known(data.facts("segments.parquet").get("planarity"))
     why = (
-        because(plane.get("why") or material.why_missing("planar.parquet"), yaw, planarity, origin),
-        because(f"out_of_plane_share: {material.why_missing('segments.parquet')}", share),
+        why_unknown(plane.get("why") or data.why_missing("planar.parquet"), yaw, planarity, origin),
+        why_unknown(f"out_of_plane_share: {data.why_missing('segments.parquet')}", share),
     )
-    return PlaneEntry(yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=joined(why))
+    return PlaneEntry(
+        yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=join_sentences(why)
+    )
 
 
-def _segments(material: Material) -> SegmentsEntry:
-    facts, table = material.facts("segments.parquet"), material.table("segments.parquet")
+def _segments(data: ReportData) -> SegmentsEntry:
+    facts, table = data.facts("segments.parquet"), data.table("segments.parquet")
     count, confidence = known(facts.get("count")), known(facts.get("confidence"))
     names = facts.get("names")
     assignment = None
     if table is not None:
         assigned = zip(table["marker"], table["segment"].tolist(), strict=True)
         assignment = {label: k for label, k in assigned if k >= 0}
-    why = facts.get("why") or material.why_missing("segments.parquet")
-    against, hypotheses = facts.get("against"), _hypotheses(material)
+    why = facts.get("why") or data.why_missing("segments.parquet")
+    against, hypotheses = facts.get("against"), _hypotheses(data)
     return SegmentsEntry(
         count=None if count is None else int(count),
         names=None if names is None else [str(name) for name in names],
@@ -120,13 +122,13 @@ def _segments(material: Material) -> SegmentsEntry:
         confidence=confidence,
         against=None if against is None else {str(evidence): float(off) for evidence, off in against.items()},
         hypotheses=hypotheses,
-        why=because(why, count, names, assignment, confidence, against, hypotheses),
+        why=why_unknown(why, count, names, assignment, confidence, against, hypotheses),
     )
 
 
-def _hypotheses(material: Material) -> list[HypothesisEntry] | None:
-    """The readings that were weighed up, the chosen one first."""
-    found = material.facts("segments.parquet").get("hypotheses")
+def _hypotheses(data: ReportData) -> list[HypothesisEntry] | None:
+    """Return the segmentations that were considered, the chosen one first."""
+    found = data.facts("segments.parquet").get("hypotheses")
     if found is None:
         return None
     return [
@@ -143,8 +145,8 @@ def _hypotheses(material: Material) -> list[HypothesisEntry] | None:
     ]
 
 
-def _joints(material: Material) -> list[JointEntry] | None:
-    skeleton = material.skeleton
+def _joints(data: ReportData) -> list[JointEntry] | None:
+    skeleton = data.skeleton
     if skeleton is None:
         return None
     return [
@@ -155,61 +157,63 @@ def _joints(material: Material) -> list[JointEntry] | None:
 
 def _joint(name: str, parent: int, centre: FloatArray, sd: FloatArray, arc: float) -> JointEntry:
     centre_m, sd_m, arc_deg = all_known(centre), all_known(sd), known(np.degrees(arc))
-    why = because("the joint fit gave no finite value", centre_m, sd_m, arc_deg)
+    why = why_unknown("the joint fit gave no finite value", centre_m, sd_m, arc_deg)
     return JointEntry(name=name, parent=parent, centre_m=centre_m, sd_m=sd_m, arc_deg=arc_deg, why=why)
 
 
-def _lengths(material: Material) -> dict[str, LengthEntry] | None:
-    """Lengths of the segments between two joints: 1 … n - 1."""
-    skeleton = material.skeleton
+def _lengths(data: ReportData) -> dict[str, LengthEntry] | None:
+    """Return the lengths of the segments between two joints, 1 … n - 1."""
+    skeleton = data.skeleton
     if skeleton is None:
         return None
     entries = {}
     for name, length, spread in zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True):
         value, sd = known(length), known(spread)
-        entries[name] = LengthEntry(value=value, sd=sd, why=because("the joint fit gave no finite value", value, sd))
-    return base_length(material, skeleton) | entries
+        entries[name] = LengthEntry(
+            value=value, sd=sd, why=why_unknown("the joint fit gave no finite value", value, sd)
+        )
+    return base_length(data, skeleton) | entries
 
 
-def _markers(material: Material) -> MarkersEntry:
-    rms = known(material.facts("states.parquet").get("reprojection_rms_m"))
-    missing = known(material.facts("planar.parquet").get("missing_fraction"))
+def _markers(data: ReportData) -> MarkersEntry:
+    rms = known(data.facts("states.parquet").get("reprojection_rms_m"))
+    missing = known(data.facts("planar.parquet").get("missing_fraction"))
     why = (
-        because(material.why_missing("states.parquet"), rms),
-        because(material.why_missing("planar.parquet"), missing),
+        why_unknown(data.why_missing("states.parquet"), rms),
+        why_unknown(data.why_missing("planar.parquet"), missing),
     )
     return MarkersEntry(
         reprojection_rms_mm=None if rms is None else 1e3 * rms,
         missing_fraction=missing,
-        why=joined(why),
+        why=join_sentences(why),
     )
 
 
-def _noise(material: Material) -> NoiseEntry:
-    facts = material.facts("states.parquet")
+def _noise(data: ReportData) -> NoiseEntry:
+    facts = data.facts("states.parquet")
     marker_sd, given = known(facts.get("marker_sd_m")), facts.get("sigma_v")
     each = all_known(given if isinstance(given, (list, tuple)) else [given])
     sigma_v = None if each is None else float(np.sqrt(np.mean(np.square(each))))
-    why = because(facts.get("why") or material.why_missing("states.parquet"), marker_sd, sigma_v)
+    why = why_unknown(facts.get("why") or data.why_missing("states.parquet"), marker_sd, sigma_v)
     return NoiseEntry(marker_sd_m=marker_sd, sigma_v=sigma_v, sigma_v_per_joint=each, why=why)
 
 
-def _dynamics(material: Material) -> DynamicsEntry:
-    facts = material.facts("dynamics.h5")
+def _dynamics(data: ReportData) -> DynamicsEntry:
+    facts = data.facts("dynamics.h5")
     identified = {
         key: known(facts.get(key))
         for key in ("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m")
     }
     samples = known(facts.get("samples"))
-    base, wrench = _base(material), channels(facts.get("wrench")) or None
-    consistency, moved = facts.get("consistency"), motion(material)
-    mass, cop = known(material.facts("wrench.parquet").get("mass_kg")), mean_cop(material.table("wrench.parquet"))
+    base, wrench = _base(data), channels(facts.get("wrench")) or None
+    consistency, moved = facts.get("consistency"), motion(data)
+    mass, cop = known(data.facts("wrench.parquet").get("mass_kg")), mean_cop(data.table("wrench.parquet"))
     why = [
-        because(
-            facts.get("why") or material.why_missing("dynamics.h5"),
+        why_unknown(
+            facts.get("why") or data.why_missing("dynamics.h5"),
             *(*identified.values(), samples, base, wrench, consistency, moved),
         ),
-        because(material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet"), mass, cop),
+        why_unknown(data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet"), mass, cop),
     ]
     return DynamicsEntry(
         base=base,
@@ -219,16 +223,16 @@ def _dynamics(material: Material) -> DynamicsEntry:
         cop_mean_m=cop,
         consistency=consistency,
         rivals={str(name): _rival(rival) for name, rival in (facts.get("rivals") or {}).items()},
-        held_out=held_out(material),
+        held_out=held_out(data),
         motion=moved,
-        pins=pins(material),
-        why=joined(why),
+        pins=pins(data),
+        why=join_sentences(why),
         **identified,
     )
 
 
 def mean_cop(wrench: Table | None) -> float | None:
-    """Mean centre of pressure along the motion, m, over the samples where the plates are loaded and sound."""
+    """Return the mean centre of pressure along the motion, m, over samples with loaded and valid plates."""
     if wrench is None:
         return None
     cop = wrench["cop_x"][wrench["plate_ok"]]
@@ -236,19 +240,19 @@ def mean_cop(wrench: Table | None) -> float | None:
     return float(cop.mean()) if len(cop) else None
 
 
-def _base(material: Material) -> list[BaseEntry] | None:
-    dynamics = material.dynamics
+def _base(data: ReportData) -> list[BaseEntry] | None:
+    dynamics = data.dynamics
     if dynamics is None or not dynamics.names:
         return None
-    facts = material.facts("dynamics.h5")
+    facts = data.facts("dynamics.h5")
     why = str(facts.get("why") or "the identification gave no finite value")
     advice = facts.get("advice") or []
     entries = [_base_entry(dynamics, i, why, advice[i] if i < len(advice) else {}) for i in range(len(dynamics.names))]
     return None if all(entry.value is None for entry in entries) else entries
 
 
-def _base_entry(dynamics: Dynamics, i: int, why: str, advice: Mapping[str, Any]) -> BaseEntry:
-    """The i-th base parameter; ``why`` is said where its value or deviation is not known."""
+def _base_entry(dynamics: IdentifiedDynamics, i: int, why: str, advice: Mapping[str, Any]) -> BaseEntry:
+    """Return the i-th base parameter, with ``why`` if its value or standard deviation is unknown."""
     value, sd = known(dynamics.value[i]), known(dynamics.sd[i])
     verdict: Any = dynamics.verdicts[i] if i < len(dynamics.verdicts) else None
     return BaseEntry(
@@ -263,7 +267,7 @@ def _base_entry(dynamics: Dynamics, i: int, why: str, advice: Mapping[str, Any])
         helps=(advice["text"] or NOTHING_HELPS) if advice else None,
         prior_share=_at(dynamics.prior_share, i),
         sd_ratio=(1.0 if advice["sd_ratio"] is None else known(advice["sd_ratio"])) if advice else None,
-        why=because(why, value, sd),
+        why=why_unknown(why, value, sd),
     )
 
 
@@ -279,12 +283,12 @@ def _rival(facts: Mapping[str, Any]) -> RivalEntry:
         assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
         wrench=channels(facts.get("wrench")),
         cop_rms_m=cop,
-        why=because("no samples show it off the seat", height, mass, cop),
+        why=why_unknown("no samples off the seat are available", height, mass, cop),
     )
 
 
-def _seconds(material: Material) -> dict[str, float] | None:
-    if material.seconds is None:
+def _seconds(data: ReportData) -> dict[str, float] | None:
+    if data.seconds is None:
         return None
-    times = {stage: known(seconds) for stage, seconds in material.seconds.items()}
+    times = {stage: known(seconds) for stage, seconds in data.seconds.items()}
     return {stage: seconds for stage, seconds in times.items() if seconds is not None}

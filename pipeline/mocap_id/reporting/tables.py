@@ -1,4 +1,4 @@
-"""The report's tables as text, row by row; how they look is the page's business."""
+"""Tables of the report as rows of text."""
 
 from __future__ import annotations
 
@@ -7,19 +7,44 @@ from dataclasses import dataclass
 from typing import Any
 
 from mocap_id.reporting import style
-from mocap_id.reporting.dynamics_shape import ChannelEntry
-from mocap_id.reporting.material import Material
+from mocap_id.reporting.dynamics_schema import ChannelEntry
 from mocap_id.reporting.numbers import UNKNOWN, known, show, show_beside, show_fixed, show_interval, show_with_sd
-from mocap_id.reporting.shape import Summary
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary_schema import Summary
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
-"""Units at the end of the facts' keys."""
+"""Units in the suffixes of fact keys."""
+_LABELS = {
+    "arc_deg": "arcs of the joints (deg)",
+    "asked": "requested",
+    "asymmetry_deg": "angle between left and right (deg)",
+    "bridged_fraction": "share of bridged samples",
+    "condition_number_scaled": "condition number with unit-norm columns",
+    "count": "number of segments",
+    "cutoff_hz": "low-pass cut-off (Hz)",
+    "dual": "dual residual",
+    "kkt": "KKT residual",
+    "missing_fraction": "share of missing samples",
+    "noise_floor_m": "movement of still markers (m)",
+    "outlier_fraction": "share of outliers",
+    "price_of_consistency": "relative cost of physical consistency",
+    "primal": "primal residual",
+    "proven": "optimality proven",
+    "reference_pulls": "reference body used as a prior",
+    "reprojection_rms_m": "reprojection error, rms (m)",
+    "samples": "number of samples",
+    "sd_holds": "standard deviations include",
+    "static_gap": "movement of moving over still markers",
+    "untold": "torques not determined",
+    "window_proposed": "window chosen automatically",
+}
+"""Labels of fact keys that do not explain themselves."""
 _WRENCH = ("Fx", "Fy", "tauz")
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A table: its caption, the column heads and the rows; ``text`` columns are set left, the others right."""
+    """A table of the page: caption, column headings and rows; ``text`` columns are left-aligned."""
 
     caption: str
     head: tuple[str, ...]
@@ -28,13 +53,13 @@ class Grid:
 
 
 def grid(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], text: Iterable[int] = (0,)) -> Grid:
-    """A table whose cells hold nothing that does not print."""
+    """Make a table, with unprintable characters in its cells replaced."""
     clean = tuple(tuple(style.printable(cell) for cell in row) for row in rows)
     return Grid(caption, tuple(head), clean, frozenset(text))
 
 
 def joints(summary: Summary) -> Grid:
-    """Where the joints are and how far they turn."""
+    """Return the joint centres and arcs."""
     names = summary.segments.names or []
     rows = []
     for joint in summary.joints or ():
@@ -43,22 +68,22 @@ def joints(summary: Summary) -> Grid:
         sx, sy = joint.sd_m or (None, None)
         rows.append((joint.name, parent, show_with_sd(x, sx), show_with_sd(y, sy), show_fixed(joint.arc_deg, 1)))
     head = ("joint", "fixed to", "x (m)", "y (m)", "arc (deg)")
-    return grid("Joint centres in the frame of the segment before, ± one standard deviation", head, rows, (0, 1))
+    return grid("Joint centres in the frame of the previous segment, ± one standard deviation", head, rows, (0, 1))
 
 
 def lengths(summary: Summary) -> Grid:
-    """Distances between joints."""
+    """Return the segment lengths."""
     rows = [(name, show_with_sd(entry.value, entry.sd)) for name, entry in (summary.lengths_m or {}).items()]
     return grid("Segment lengths, joint to joint, ± one standard deviation", ("segment", "length (m)"), rows)
 
 
-def in_band(material: Material) -> str:
-    """In which band model and measurement are compared."""
-    return "unfiltered" if material.low_pass is None else f"below {material.low_pass:g} Hz"
+def in_band(data: ReportData) -> str:
+    """Return the frequency band in which model and measurement are compared, in words."""
+    return "unfiltered" if data.low_pass is None else f"below {data.low_pass:g} Hz"
 
 
-def agreement(material: Material, summary: Summary) -> Grid:
-    """How far the model's wrench is from the measured one."""
+def agreement(data: ReportData, summary: Summary) -> Grid:
+    """Return the error of the modelled wrench."""
     units = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
     rows = [
         (
@@ -69,34 +94,31 @@ def agreement(material: Material, summary: Summary) -> Grid:
         )
         for name, channel in (summary.dynamics.wrench or {}).items()
     ]
-    caption = f"Model against measurement over the samples of the fit, {in_band(material)}"
+    caption = f"Error of the model over the samples of the fit, {in_band(data)}"
     return grid(caption, ("component", "bias", "standard deviation", "r²"), rows)
 
 
-def rivals(material: Material, summary: Summary) -> Grid:
-    """How far the bodies of the tables of people are from the measured wrench, beside the model."""
+def rivals(data: ReportData, summary: Summary) -> Grid:
+    """Return the errors of the allometric bodies and of the model."""
     dynamics = summary.dynamics
     bodies = {"identified model": (dynamics.wrench or {}, dynamics.cop_rms_m)} if dynamics.rivals else {}
     bodies |= {name: (rival.wrench, rival.cop_rms_m) for name, rival in dynamics.rivals.items()}
     rows = [
         (
             name,
-            *(
-                f"{show(wrench[part].bias)} ± {show(wrench[part].sd)}" if part in wrench else UNKNOWN
-                for part in _WRENCH
-            ),
+            *(_bias_and_sd(wrench.get(part)) for part in _WRENCH),
             millimetres(cop),
         )
         for name, (wrench, cop) in bodies.items()
     ]
     head = ("body", "Fx (N)", "Fy (N)", "tauz (N·m)", "centre of pressure, rms (mm)")
-    caption = f"Model and allometric bodies against measurement, {in_band(material)}: bias ± standard deviation"
+    caption = f"Errors of the model and of allometric bodies, {in_band(data)}: bias ± standard deviation"
     return grid(caption, head, rows)
 
 
-def held_out(material: Material, summary: Summary) -> Grid:
-    """How far repetitions are off that the model was not fitted to, beside the fit's own error and the reference's."""
-    found, low_pass = summary.dynamics.held_out, material.low_pass
+def held_out(data: ReportData, summary: Summary) -> Grid:
+    """Return the prediction errors on left-out repetitions, of the fit and of the reference body."""
+    found, low_pass = summary.dynamics.held_out, data.low_pass
     errors = {
         "models fitted without the repetition": found.model,
         "the same, unfiltered": None if low_pass is None else found.unfiltered,
@@ -114,9 +136,9 @@ def held_out(material: Material, summary: Summary) -> Grid:
     ]
     if found.inside is not None:
         shares = (percent(found.inside.get(part)) for part in (*_WRENCH, "cop_x"))
-        rows.append(("samples inside the 95 % interval (%)", *shares))
+        rows.append(("samples within the 95 % interval (%)", *shares))
     caption = (
-        f"Repetitions left out of the fit and predicted, {in_band(material)}: bias ± standard deviation over "
+        f"Prediction errors on left-out repetitions, {in_band(data)}: bias ± standard deviation over "
         f"{found.samples} samples, {found.folds} fits for {found.repetitions} repetitions"
         if rows
         else ""
@@ -130,9 +152,9 @@ def _bias_and_sd(channel: ChannelEntry | None, factor: float = 1.0) -> str:
     return f"{show(factor * channel.bias)} ± {show(factor * channel.sd)}"
 
 
-def base_parameters(material: Material, summary: Summary) -> Grid:
-    """The identified parameters with their intervals, beside the reference's."""
-    dynamics = material.dynamics
+def base_parameters(data: ReportData, summary: Summary) -> Grid:
+    """Return the identified parameters with intervals and reference values."""
+    dynamics = data.dynamics
     rows = []
     if dynamics is not None:
         for entry, reference in zip(summary.dynamics.base or (), dynamics.base_reference, strict=False):
@@ -144,18 +166,18 @@ def base_parameters(material: Material, summary: Summary) -> Grid:
                     show_beside(reference, entry.sd),
                     style.unit(entry.unit),
                     entry.verdict or UNKNOWN,
-                    *([percent(entry.prior_share)] if material.measured_poses else []),
+                    *([percent(entry.prior_share)] if data.measured_poses else []),
                 )
             )
     head = ("parameter", "value ± sd", "95 % interval", "reference", "unit", "verdict")
-    if not material.measured_poses:
+    if not data.measured_poses:
         return grid("Base parameters", head, rows, (0, 4, 5))
-    caption = "Base parameters; the last column is the share of the precision that comes from the loose prior"
-    return grid(caption, (*head, "of which prior (%)"), rows, (0, 4, 5))
+    caption = "Base parameters; the last column is the share of the loose prior in the precision"
+    return grid(caption, (*head, "share of prior (%)"), rows, (0, 4, 5))
 
 
 def excitation(summary: Summary) -> Grid:
-    """How much the movement tells of each base parameter, and which one would tell more."""
+    """Return how well the movement determines each base parameter, and which movement would improve it."""
     rows = [
         (
             entry.name,
@@ -170,15 +192,23 @@ def excitation(summary: Summary) -> Grid:
         if entry.excitation is not None
     ]
     caption = (
-        "How much the movement tells of each base parameter: standard deviation by size; norm of the part of its "
-        "column that no other column can imitate, in residual standard deviations for one SI unit, and its share"
+        "Excitation of each base parameter: standard deviation relative to its size; norm of the part of its regressor "
+        "column that is independent of the others, in residual standard deviations per SI unit; share of that part"
     )
-    head = ("parameter", "verdict", "sd (%)", "excitation", "own share (%)", "what would tell more", "its sd then")
+    head = (
+        "parameter",
+        "verdict",
+        "sd (%)",
+        "excitation",
+        "own share (%)",
+        "movement that would help",
+        "factor on the sd",
+    )
     return grid(caption, head, rows, (0, 1, 5))
 
 
-def plates(material: Material) -> Grid:
-    """What each force plate was taken for."""
+def plates(data: ReportData) -> Grid:
+    """Return the detected use of each force plate."""
     rows = [
         (
             str(plate.get("index", "")),
@@ -187,54 +217,54 @@ def plates(material: Material) -> Grid:
             show_fixed(plate.get("mean_vertical_N"), 1),
             str(plate.get("why", "")),
         )
-        for plate in material.facts("wrench.parquet").get("plates") or ()
+        for plate in data.facts("wrench.parquet").get("plates") or ()
     ]
-    head = ("plate", "kind", "taken for", "mean vertical force (N)", "why")
-    return grid("Force plates and what they were taken for", head, rows, (0, 1, 2, 4))
+    head = ("plate", "type", "use", "mean vertical force (N)", "reason")
+    return grid("Force plates and their detected use", head, rows, (0, 1, 2, 4))
 
 
-def markers(material: Material) -> Grid:
-    """Every marker: its segment, why, and how well the chain predicts it."""
-    segments = material.table("segments.parquet")
+def markers(data: ReportData) -> Grid:
+    """Return segment, reason and prediction error of each marker."""
+    segments = data.table("segments.parquet")
     if segments is None:
         return grid("Markers", (), ())
-    names = dict(enumerate(material.segment_names))
+    names = dict(enumerate(data.segment_names))
     rows = []
     for label, segment, rigid, reason in zip(
         *(segments[name].tolist() for name in ("marker", "segment", "residual", "reason")), strict=True
     ):
-        found = material.residuals.get(label)
+        found = data.residuals.get(label)
         chain = (None, None, None) if found is None else (found.rms, found.q95, found.seen)
         own = "none" if segment < 0 else names.get(segment, str(segment))
         rows.append((label, own, *map(millimetres, (rigid, *chain[:2])), percent(chain[2]), reason))
-    head = ("marker", "segment", "rigid (mm)", "chain (mm)", "95 % (mm)", "seen (%)", "why")
-    caption = "Markers: rms distance from the rigid segment, rms and 95 % distance from the chain's prediction"
+    head = ("marker", "segment", "rigid (mm)", "chain (mm)", "95 % (mm)", "visible (%)", "reason")
+    caption = "Markers: rms distance from the rigid segment; rms and 95 % quantile of the distance from the chain"
     return grid(caption, head, rows, (0, 1, 6))
 
 
 def facts(caption: str, values: Mapping[str, Any]) -> Grid:
-    """Names and values, those that are known; nested ones with a dotted name."""
-    return grid(caption, ("what", "value"), _flat(values, ""), (0, 1))
+    """Return a table of the known values; nested keys are joined by colons."""
+    return grid(caption, ("quantity", "value"), _flat(values, ""), (0, 1))
 
 
 def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
     for key, value in values.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{above}{_words(key)}: ")
+            yield from _flat(value, f"{above}{_readable(key)}: ")
         elif value not in (None, "", UNKNOWN, [], ()):
-            yield above + _words(key), _cell(value)
+            yield above + _readable(key), _cell(value)
 
 
-def _words(key: str) -> str:
-    """A fact's key for people: ``window_s`` as window (s)."""
-    if not key.isidentifier():
-        return key
+def _readable(key: str) -> str:
+    """Return the key of a fact as readable text: ``window_s`` as window (s)."""
+    if key in _LABELS or not key.isidentifier():
+        return _LABELS.get(key, key)
     stem, _, suffix = key.rpartition("_")
     return f"{stem.replace('_', ' ')} ({_SUFFIXES[suffix]})" if suffix in _SUFFIXES and stem else key.replace("_", " ")
 
 
 def _cell(value: object) -> str:
-    """Any JSON value as a short text."""
+    """Format any JSON value as short text."""
     match value:
         case None:
             return UNKNOWN
@@ -253,12 +283,12 @@ def _cell(value: object) -> str:
 
 
 def millimetres(metres: object) -> str:
-    """A length as millimetres with one decimal."""
+    """Format a length in millimetres with one decimal."""
     number = known(metres)
     return UNKNOWN if number is None else show_fixed(1e3 * number, 1)
 
 
 def percent(share: object) -> str:
-    """A share as per cent with one decimal."""
+    """Format a share in per cent with one decimal."""
     number = known(share)
     return UNKNOWN if number is None else show_fixed(100 * number, 1)

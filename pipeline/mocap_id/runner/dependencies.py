@@ -1,4 +1,4 @@
-"""What a stage's outputs depend on: its slice of the configuration, the user's files, artefacts; and the cache key."""
+"""Dependencies of a stage's outputs (configuration slice, user files, artefacts), and the cache key made of them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from mocap_id.store import dumps, hash_bytes, hash_file
 
 
 def user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
-    """The user's files that a stage reads, by their key in the YAML (``recording.markers``)."""
+    """Return the user files that a stage reads, by their YAML key such as ``recording.markers``."""
     return {role: path for key in stage.uses for role, path in _paths(getattr(trial.keys, key), key)}
 
 
 def parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
-    """The stage's slice of the configuration: the trial's keys that it reads and its settings; files by name alone."""
+    """Return the stage's slice of the configuration: its trial keys and its settings, with files as names only."""
     used = {key: _plain(getattr(trial.keys, key)) for key in stage.uses}
     return {**used, stage.name: _plain(trial.settings[stage.name])}
 
@@ -29,17 +29,17 @@ def parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
 def cache_key(
     stage: Stage, settings: Mapping[str, Any], hashes: Mapping[str, str], refused: Refused | None = None
 ) -> str:
-    """Hash of the stage, its version, its slice and the hashes of its inputs, with the refusal that it tells of."""
+    """Return the hash of a stage, its version, slice and inputs, and of the refusal that it reports, if any."""
     refusal = None if refused is None else [refused.code, refused.message]
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 
 _SETTLED_NS = 2 * 10**9
-"""A file that was written less than that ago may be written to again under the same stamp."""
+"""A file modified more recently than this may be modified again without a change of its time stamp."""
 
 
 class FileHashes:
-    """Hashes of the user's files, each read once."""
+    """Hashes of the user files; each file is read once."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
@@ -47,30 +47,30 @@ class FileHashes:
         self._stamps: dict[Path, tuple[int, ...]] = {}
 
     def of(self, stage: Stage) -> dict[str, str]:
-        """Hashes of the files that a stage reads, by key.
+        """Return the hashes of the files that a stage reads, by YAML key.
 
         Raises
         ------
         RecordingError
-            One is missing or cannot be read.
+            A file is missing or cannot be read.
         """
         return {role: self._hash(role, path) for role, path in user_files(self.trial, stage).items()}
 
-    def unchanged(self, stage: Stage) -> None:
-        """Make sure that the files are still those whose hashes are known, now that the stage has read them.
+    def check_unchanged(self, stage: Stage) -> None:
+        """Check, after a stage has read its files, that they still have the known hashes.
 
         Raises
         ------
         RecordingError
-            One was written to, or is gone: what the stage has made is of nobody knows which content.
+            A file was changed or deleted during the run, so the stage's result must be discarded.
         """
         for role, path in user_files(self.trial, stage).items():
             if path in self._stamps and self._stamps[path] == _stamp(path):
-                continue  # nobody has touched it
+                continue
             if self._read(role, path) != self._known.get(path):
                 raise RecordingError(
-                    f"{path}: changed while it was being read, named as `{role}` in {self.trial.file}; nothing was "
-                    "written: wait until it is complete, then run again"
+                    f"{path}: changed while it was being read (`{role}` in {self.trial.file}); nothing was written. "
+                    "Wait until the file is complete, then run again"
                 )
 
     def _hash(self, role: str, path: Path) -> str:
@@ -92,7 +92,7 @@ class FileHashes:
 
 
 def _stamp(path: Path) -> tuple[int, ...]:
-    """What every writing changes about a file, times last; empty where there is none."""
+    """Return file properties that change with every write, the times last; empty where the file does not exist."""
     try:
         found = path.stat()
     except (OSError, ValueError):
@@ -112,7 +112,7 @@ def _paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:
 
 
 def _plain(value: Any) -> Any:
-    """JSON values; of a path only the file's name, so that a moved recording stays the same recording."""
+    """Return JSON values; a path becomes its file name, so that a moved recording counts as the same."""
     if isinstance(value, Path):
         return value.name
     if isinstance(value, BaseModel):

@@ -1,8 +1,8 @@
-"""Running stages: what is up to date is reused, what is not is computed, a refusal is reported, a failure explained.
+"""Execution of stages: outputs that are up to date are reused, others computed; refusals and failures are reported.
 
-A stage's outputs are reused when they were made by the same version of the stage, with the same settings, from inputs
-that were made alike (not from files of the same age). Whoever runs a stage, ``run`` or a stage's own command, finds
-what the other left. Within a run, stages hand on their results in memory; a thread writes them behind the computation.
+A stage's outputs are reused when the same version of the stage made them with the same settings from inputs with the
+same keys; file times do not matter. ``run`` and the commands of the stages share their results. Within a run, stages
+pass their outputs on in memory, and a background thread writes them.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from typing import Any, Literal, TypeAlias
 
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
-from mocap_id.runner.behind import Behind
+from mocap_id.runner.background_writer import BackgroundWriter
 from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, user_files
 from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
-from mocap_id.runner.refusals import remember, remembered
+from mocap_id.runner.refusals import store_refusal, stored_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Artefact, Document, Folder, Origin
 from mocap_id.store.atomic import replace_together
 
 LOG_FILE = "failure.log"
-"""In the run folder: the traceback of a failure that nobody foresaw."""
+"""File in the run folder with the traceback of an unexpected failure."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Step:
-    """One stage that was dealt with; ``seconds`` is the time of its computation, now or, when reused, then.
+    """A stage and what was done with it; ``seconds`` is the duration of its computation, in this run or when reused.
 
-    ``begun`` is told of, no more: an outcome holds only what came of it.
+    ``begun`` is only reported as progress and is not part of an :class:`Outcome`.
     """
 
     stage: str
@@ -49,7 +49,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial went.
+    """Result of a run.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Outcome:
     steps : tuple of Step
         In the order in which they were taken.
     refused : Refused, optional
-        The refusal, when a stage refused the trial; the summary and the report say so too.
+        The refusal, if a stage refused the trial; the summary and the report show it too.
     """
 
     folder: Path
@@ -66,7 +66,7 @@ class Outcome:
     refused: Refused | None = None
 
     def summary(self) -> Mapping[str, Any]:
-        """The trial's summary.json."""
+        """Return the contents of the trial's summary.json."""
         result: Mapping[str, Any] = json.loads((self.folder / "summary.json").read_text("utf-8"))
         return result
 
@@ -75,28 +75,28 @@ Progress: TypeAlias = Callable[[Step], None]
 
 
 def _silent(step: Step) -> None:
-    """Tell nobody."""
+    """Report nothing."""
 
 
 def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run every stage that is not up to date.
+    """Run all stages that are not up to date.
 
     Raises
     ------
     ConfigError, RecordingError, NumericalError, StoreError
-        As in :mod:`mocap_id.errors`; a refusal is an outcome, not an error.
+        As in :mod:`mocap_id.errors`. A refusal is not raised but returned in the outcome.
     """
     with _run(trial, stages, progress) as this:
         return this.go(stages)
 
 
 def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run one stage on the artefacts of those before it, unless its outputs are up to date.
+    """Run one stage on existing artefacts, unless its outputs are up to date.
 
     Raises
     ------
     StoreError
-        An artefact that it reads is missing, or was made from something else than the trial now says.
+        An artefact that it reads is missing or was made with other settings or files than the trial now has.
     ConfigError, RecordingError, NumericalError
         As for :func:`run`.
     """
@@ -107,12 +107,12 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
 
 
 def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run every stage up to one that is not up to date; what comes after it stays as it is.
+    """Run the stages up to a given one, as far as they are not up to date; later outputs are not changed.
 
     Raises
     ------
     ConfigError, RecordingError, NumericalError, StoreError
-        As for :func:`run`; a refusal is an outcome, and reported as there.
+        As for :func:`run`, also with regard to refusals.
     """
     last = next(k for k, stage in enumerate(stages) if stage.name == name)
     with _run(trial, stages, progress) as this:
@@ -121,7 +121,7 @@ def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: 
 
 @contextmanager
 def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[_Run]:
-    """A run that holds its folder; the user's files are looked at first, so that a mistake there writes nothing."""
+    """Start a run and lock its folder. User files are read first, so that an error in them leaves no trace."""
     this = _Run(trial, stages, progress)
     outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
     files = {role: path for stage in stages for role, path in user_files(trial, stage).items()}
@@ -130,7 +130,7 @@ def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[
     for role, path in files.items():
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this.folder.locked(), run_log(trial.out, trial.name, files) as log, this.behind:
+    with this.folder.locked(), run_log(trial.out, trial.name, files) as log, this.writer:
         this.log = log
         yield this
 
@@ -143,12 +143,12 @@ class _Run:
         self.folder = Folder(trial.out)
         self.files = FileHashes(trial)
         self.log = _log
-        self.behind = Behind()
+        self.writer = BackgroundWriter()
         self._steps: list[Step] = []
         self._origins: dict[str, Origin] = {}
 
     def go(self, stages: Sequence[Stage]) -> Outcome:
-        """Take these stages in their order."""
+        """Run these stages in order."""
         refused = None
         for number, stage in enumerate(stages):
             try:
@@ -160,45 +160,45 @@ class _Run:
                 break
             wanted = {file for later in stages[number + 1 :] for file in later.inputs}
             self.folder.release({file for earlier in self.stages for file in earlier.outputs} - wanted)
-        self.behind.settle()
+        self.writer.wait()
         self.folder.remove([LOG_FILE])
         self.log.info(verdict_line(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
 
     def step(self, stage: Stage) -> None:
-        """Compute one stage, or find that there is no need to."""
+        """Compute one stage, unless its outputs are up to date."""
         hashes = self.hashes(stage)
         origin = self.current(stage, hashes)
         action: Literal["computed", "reused"] = "computed" if origin is None else "reused"
         origin = origin or self.compute_or_refuse(stage, hashes)
         self._origins[stage.name] = origin
         if action == "reused":
-            self.behind.settle()  # what it was made from is on the disk
+            self.writer.wait()  # until its inputs are on the disk
             self.freshen(stage)
-        self.took(Step(stage.name, action, origin.seconds))
+        self.record(Step(stage.name, action, origin.seconds))
 
     def compute_or_refuse(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
-        """Run a stage's function, unless it is known to refuse."""
+        """Run a stage's function, unless it is known to refuse these inputs."""
         key = self.key(stage, hashes)
-        known = remembered(self.trial.out, stage.name, key)
+        known = stored_refusal(self.trial.out, stage.name, key)
         if known is not None:
             raise known
         self.progress(Step(stage.name, "begun", 0.0))
         try:
             return self.compute(stage, hashes)
         except Refused as refused:
-            remember(self.trial.out, stage.name, key, refused)
+            store_refusal(self.trial.out, stage.name, key, refused)
             raise
 
-    def took(self, step: Step) -> None:
-        """Note a step and tell of it."""
+    def record(self, step: Step) -> None:
+        """Add a step to the outcome, log it and report it as progress."""
         self._steps.append(step)
-        took = f", {step.seconds:.2f} s" if step.action == "computed" else ""
-        self.log.info("%s %s%s", step.stage, step.action, took)
+        duration = f", {step.seconds:.2f} s" if step.action == "computed" else ""
+        self.log.info("%s %s%s", step.stage, step.action, duration)
         self.progress(step)
 
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:
-        """Run a stage's function and have written what it gives."""
+        """Run a stage's function and queue its outputs for writing."""
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
         settings = self.trial.settings[stage.name]
         context = Context(self.trial.keys, settings, inputs, refused, self.seconds_before(stage))
@@ -206,54 +206,54 @@ class _Run:
         key = cache_key(stage, slice_, hashes, refused)
         start = time.perf_counter()
         try:
-            with self.foreseen():
+            with self.unexpected_as_error():
                 outputs = stage.function(context)
-                self.files.unchanged(stage)
+                self.files.check_unchanged(stage)
                 origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
                 _check_names(stage, outputs)
                 kept = self.folder.keep(outputs, origin)
         except NumericalError:
             self.forget_from(stage)
             raise
-        self.behind.do(partial(self.write, stage, kept, origin))
+        self.writer.submit(partial(self.write, stage, kept, origin))
         return origin
 
     def freshen(self, stage: Stage) -> None:
-        """Make a stage's outputs no older than what they were made from, for `make`."""
-        made_from = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
-        self.folder.freshen(stage.outputs, [self.trial.file, *(path for path in made_from if path.exists())])
+        """Make a stage's outputs no older than its inputs, for `make`."""
+        inputs = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
+        self.folder.freshen(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
     def write(self, stage: Stage, outputs: Sequence[Artefact | Document], origin: Origin) -> None:
-        """Write what a stage gave."""
-        with _named(self.trial, stage), self.foreseen():
+        """Write a stage's outputs."""
+        with _named(self.trial, stage), self.unexpected_as_error():
             self.folder.store(outputs, origin)
             self.freshen(stage)
 
     def refuse(self, stage: Stage, refused: Refused) -> None:
-        """Remove what no longer holds, and make the report of what does, unless that is what stands there."""
+        """Delete outputs that are no longer valid, and report the refusal, unless the existing report already does."""
         report = self.stages[-1]
-        self.behind.settle()
+        self.writer.wait()
         self.forget_from(stage, but=report)
-        self.took(Step(stage.name, "refused", 0.0))
+        self.record(Step(stage.name, "refused", 0.0))
         hashes = {file: self.folder.key(file) for file in report.inputs if self.folder.exists(file)}
         with _named(self.trial, report):
-            standing = self.current(report, hashes, refused)
-            if standing is None:
+            origin = self.current(report, hashes, refused)
+            if origin is None:
                 self.forget_from(report)
-                standing = self.compute(report, hashes, refused)
-                self.took(Step(report.name, "computed", standing.seconds))
+                origin = self.compute(report, hashes, refused)
+                self.record(Step(report.name, "computed", origin.seconds))
             else:
-                self.took(Step(report.name, "reused", standing.seconds))
+                self.record(Step(report.name, "reused", origin.seconds))
 
     def forget_from(self, stage: Stage, but: Stage | None = None) -> None:
-        """Remove the outputs of a stage that failed and of all later ones: they are of an older run."""
+        """Delete the outputs, left by an earlier run, of a failed stage and of all later stages."""
         for later in self.stages[self.stages.index(stage) :]:
             if later is not but:
                 self.folder.forget(later.name, later.outputs)
 
     @contextmanager
-    def foreseen(self) -> Iterator[None]:
-        """Turn a failure that is our fault into an error: one line for the screen, the rest into a file."""
+    def unexpected_as_error(self) -> Iterator[None]:
+        """Turn an unexpected exception into a NumericalError of one line, with the traceback in ``failure.log``."""
         try:
             yield
         except MocapIdError:
@@ -271,7 +271,7 @@ class _Run:
             raise NumericalError(message) from error
 
     def check_inputs(self, stage: Stage) -> None:
-        """Say which stage to run first, if what this one reads is missing or stale, however far back."""
+        """Raise StoreError, naming the stage to run first, if a direct or indirect input is missing or stale."""
         for earlier in self.ancestors(stage):
             missing = [file for file in earlier.outputs if not self.folder.exists(file)]
             if missing:
@@ -284,12 +284,12 @@ class _Run:
             raise StoreError(f"{stage.name}: {why}. Run `{first}` first, or all with `mocap-id run {self.trial.file}`")
 
     def stale(self, stage: Stage) -> bool:
-        """Whether a stage's outputs, which all exist, are not what the trial now says; StoreError if one is damaged."""
+        """Whether a stage's outputs, which all exist, are out of date; StoreError if one is damaged."""
         self.folder.origin(stage.name, stage.outputs)
         return self.current(stage, self.hashes(stage)) is None
 
     def ancestors(self, stage: Stage) -> list[Stage]:
-        """The stages from which a stage's inputs come, directly or not, in the order of the tuple."""
+        """Return the stages that make a stage's inputs, directly or indirectly, in the order of the pipeline."""
         needed = set(stage.inputs)
         found: list[Stage] = []
         for earlier in reversed(self.stages):
@@ -299,15 +299,15 @@ class _Run:
         return found
 
     def hashes(self, stage: Stage) -> dict[str, str]:
-        """Hash of every file of the user's and key of every artefact that a stage reads."""
+        """Return the hash of every user file and the key of every artefact that a stage reads."""
         return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}
 
     def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
-        """Cache key that the stage's outputs would have."""
+        """Return the cache key that the stage's outputs would have."""
         return cache_key(stage, parameters(self.trial, stage), hashes, refused)
 
     def current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
-        """Where a stage's outputs come from, if they are there, sound, and what computing them again would give."""
+        """Return the origin of a stage's outputs; None unless they exist, are intact and are up to date."""
         key = self.key(stage, hashes, refused)
         try:
             origin = self.folder.origin(stage.name, stage.outputs)
@@ -317,14 +317,14 @@ class _Run:
         return origin if origin is not None and origin.key == key else None
 
     def seconds_before(self, stage: Stage) -> dict[str, float]:
-        """Computation times of the stages before this one, as far as their outputs stand."""
+        """Return the computation times of earlier stages, as far as their outputs exist."""
         seconds: dict[str, float] = {}
         for earlier in self.stages[: self.stages.index(stage)]:
             origin = self._origins.get(earlier.name)
             try:
                 origin = origin or self.folder.origin(earlier.name, earlier.outputs)
             except StoreError:
-                continue  # a damaged output that this stage does not read is for its own stage to mend
+                continue  # an output that this stage does not read; its own stage will repair it
             if origin is not None:
                 seconds[earlier.name] = origin.seconds
         return seconds
@@ -332,19 +332,19 @@ class _Run:
 
 @contextmanager
 def _named(trial: Trial, stage: Stage) -> Iterator[None]:
-    """Have every error say which trial and which stage."""
+    """Add trial and stage to every error."""
     try:
         yield
     except MocapIdError as error:
         if getattr(error, "__notes__", None):
-            raise  # the writer's: it names the stage that it wrote for
+            raise  # from the background writer, which has added the stage that it wrote for
         error.add_note(f"trial {trial.name}, stage {stage.name}")
         raise
 
 
 def _check_names(stage: Stage, outputs: Outputs) -> None:
-    """A stage gives what its record says; documents may be more."""
+    """Check that a stage returned the outputs of its record; additional documents are allowed."""
     given = [output.file if isinstance(output, Document) else output.schema.file for output in outputs]
     extra = {output.file for output in outputs if isinstance(output, Document)} - set(stage.outputs)
     if [file for file in given if file not in extra] != list(stage.outputs):
-        raise ValueError(f"{stage.name} gave {given}, its record says {list(stage.outputs)}")
+        raise ValueError(f"{stage.name} returned {given}, its record lists {list(stage.outputs)}")

@@ -1,4 +1,4 @@
-"""What a trial's runs have done, line by line, beside its artefacts: for the day somebody asks."""
+"""Log of all runs of a trial, in its run folder."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from mocap_id.errors import StoreError
 from mocap_id.store.atomic import replace_together
 
 RUN_LOG = "run.log"
-"""In the run folder."""
+"""Name of the log in the run folder."""
 
 _NO_VERDICT = "no verdict yet"
-_LARGEST = 1_000_000  # bytes; of a longer log the newer half stays
+_LARGEST = 1_000_000  # bytes; a longer log is cut to its newer half
 
 
 @contextlib.contextmanager
 def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[logging.Logger]:
-    """Gather what is logged, warnings included, and append it to the folder's log when the run is over.
+    """Collect log messages and warnings, and append them to the folder's log at the end of the run.
 
-    Nothing is written into a folder in which the run has left nothing else, nor where it cannot be: a log is no reason
-    to fail. Call it only while holding the folder's lock.
+    Nothing is written to a folder without other files. A log that cannot be written is no error. Call this only while
+    holding the folder's lock.
 
     Parameters
     ----------
     folder : Path
         The run folder.
     trial : str
-        Its name.
+        Name of the trial.
     files : mapping
-        The user's files by their key in the YAML, by which the log calls them: their own names may tell who moved.
+        User files by YAML key. The log shows the keys, because file names may identify a person.
 
     Yields
     ------
     Logger
-        For what belongs into the log alone.
+        Logger for messages that go only to the log.
     """
     lines = _Lines(files)
     every, own = logging.getLogger("mocap_id"), logging.Logger("mocap_id.run", logging.INFO)
@@ -59,7 +59,7 @@ def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[log
 
 
 def verdict_line(folder: Path) -> str:
-    """The verdict that stands in a run folder, with its codes."""
+    """Return the verdict in a run folder, with its codes."""
     try:
         verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -69,28 +69,28 @@ def verdict_line(folder: Path) -> str:
 
 
 def last_failure(folder: Path) -> str | None:
-    """How the last run of a folder ended, if not with a verdict or as it was asked to."""
+    """Return the last log line if the last run failed, else None."""
     try:
         lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
     except OSError:
         return None
-    said = lines[-1].partition(" ")[2] if lines else "verdict"
-    return None if said.startswith(("verdict", _NO_VERDICT)) else said
+    message = lines[-1].partition(" ")[2] if lines else "verdict"
+    return None if message.startswith(("verdict", _NO_VERDICT)) else message
 
 
 class _Lines(logging.Handler):
-    """Stamped lines, kept until they are asked for."""
+    """Log handler that collects lines with time stamps."""
 
     def __init__(self, files: Mapping[str, Path]) -> None:
         super().__init__(logging.INFO)
         self._lines: list[str] = []
-        self._called = {written: key for key, path in files.items() for written in (str(path), path.name)}
+        self._keys = {name: key for key, path in files.items() for name in (str(path), path.name)}
 
     def emit(self, record: logging.LogRecord) -> None:
         stamp = datetime.datetime.fromtimestamp(record.created, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         message = " ".join(record.getMessage().split())
-        for written, key in self._called.items():
-            message = message.replace(written, key)
+        for name, key in self._keys.items():
+            message = message.replace(name, key)
         level = "" if record.levelno <= logging.INFO else f"{record.levelname.lower()}: "
         self._lines.append(f"{stamp} {level}{message}\n")
 
@@ -101,7 +101,7 @@ class _Lines(logging.Handler):
 def _append(folder: Path, text: str) -> None:
     path = folder / RUN_LOG
     if path.is_symlink() or (path.exists() and not path.is_file()):
-        return  # not ours: it would lead out of the folder
+        return  # not a log of mocap-id; a link may lead out of the folder
     if not path.exists() and not any(file.is_file() for file in folder.iterdir()):
         return
     with path.open("a", encoding="utf-8") as stream:

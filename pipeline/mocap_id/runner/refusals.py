@@ -1,4 +1,4 @@
-"""A refusal as it is remembered: what a stage refused once it would refuse again, for the same reason."""
+"""Stored refusals: a stage that refused its inputs once would refuse them again."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from mocap_id.store.atomic import explained, replace_together
 _FILE = ".mocap-id/refusal.json"
 
 
-def remember(folder: Path, stage: str, key: str, refused: Refused) -> None:
-    """Note which computation was refused, and why.
+def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
+    """Store which computation was refused, and why.
 
     Raises
     ------
     StoreError
         The folder cannot be written.
     """
-    told = {"code": refused.code, "message": refused.message, "value": refused.value, "limit": refused.limit}
-    text = json.dumps({"stage": stage, "key": key, "refused": told}, indent=1)
+    reason = {"code": refused.code, "message": refused.message, "value": refused.value, "limit": refused.limit}
+    text = json.dumps({"stage": stage, "key": key, "refused": reason}, indent=1)
     replace_together(folder, {_FILE: text.encode()})
 
 
-def remembered(folder: Path, stage: str, key: str) -> Refused | None:
-    """The refusal of this very computation, if it was refused; None where that is not known."""
+def stored_refusal(folder: Path, stage: str, key: str) -> Refused | None:
+    """Return the stored refusal of this computation; None where there is none."""
     try:
         found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))
         refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
@@ -37,6 +37,6 @@ def remembered(folder: Path, stage: str, key: str) -> Refused | None:
 
 
 def forget_refusal(folder: Path) -> None:
-    """Have the stage asked again."""
+    """Delete the stored refusal, so that the stage is computed again."""
     with explained(folder / _FILE):
         (folder / _FILE).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Makefile rules for trials, from the tuple of stages: the same commands, the same files, the same order as ``run``."""
+"""Makefile rules for trials, made from the tuple of stages."""
 
 from __future__ import annotations
 
@@ -13,29 +13,31 @@ from mocap_id.stages import STAGES, Stage
 
 
 def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = STAGES) -> str:
-    """Rules that build the last stage's outputs of every trial through the stages' commands.
+    """Return rules that make the last stage's outputs of every trial with the stages' commands.
 
     Parameters
     ----------
     trials : sequence of Trial
-        Each with a run folder of its own.
+        Every trial has its own run folder.
     command : str
         How the recipes call mocap-id.
 
     Raises
     ------
     ConfigError
-        Two trials share a run folder, or a path holds what a Makefile cannot express.
+        Two trials share a run folder, or a path contains characters that make cannot handle.
     """
     folders: dict[Path, Trial] = {}
     for trial in trials:
         other = folders.setdefault(trial.out.resolve(), trial)
         if other is not trial:
-            raise ConfigError(f"{trial.file} and {other.file} share the folder {trial.out}: give one another `out:`")
+            raise ConfigError(
+                f"{trial.file} and {other.file} share the folder {trial.out}: give one of them another `out:`"
+            )
     goals = " ".join(_path(trial.out / file) for trial in trials for file in stages[-1].outputs)
     lines = [
-        "# Made by `mocap-id stages --make`. A `%` stands for the dot: a pattern rule with several targets is run once",
-        "# for all of them, in every version of GNU make.",
+        "# Made by `mocap-id stages --make`. `%` replaces the dot of a file name: every version of GNU make runs a",
+        "# pattern rule with several targets only once.",
         ".SUFFIXES:",
         ".SECONDARY:",
         ".PHONY: all",
@@ -55,9 +57,9 @@ def _rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
 
 
 def _path(path: Path, *, pattern: bool = False) -> str:
-    """A path as make reads it, relative to the working folder where it lies below it."""
+    """Return a path for a Makefile, relative to the working folder if it is inside."""
     here = Path.cwd()
     text = str(path.relative_to(here) if path.is_relative_to(here) else path)
     if re.search(r"[\s%:#$*?\[\]\\;|&<>()'\"`~=!{}]", text):
-        raise ConfigError(f"{text}: make cannot handle blanks and special characters in a path: rename it")
+        raise ConfigError(f"{text}: make cannot handle blanks or special characters in a path: rename it")
     return re.sub(r"\.(?=[^./]*$)", "%", text) if pattern else text

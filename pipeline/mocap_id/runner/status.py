@@ -1,4 +1,4 @@
-"""What of a trial is done, what would be computed anew and why; and taking away what was made."""
+"""Status of a trial (which stages are done, stale or missing, and why), and removal of its outputs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocap_id.errors import MocapIdError, StoreError
 from mocap_id.runner.dependencies import FileHashes, cache_key, parameters
 from mocap_id.runner.execution import LOG_FILE
 from mocap_id.runner.log import RUN_LOG, last_failure
-from mocap_id.runner.refusals import forget_refusal, remembered
+from mocap_id.runner.refusals import forget_refusal, stored_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
 from mocap_id.store.locking import LOCK, lock_in
@@ -23,17 +23,17 @@ State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "wa
 
 
 @dataclass(frozen=True)
-class Standing:
-    """How a stage stands.
+class StageStatus:
+    """Status of one stage.
 
     Parameters
     ----------
     stage : str
     state : {"done", "stale", "missing", "damaged", "refused", "waiting"}
-        ``stale`` was made of something else than the trial now says; ``waiting`` stands behind a stage that is not
-        done, so that nothing can be said of it.
+        ``stale``: made with other settings or inputs than the trial now has. ``waiting``: depends on an earlier stage
+        that is not done, so its own state is unknown.
     why : str
-        Empty for what is done.
+        Empty for a stage that is done.
     """
 
     stage: str
@@ -42,20 +42,20 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Status:
-    """How a trial stands.
+class TrialStatus:
+    """Status of a trial.
 
     Parameters
     ----------
-    stages : tuple of Standing
-        In their order.
+    stages : tuple of StageStatus
+        In the order of the pipeline.
     running : bool
-        Whether a run holds the folder at the moment.
+        Whether a run has locked the folder.
     failure : str or None
         How the last run ended, if it failed.
     """
 
-    stages: tuple[Standing, ...]
+    stages: tuple[StageStatus, ...]
     running: bool
     failure: str | None
 
@@ -65,34 +65,33 @@ class Status:
         return all(one.state in ("done", "refused") for one in self.stages) and self.failure is None
 
 
-def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> Status:
-    """Look at a trial's folder; nothing is written, nothing computed."""
+def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
+    """Return the status of a trial; nothing is written or computed."""
     folder = Folder(trial.out)
     try:
         folder.there()
     except StoreError as error:
         first, *later = (stage.name for stage in stages)
-        waiting = (Standing(name, "waiting", f"for {first}") for name in later)
-        return Status((Standing(first, "damaged", str(error)), *waiting), False, None)
-    return Status(tuple(_standings(trial, folder, stages)), _held(trial.out), last_failure(trial.out))
+        waiting = (StageStatus(name, "waiting", f"for {first}") for name in later)
+        return TrialStatus((StageStatus(first, "damaged", str(error)), *waiting), False, None)
+    return TrialStatus(tuple(_of_stages(trial, folder, stages)), _locked(trial.out), last_failure(trial.out))
 
 
 def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAGES) -> None:
-    """Take away what runs have made: everything, or what the stages from one on made.
+    """Delete the outputs of all stages, or of the stages from a given one on.
 
-    Only files that stages or the runner wrote are touched; what else lies in the folder stays, and so does the folder
-    if it is then not empty.
+    Only files that stages or the runner wrote are deleted. The folder is deleted too if it is then empty.
 
     Parameters
     ----------
     trial : Trial
     first : str, optional
-        Name of the first stage whose outputs go.
+        Name of the first stage whose outputs are deleted.
 
     Raises
     ------
     StoreError
-        A run holds the folder, or it cannot be looked into or changed.
+        A run has locked the folder, or it cannot be read or changed.
     """
     folder, names = Folder(trial.out), [stage.name for stage in stages]
     if not folder.there():
@@ -106,52 +105,55 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
             folder.dissolve()
 
 
-def _standings(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[Standing]:
+def _of_stages(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[StageStatus]:
     files, before = FileHashes(trial), None
     for stage in stages:
         if before is not None:
-            yield Standing(stage.name, "waiting", f"for {before}")
+            yield StageStatus(stage.name, "waiting", f"for {before}")
             continue
-        standing = _standing(trial, folder, files, stage)
-        if standing.state == "refused":
-            yield standing
+        found = _of_stage(trial, folder, files, stage)
+        yield found
+        if found.state == "refused":
             later = stages[stages.index(stage) + 1 :]
-            yield from (Standing(other.name, "refused", f"by {stage.name}") for other in later)
+            yield from (StageStatus(other.name, "refused", f"by {stage.name}") for other in later)
             return
-        before = None if standing.state == "done" else stage.name
-        yield standing
+        before = None if found.state == "done" else stage.name
 
 
-def _standing(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -> Standing:
+def _of_stage(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -> StageStatus:
     try:
         hashes = files.of(stage) | {file: folder.key(file) for file in stage.inputs}
     except MocapIdError as error:
-        return Standing(stage.name, "missing", str(error))
+        return StageStatus(stage.name, "missing", str(error))
     wanted = parameters(trial, stage)
-    refused = remembered(trial.out, stage.name, cache_key(stage, wanted, hashes))
+    refused = stored_refusal(trial.out, stage.name, cache_key(stage, wanted, hashes))
     if refused is not None:
-        return Standing(stage.name, "refused", refused.message)
+        return StageStatus(stage.name, "refused", refused.message)
     missing = [file for file in stage.outputs if not folder.exists(file)]
     if missing:
-        return Standing(stage.name, "missing", f"there is no {missing[0]}")
+        return StageStatus(stage.name, "missing", f"{missing[0]} does not exist")
     try:
         origin = folder.origin(stage.name, stage.outputs)
     except StoreError as error:
-        return Standing(stage.name, "damaged", str(error))
+        return StageStatus(stage.name, "damaged", str(error))
     if origin is None:
-        return Standing(stage.name, "damaged", "its files were not written together: one was changed or exchanged")
+        return StageStatus(stage.name, "damaged", "its files were not written together: one was edited or replaced")
     if origin.key == cache_key(stage, wanted, hashes):
-        return Standing(stage.name, "done")
-    return Standing(stage.name, "stale", "; ".join(_changes(origin, stage, wanted, hashes)) or "it told of a refusal")
+        return StageStatus(stage.name, "done")
+    return StageStatus(
+        stage.name,
+        "stale",
+        "; ".join(_changes(origin, stage, wanted, hashes)) or "the previous report described a refused trial",
+    )
 
 
 def _changes(origin: Origin, stage: Stage, wanted: Mapping[str, Any], hashes: Mapping[str, str]) -> Iterator[str]:
-    """In what the computation that made the files differs from the one that would be made now."""
+    """Yield the differences between the computation that made the files and the one that would be made now."""
     if origin.stage_version != stage.version:
-        yield f"made by version {origin.stage_version} of the stage, which is at {stage.version}"
+        yield f"made by version {origin.stage_version} of the stage, now version {stage.version}"
     for file in sorted({*hashes, *origin.inputs}):
         if hashes.get(file) != origin.inputs.get(file):
-            yield f"{file} is another one"
+            yield f"{file} has changed"
     before, now = dict(_leaves(origin.parameters)), dict(_leaves(wanted))
     for key in sorted({*before, *now}):
         if before.get(key) != now.get(key):
@@ -166,7 +168,7 @@ def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
         yield key, value
 
 
-def _held(folder: Path) -> bool:
+def _locked(folder: Path) -> bool:
     own = folder / ".mocap-id"
     if not (own / LOCK).is_file():
         return False
@@ -175,5 +177,5 @@ def _held(folder: Path) -> bool:
             return False
     except Timeout:
         return True
-    except OSError:  # it may not be opened, so that nobody can tell; a lock by itself is no run
+    except OSError:  # the lock file cannot be opened; its existence alone does not show a run
         return False

@@ -1,26 +1,25 @@
-"""Simulated trials with exact truth: a person rising from a chair, a robot's joint."""
+"""Simulated trials with exact truth: a person rising from a chair, or a swinging robot joint."""
 
 from mocap_id.simulation.cohort import Cohort, simulate_cohort
-from mocap_id.simulation.generate import Simulated, generate
-from mocap_id.simulation.motion import Motion, through
-from mocap_id.simulation.options import Kind, Options
-from mocap_id.simulation.people import People
-from mocap_id.simulation.robot_set import RobotSet, simulate_set
+from mocap_id.simulation.joint_motion import JointMotion, motion_through
+from mocap_id.simulation.options import Kind, Options, PersonOptions
+from mocap_id.simulation.robot_set import RobotSet, simulate_robot_set
 from mocap_id.simulation.schedule import Strategy
-from mocap_id.simulation.trial import simulate
+from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
+from mocap_id.simulation.trial_files import simulate
 
 __all__ = [
     "Cohort",
+    "JointMotion",
     "Kind",
-    "Motion",
     "Options",
-    "People",
+    "PersonOptions",
     "RobotSet",
-    "Simulated",
+    "SimulatedTrial",
     "Strategy",
     "generate",
+    "motion_through",
     "simulate",
     "simulate_cohort",
-    "simulate_set",
-    "through",
+    "simulate_robot_set",
 ]

@@ -1,4 +1,4 @@
-"""Bodies to simulate: a person of Winter's proportions, each off by up to 10 %, and a one-joint robot."""
+"""Simulated bodies: a person with Winter's proportions, varied by up to 10 %, and a one-joint robot."""
 
 from __future__ import annotations
 
@@ -32,30 +32,30 @@ WINTER: Mapping[str, float] = {
     "r_thigh": 0.323,
     "r_hat": 0.496,
 }
-"""Winter's fractions, both sides together: lengths and ankle height of stature, masses of body mass, centres of mass
-from the joint on the ground's side and radii of gyration about them of the segment's length."""
+"""Winter's fractions for both sides together: lengths and ankle height as fractions of stature, masses of body mass;
+centres of mass (from the lower joint) and radii of gyration (about them) of the segment's length."""
 
 BEHIND_ANKLE = 0.24  # share of the foot's length behind the ankle
-ANKLE = (-0.03, 0.03)  # m from the middle of the plate
+ANKLE = (-0.03, 0.03)  # m, range of the ankle's position from the plate's centre
 
 
 @dataclass(frozen=True)
 class Link:
-    """One rigid segment; positions in m, kg and kg·m² in its own frame, +y towards the next joint.
+    """One rigid segment in its own frame, with +y towards the next joint; m, kg, kg·m².
 
     Parameters
     ----------
     name : str
     joint : str or None
-        Name of the joint at its origin, None for the base.
+        Name of the joint at its origin; None for the base.
     centre : (x, y)
-        That joint in the frame of the link before it.
+        Centre of that joint in the previous link's frame.
     length : float
     mass : float
     com : (x, y)
         Centre of mass.
     inertia : float
-        About the centre of mass, out of the plane.
+        About the centre of mass, for rotation in the plane.
     """
 
     name: str
@@ -71,21 +71,27 @@ class Link:
         """Moment of inertia about the link's origin, kg·m²."""
         return self.inertia + self.mass * (self.com[0] ** 2 + self.com[1] ** 2)
 
+    @property
+    def inertial_parameters(self) -> dict[str, float]:
+        """Inertial parameters by their names in the truth."""
+        (cx, cy), m = self.com, self.mass
+        return {"m": m, "mx": m * cx, "my": m * cy, "Izz": self.about_origin, "cx": cx, "cy": cy, "Ic": self.inertia}
+
 
 @dataclass(frozen=True)
-class Body:
-    """Links from base to tip, where the base can press on the ground, and what the truth says of the subject.
+class SimulatedBody:
+    """A chain of links on a base that stands on the ground.
 
     Parameters
     ----------
     links : tuple of Link
         Base first.
     support : (low, high)
-        Reach of the base along x, m: the centre of pressure must stay inside.
+        Extent of the base along x, m; the centre of pressure must stay inside.
     scored_lengths : dict
-        Lengths that the marker data determine, by the name that ``summary.json`` gives them, m.
+        Lengths that marker data determine, by their names in ``summary.json``, m.
     description : dict
-        JSON values for the truth.
+        Description of the subject for the truth, as JSON values.
     """
 
     links: tuple[Link, ...]
@@ -100,7 +106,7 @@ class Body:
 
     @property
     def centres(self) -> FloatArray:
-        """(n, 2) joint centres, each in the link before it, m."""
+        """(n, 2) joint centres, each in the previous link's frame, m."""
         return np.array([link.centre for link in self.links[1:]])
 
     @property
@@ -121,7 +127,7 @@ class Body:
         return spatial_inertia(self.masses, np.column_stack([self.coms, np.zeros(len(self.links))]), about)
 
     def base_parameters(self) -> tuple[list[str], list[float]]:
-        """Names and values of what the contact wrench determines, written out for a planar chain (eq. 6.1)."""
+        """Return names and values of the base parameters of the contact wrench, for a planar chain (eq. 6.1)."""
         names, values = ["sum m"], [self.mass]
         for i, link in enumerate(self.links):
             beyond = sum(other.mass for other in self.links[i + 1 :])
@@ -136,11 +142,13 @@ class Body:
         return names, values
 
 
-def person(rng: np.random.Generator, subject: Subject | None = None, feet: np.random.Generator | None = None) -> Body:
-    """A person on both feet, seen from the side and facing -x: foot, shank, thigh, and head, arms and trunk.
+def draw_person(
+    rng: np.random.Generator, subject: Subject | None = None, feet: np.random.Generator | None = None
+) -> SimulatedBody:
+    """Draw a person on both feet, facing -x: foot, shank, thigh, and one segment for head, arms and trunk.
 
-    Every fraction of :data:`WINTER` is off by up to 10 %, and the masses still sum to one. A ``subject`` brings height
-    and mass along, and ``feet`` decides where they stand this time.
+    Each fraction of :data:`WINTER` varies by up to 10 %, and the mass fractions still sum to one. A ``subject`` has its
+    own height and mass; the generator ``feet`` then decides where the feet stand in this trial.
     """
     used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _mass_shares(rng)
     height, mass = rng.uniform(1.55, 1.9), rng.uniform(52.0, 92.0)
@@ -156,11 +164,11 @@ def person(rng: np.random.Generator, subject: Subject | None = None, feet: np.ra
     radii = {name: used[f"r_{name}"] * length[name] for name in length}
     links = [Link("foot", None, (0, 0), foot, shares["foot"], base_com, shares["foot"] * radii["foot"] ** 2)]
     centre = ankle
-    for name, called, joint in (("shank", "shank", "ankle"), ("thigh", "thigh", "knee"), ("hat", "torso", "hip")):
+    for name, label, joint in (("shank", "shank", "ankle"), ("thigh", "thigh", "knee"), ("hat", "torso", "hip")):
         com = (rng.uniform(-0.012, 0.012), used[f"c_{name}"] * length[name])
-        links.append(Link(called, joint, centre, length[name], shares[name], com, shares[name] * radii[name] ** 2))
+        links.append(Link(label, joint, centre, length[name], shares[name], com, shares[name] * radii[name] ** 2))
         centre = (0.0, length[name])
-    told = {
+    description = {
         "height_m": height,
         "mass_kg": mass,
         "fractions_used": used,
@@ -171,23 +179,23 @@ def person(rng: np.random.Generator, subject: Subject | None = None, feet: np.ra
         "toe_x_m": toe,
     }
     scored = {"shank": length["shank"], "thigh": length["thigh"]}
-    return Body(tuple(links), (toe, heel), scored, {"subject": told})
+    return SimulatedBody(tuple(links), (toe, heel), scored, {"subject": description})
 
 
 def _mass_shares(rng: np.random.Generator) -> dict[str, float]:
     names = [name for name in WINTER if name.startswith("m_")]
     share = np.array([WINTER[name] for name in names])
     off = rng.uniform(-0.1, 0.1, len(names))
-    off -= share @ off  # what one segment gains the others lose
+    off -= share @ off  # keep the sum of the masses
     off *= min(1.0, 0.1 / np.abs(off).max())
     return dict(zip(names, (share * (1 + off)).tolist(), strict=True))
 
 
-def robot(rng: np.random.Generator) -> Body:
-    """A robot bolted to the plate with one joint that turns, its values off by up to 10 %."""
+def draw_robot(rng: np.random.Generator) -> SimulatedBody:
+    """Draw a robot bolted to the plate, with one revolute joint and values that vary by up to 10 %."""
     off = rng.uniform(0.9, 1.1, 7)
     base_mass, mass = 21.0 * off[0], 5.2 * off[1]
     reach, length = 0.52 * off[2], 0.50 * off[3]
     base = Link("base", None, (0, 0), reach, base_mass, (0.0, 0.26 * off[4]), 0.11 * off[4])
     arm = Link("link", "joint", (0.0, reach), length, mass, (rng.uniform(-0.01, 0.01), 0.36 * off[5]), 0.07 * off[6])
-    return Body((base, arm), (-0.2, 0.2), {"l1": reach}, {})
+    return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": reach}, {})

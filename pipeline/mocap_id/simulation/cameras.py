@@ -1,4 +1,4 @@
-"""What the cameras see: marker positions in the laboratory, with noise and occlusions."""
+"""Simulated cameras: marker positions in the laboratory, with noise, occlusions and jumps."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import planar
-from mocap_id.simulation.forces import Exact
+from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.markers import MarkerSet
 from mocap_id.simulation.scene import Scene
 
 BURST = (5, 200)  # frames
 BURSTS_PER_SECOND = 0.6
 JUMP = (0.02, 0.08)  # m
-ASTRAY = (5, 100)  # frames
+JUMP_LENGTH = (5, 100)  # frames
 
 
 @dataclass(frozen=True)
 class Burst:
-    """Frames ``first`` … ``first + count - 1`` in which one marker is not seen."""
+    """An occlusion of one marker in frames ``first`` … ``first + count - 1``."""
 
     label: str
     first: int
@@ -29,7 +29,7 @@ class Burst:
 
 @dataclass(frozen=True)
 class Jump:
-    """Frames ``first`` … ``first + count - 1`` in which one marker is taken for something else, (3,) ``by`` m away."""
+    """A displacement of one marker by (3,) ``by``, m, in frames ``first`` … ``first + count - 1``."""
 
     label: str
     first: int
@@ -37,14 +37,14 @@ class Jump:
     by: FloatArray
 
 
-def true_positions(scene: Scene, state: Exact, skin: FloatArray) -> FloatArray:
-    """Marker positions without measurement error, in the laboratory.
+def true_positions(scene: Scene, state: TrueState, skin: FloatArray) -> FloatArray:
+    """Return marker positions in the laboratory, without measurement error.
 
     Parameters
     ----------
     scene : Scene
-    state : Exact
-        At T frames.
+    state : TrueState
+        State at T frames.
     skin : (T, M, 3) array
         Displacement of the markers in their links' frames, m.
 
@@ -60,8 +60,8 @@ def true_positions(scene: Scene, state: Exact, skin: FloatArray) -> FloatArray:
     return scene.plane.from_plane(np.concatenate([flat, depth], axis=-1))
 
 
-def _carriers(scene: Scene, state: Exact) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """What carries each marker (M,): an index into angles (T, C) and origins (T, C, 2), and its place there (M, 3)."""
+def _carriers(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Return each marker's body (M,), the bodies' angles (T, C) and origins (T, C, 2), and local positions (M, 3)."""
     markers = scene.markers
     if scene.loose is None or state.bodies is None:
         angle, origin = planar.segment_poses(state.q, scene.body.centres)
@@ -74,7 +74,7 @@ def _carriers(scene: Scene, state: Exact) -> tuple[IntArray, FloatArray, FloatAr
 def draw_bursts(
     rng: np.random.Generator, markers: MarkerSet, frames: int, rate: float, often: float
 ) -> tuple[Burst, ...]:
-    """Occlusions: short ones as frequent as long ones, only of what something can hide; ``often`` times the usual."""
+    """Draw occlusions of markers that can be hidden, with log-uniform lengths and ``often`` times the usual rate."""
     candidates = [label for label, hidden in zip(markers.labels, markers.hidden, strict=True) if hidden]
     bursts = []
     for _ in range(round(often * BURSTS_PER_SECOND * frames / rate)):
@@ -84,33 +84,33 @@ def draw_bursts(
 
 
 def draw_jumps(rng: np.random.Generator, markers: MarkerSet, frames: int, often: int) -> tuple[Jump, ...]:
-    """Markers mistaken: any marker, any moment, any direction."""
+    """Draw jumps of random markers at random times in random directions."""
     jumps = []
     for _ in range(often):
-        count = int(rng.integers(ASTRAY[0], min(ASTRAY[1], frames // 2) + 1))
+        count = int(rng.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
         direction = rng.normal(0, 1, 3)
         by = rng.uniform(*JUMP) * direction / np.linalg.norm(direction)
         jumps.append(Jump(str(rng.choice(markers.labels)), int(rng.integers(frames - count)), count, by))
     return tuple(jumps)
 
 
-def astray(markers: MarkerSet, jumps: tuple[Jump, ...], frames: int) -> FloatArray:
-    """(T, M, 3) what the jumps add to the positions, m."""
+def jump_displacements(markers: MarkerSet, jumps: tuple[Jump, ...], frames: int) -> FloatArray:
+    """Return the displacements (T, M, 3) caused by jumps, m."""
     added = np.zeros((frames, len(markers.labels), 3))
     for jump in jumps:
         added[jump.first : jump.first + jump.count, markers.labels.index(jump.label)] += jump.by
     return added
 
 
-def visible(markers: MarkerSet, bursts: tuple[Burst, ...], frames: int) -> BoolArray:
-    """(T, M): False within a burst."""
-    seen = np.ones((frames, len(markers.labels)), dtype=np.bool_)
+def visibility(markers: MarkerSet, bursts: tuple[Burst, ...], frames: int) -> BoolArray:
+    """Return whether each marker is visible, (T, M)."""
+    visible = np.ones((frames, len(markers.labels)), dtype=np.bool_)
     for burst in bursts:
-        seen[burst.first : burst.first + burst.count, markers.labels.index(burst.label)] = False
-    return seen
+        visible[burst.first : burst.first + burst.count, markers.labels.index(burst.label)] = False
+    return visible
 
 
-def measured(rng: np.random.Generator, positions: FloatArray, noise: float, seen: BoolArray) -> FloatArray:
-    """Positions (T, M, 3) with white noise of ``noise`` m a coordinate, NaN where not seen."""
+def measure_positions(rng: np.random.Generator, positions: FloatArray, noise: float, visible: BoolArray) -> FloatArray:
+    """Return positions (T, M, 3) with white noise of standard deviation ``noise``, m; NaN where not visible."""
     noisy = positions + rng.normal(0, 1, positions.shape) * noise
-    return np.where(seen[..., None], noisy, np.nan)
+    return np.where(visible[..., None], noisy, np.nan)

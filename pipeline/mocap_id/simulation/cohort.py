@@ -1,8 +1,8 @@
-"""A simulated study on disk: several persons rise in several manners; recordings, truth, a study that is ready to run.
+"""Simulated cohorts on disk: recordings of several persons with their truth, and a study that is ready to run.
 
-A person keeps body, markers and skin in all trials. What differs from one to the next is the motion, where the feet
-stand, which way the person faces in the laboratory, how the skin wanders, drop-outs and noise. Every trial has seeds of
-its own, drawn from the cohort's: more persons, strategies or trials leave those alone that were there before.
+A person keeps body, markers and skin in all trials. Motion, foot position, direction in the laboratory, drift of the
+skin, drop-outs and noise differ between trials. Each trial has its own seed, derived from the cohort's, so that adding
+persons, strategies or trials leaves the other trials unchanged.
 """
 
 from __future__ import annotations
@@ -13,33 +13,33 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.errors import ConfigError, StoreError
-from mocap_id.simulation.body import Body
-from mocap_id.simulation.generate import generate
+from mocap_id.errors import ConfigError
+from mocap_id.simulation.body import SimulatedBody
 from mocap_id.simulation.options import Options
-from mocap_id.simulation.schedule import MANNERS, Strategy
-from mocap_id.simulation.study import study
+from mocap_id.simulation.schedule import STRATEGIES, Strategy
+from mocap_id.simulation.simulated_trial import generate
 from mocap_id.simulation.subject import Subject, draw_subject
-from mocap_id.simulation.trial import packed, recording, told
+from mocap_id.simulation.trial_files import c3d_bytes, new_folder, truth_json, truth_npz
+from mocap_id.simulation.yaml_files import study_yaml
 from mocap_id.store.atomic import explained, replace_together
 
 FILE = "study.yaml"
-_STRATEGIES = tuple(MANNERS)
+_STRATEGIES = tuple(STRATEGIES)
 
 
 @dataclass(frozen=True)
 class Cohort:
-    """Who is recorded, and how often.
+    """A cohort of simulated persons.
 
     Parameters
     ----------
     subjects : int
-        Persons, women and men in turn.
+        Number of persons, alternately female and male.
     strategies : tuple of {"normal", "dynamic", "stable"}
     trials : int
-        Of each person and strategy.
+        Trials of each person and strategy.
     options : Options
-        Of every trial. The seed is the cohort's; strategy and subject are each trial's own.
+        Common options. The seed is the cohort's; each trial has its own strategy and subject.
 
     Raises
     ------
@@ -53,17 +53,17 @@ class Cohort:
     options: Options = field(default_factory=lambda: Options(seed=1))
 
     def __post_init__(self) -> None:
-        known = bool(self.strategies) and set(self.strategies) <= set(MANNERS)
+        known = bool(self.strategies) and set(self.strategies) <= set(STRATEGIES)
         checks = (
             ("subjects", self.subjects, 1 <= self.subjects <= 999, "1 … 999"),
             ("trials", self.trials, 1 <= self.trials <= 99, "1 … 99"),
-            ("strategies", ",".join(self.strategies), known, "some of " + ", ".join(MANNERS)),
+            ("strategies", ",".join(self.strategies), known, "some of " + ", ".join(STRATEGIES)),
         )
         for name, value, fine, expected in checks:
             if not fine:
                 raise ConfigError(f"simulate cohort: {name} is {value!r}; expected {expected}")
         if len(set(self.strategies)) < len(self.strategies):
-            raise ConfigError(f"simulate cohort: a strategy stands twice in {','.join(self.strategies)!r}")
+            raise ConfigError(f"simulate cohort: a strategy is repeated in {','.join(self.strategies)!r}")
 
 
 @dataclass(frozen=True)
@@ -77,17 +77,17 @@ class CohortTrial:
 
     @property
     def name(self) -> str:
-        """The trial's, such as ``s01-normal-1``."""
+        """Name of the trial, such as ``s01-normal-1``."""
         return f"{self.subject.name}-{self.strategy}-{self.number}"
 
     @property
     def file(self) -> str:
-        """Its recording, from the cohort's folder."""
+        """Path of its recording in the cohort's folder."""
         return f"{self.subject.name}/{self.strategy}-{self.number}.c3d"
 
 
 def cohort_trials(cohort: Cohort) -> Iterator[CohortTrial]:
-    """Every trial, person by person."""
+    """Yield every trial, person by person."""
     for person in range(1, cohort.subjects + 1):
         subject = draw_subject(cohort.options.seed, person)
         for strategy in cohort.strategies:
@@ -99,13 +99,13 @@ def cohort_trials(cohort: Cohort) -> Iterator[CohortTrial]:
 
 
 def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
-    """Make a cohort with exact truth and write it.
+    """Simulate a cohort and write it with its exact truth.
 
     Parameters
     ----------
     folder : Path
-        Made with its parents; gets ``<subject>/<strategy>-<number>.c3d``, ``truth/<trial>/truth.json`` and
-        ``truth.npz``, and last of all ``study.yaml``.
+        A new or empty folder; receives ``<subject>/<strategy>-<number>.c3d``, ``truth/<trial>/truth.json`` and
+        ``truth.npz``, and finally ``study.yaml``.
     cohort : Cohort
 
     Returns
@@ -120,28 +120,22 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
     NumericalError
         No lean of the trunk balances one of the bodies.
     """
-    _check_empty(folder)
-    bodies: dict[Subject, Body] = {}
+    new_folder(folder)
+    bodies: dict[Subject, SimulatedBody] = {}
     trials = tuple(cohort_trials(cohort))
     for trial in trials:
-        made = generate("sit-to-stand", trial.options)
-        bodies.setdefault(trial.subject, made.scene.body)
+        simulated = generate("sit-to-stand", trial.options)
+        bodies.setdefault(trial.subject, simulated.scene.body)
         truth = f"truth/{trial.name}"
         with explained(folder):
             (folder / truth).mkdir(parents=True, exist_ok=True)
         contents = {
-            trial.file: recording(trial.options, made),
-            f"{truth}/truth.json": told("sit-to-stand", trial.options, made),
-            f"{truth}/truth.npz": packed(made),
+            trial.file: c3d_bytes(trial.options, simulated),
+            f"{truth}/truth.json": truth_json("sit-to-stand", trial.options, simulated),
+            f"{truth}/truth.npz": truth_npz(simulated),
         }
         replace_together(folder, contents)
     rows = [(trial.name, trial.subject.name, trial.strategy, trial.file) for trial in trials]
-    text = study(cohort.options, bodies, rows)
+    text = study_yaml(cohort.options, bodies, rows)
     replace_together(folder, {FILE: text.encode()})
     return folder / FILE
-
-
-def _check_empty(folder: Path) -> None:
-    with explained(folder):
-        if folder.exists() and any(folder.iterdir()):
-            raise StoreError(f"{folder} is not empty: choose a new folder for the cohort")

@@ -1,4 +1,4 @@
-"""The robot's own record of its joint, on a clock and at a rate of its own."""
+"""The robot's own record of its joint, with its own clock and sampling rate."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ RATE = 125.0  # Hz
 
 @dataclass(frozen=True)
 class Encoder:
-    """What the record is off by.
+    """Errors of the encoder's record.
 
     Parameters
     ----------
     clock_offset : float
-        The row at ``time_s`` is the state at the markers' time ``time_s + clock_offset``, s.
+        The row at ``time_s`` holds the state at time ``time_s + clock_offset`` on the markers' clock, s.
     position_sd, velocity_sd, torque_sd : float
-        rad, rad/s, N·m.
+        Standard deviations of the noise, rad, rad/s, N·m.
     """
 
     clock_offset: float
@@ -30,7 +30,7 @@ class Encoder:
     torque_sd: float = 0.3
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON values for the truth."""
+        """Return JSON values for the truth."""
         note = "the row at time_s is the state at the markers' time time_s + clock_offset_s; the torque has no friction"
         return {
             "rate_hz": RATE,
@@ -43,12 +43,12 @@ class Encoder:
 
 
 def draw_encoder(rng: np.random.Generator) -> Encoder:
-    """An encoder whose clock is off by up to 2 ms."""
+    """Draw an encoder whose clock is off by up to 2 ms."""
     return Encoder(float(rng.uniform(-0.002, 0.002)))
 
 
-def table(rng: np.random.Generator, scene: Scene, encoder: Encoder) -> str:
-    """CSV text: time_s, position_rad, velocity_rad_s, torque_Nm of the first joint; the torque without friction."""
+def encoder_csv(rng: np.random.Generator, scene: Scene, encoder: Encoder) -> str:
+    """Return CSV text: time_s, position_rad, velocity_rad_s, torque_Nm of the first joint, without friction."""
     time = np.arange(round(scene.motion.duration * RATE)) / RATE
     state = scene.at(time + encoder.clock_offset)
     exact = np.column_stack([state.q[:, 0], state.qd[:, 0], state.tau[:, 0]])

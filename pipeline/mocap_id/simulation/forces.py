@@ -1,4 +1,4 @@
-"""Exact state and forces of a simulated trial at any time, by the recursive dynamics of the chain in SE(3)."""
+"""Exact state and forces of a simulated trial, by recursive dynamics of the chain in SE(3)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import inverse_dynamics, planar
-from mocap_id.simulation.body import GRAVITY, Body
-from mocap_id.simulation.motion import Motion
-from mocap_id.simulation.rail import POINT, TRUNK, Rail
-from mocap_id.simulation.sit_to_stand import Chair
+from mocap_id.simulation.body import GRAVITY, SimulatedBody
+from mocap_id.simulation.joint_motion import JointMotion
+from mocap_id.simulation.supports import POINT, TRUNK, Chair, Rail
 
 UP = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
 THIGH = 2  # the link that the chair pushes on
@@ -19,17 +18,17 @@ THIGH = 2  # the link that the chair pushes on
 
 @dataclass(frozen=True)
 class BodiesState:
-    """The true bodies of a person who is more than the chain, at times (T,): plane frame, SI units.
+    """True motion of a person's separate bodies at times (T,), in the plane frame, SI units.
 
     Parameters
     ----------
     pose, velocity, acceleration : (T, B, 3) arrays
-        x and y of the origin of each body's frame and the frame's angle, and their time derivatives.
+        Position x, y of each body frame's origin and angle of the frame, with their time derivatives.
     gap : (T, 2) array
         Displacement of the pelvis's hip centre from the thigh's, along the thigh's x and y.
     tau : (T, 5) array
-        Torques of ankle, knee, hip, lumbar joint and shoulder: moment about the joint's place in the nearer body of all
-        that the nearer body puts on those beyond.
+        Torques of ankle, knee, hip, lumbar joint and shoulder: moment about the joint centre in the proximal body of
+        the wrench that the proximal body exerts on all distal bodies.
     """
 
     pose: FloatArray
@@ -40,8 +39,8 @@ class BodiesState:
 
 
 @dataclass(frozen=True)
-class Exact:
-    """The truth at times (T,): plane frame, SI units.
+class TrueState:
+    """True state and forces at times (T,), in the plane frame, SI units.
 
     Parameters
     ----------
@@ -53,18 +52,18 @@ class Exact:
     joint_xy : (T, n, 2) array
         Joint centres.
     com : (T, 2) array
-        Centre of mass of everything, the base included.
+        Centre of mass of the whole body, including the base.
     wrench_total : (T, 3) array
         (Fx, Fy, tauz) of ground, chair and rail together on the body.
     chair_force, chair_point : (T, 2) arrays
-        Force of the chair on the thigh, and where; the point is NaN without a chair.
+        Force of the chair on the thigh and its point of application, NaN without a chair.
     wrench : (T, 3) array
-        Of the ground alone, through the plate.
+        Wrench of the ground alone, which the plate carries.
     tau : (T, n) array
         Torque of segment j - 1 on segment j.
     bodies : BodiesState or None
-        Of a person of several bodies. The angles are then those of shank, thigh and trunk, as of a chain on the ground,
-        and the joint centres are those of the foot, the shank and the thigh.
+        Separate bodies of a person who differs from the chain. The angles are then those of shank, thigh and trunk, and
+        the joint centres are those in foot, shank and thigh.
     """
 
     time: FloatArray
@@ -84,21 +83,21 @@ class Exact:
 
     @property
     def cop_x(self) -> FloatArray:
-        """Centre of pressure of the ground's force, (T,) m."""
+        """Centre of pressure on the ground, (T,) m."""
         cop: FloatArray = self.wrench[:, 2] / self.wrench[:, 1]
         return cop
 
 
 @dataclass(frozen=True)
-class Placed:
-    """Where the chain's segments and the joints are.
+class SegmentPlacement:
+    """Poses of the chain's segments, and the joint centres.
 
     Parameters
     ----------
     angle : (T, n + 1) array
-        Of the segments, base first, rad.
+        Angles of the segments, base first, rad.
     origin : (T, n + 1, 2) array
-        Of the segments' frames, m.
+        Origins of the segments' frames, m.
     joints : (T, J, 2) array
         Joint centres, m.
     moves : (J,) int array
@@ -112,8 +111,8 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Shared:
-    """The chair's ``force`` and its ``point`` (T, 2), the ``ground``'s wrench (T, 3) and the torques ``tau`` (T, J)."""
+class LoadShares:
+    """Force and point of the chair (T, 2), wrench of the ground (T, 3) and joint torques ``tau`` (T, J)."""
 
     force: FloatArray
     point: FloatArray
@@ -121,17 +120,19 @@ class Shared:
     tau: FloatArray
 
 
-def exact(body: Body, motion: Motion, chair: Chair | None, time: FloatArray, rail: Rail | None = None) -> Exact:
-    """State and forces at times (T,), s."""
+def true_state(
+    body: SimulatedBody, motion: JointMotion, chair: Chair | None, time: FloatArray, rail: Rail | None = None
+) -> TrueState:
+    """Return state and forces at times (T,), s."""
     q, qd, qdd, qddd = motion.at(time)
     centres = body.centres
     angle, origin = planar.segment_poses(q, centres)
     loads = inverse_dynamics(planar.spatial_chain(centres), body.inertias, q, qd, qdd, base_acceleration=UP)
     total, tau = loads.base_wrench[:, [0, 1, 5]], loads.effort
-    placed = Placed(angle, origin, origin[:, 1:], np.arange(1, len(centres) + 1))
-    shared = share(placed, total, tau, time, chair=chair, rail=rail)
+    placed = SegmentPlacement(angle, origin, origin[:, 1:], np.arange(1, len(centres) + 1))
+    shared = share_load(placed, total, tau, time, chair=chair, rail=rail)
     coms = planar.marker_positions(q, centres, np.arange(len(body.links)), body.coms)
-    return Exact(
+    return TrueState(
         time=time,
         q=q,
         qd=qd,
@@ -148,10 +149,16 @@ def exact(body: Body, motion: Motion, chair: Chair | None, time: FloatArray, rai
     )
 
 
-def share(
-    placed: Placed, total: FloatArray, tau: FloatArray, time: FloatArray, *, chair: Chair | None, rail: Rail | None
-) -> Shared:
-    """What ground, chair and rail each carry of the total wrench (T, 3), and the torques (T, J) that are left."""
+def share_load(
+    placed: SegmentPlacement,
+    total: FloatArray,
+    tau: FloatArray,
+    time: FloatArray,
+    *,
+    chair: Chair | None,
+    rail: Rail | None,
+) -> LoadShares:
+    """Divide the total wrench (T, 3) between ground, chair and rail, and correct the joint torques (T, J)."""
     angle, origin, joints = placed.angle, placed.origin, placed.joints
     force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
     ground = total
@@ -159,17 +166,17 @@ def share(
         point = origin[:, THIGH] + planar.rotate(angle[:, THIGH], np.array(chair.point))
         vertical = chair.load(time) * total[:, 1]
         force = np.column_stack([chair.friction * vertical, vertical])
-        # what the chair carries, no joint below its point of contact and no plate has to
+        # the joints below the point of contact and the plate do not carry the chair's share
         tau = tau - np.where(placed.moves <= THIGH, _moment(point[:, None] - joints, force), 0)
         ground = total - np.column_stack([force, _moment(point[:, None], force)])
     if rail is not None:
         hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(POINT))
-        held = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
-        tau = tau - np.where(placed.moves <= TRUNK, _moment(hand[:, None] - joints, held), 0)
-        ground = ground - np.column_stack([held, _moment(hand[:, None], held)])
-    return Shared(force, point, ground, tau)
+        carried = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
+        tau = tau - np.where(placed.moves <= TRUNK, _moment(hand[:, None] - joints, carried), 0)
+        ground = ground - np.column_stack([carried, _moment(hand[:, None], carried)])
+    return LoadShares(force, point, ground, tau)
 
 
 def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
-    """Moments (T, k) of forces (T, 2) at arms (T, k, 2), about z."""
+    """Return the moments about z (T, k) of forces (T, 2) with lever arms (T, k, 2)."""
     return arm[..., 0] * force[:, None, 1] - arm[..., 1] * force[:, None, 0]

@@ -1,6 +1,6 @@
-"""A person of more bodies than the chain: pelvis, trunk and arms apart, a foot that turns, a weight in the hands.
+"""A person with separate pelvis, trunk and arms, a foot that turns and a weight in the hands.
 
-At rest on the chain's pins the bodies together are the chain's body, to the last gram.
+With all joints at the chain's pins, these bodies together equal the pinned chain exactly.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import Chain, Revolute, se3, spatial_inertia
-from mocap_id.simulation.body import Body, Link
+from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.markers import MarkerSet
 
 COORDINATES = ("foot", "ankle", "knee", "hip gap x", "hip gap y", "hip", "lumbar", "shoulder")
-"""Of :attr:`LooseBody.chain`: rad, the gap in m along the thigh's axes."""
+"""Coordinates of :attr:`LooseBody.chain`: rad; the hip gap in m along the thigh's axes."""
 
 LINKS = {"foot": 1, "shank": 2, "thigh": 3, "pelvis": 5, "trunk": 6, "arms": 7, "weight": 7}
-"""Link of the chain that each body is part of; 0 is the ground, 4 the hip's slide, both without mass."""
+"""Link of the chain to which each body belongs; 0 is the ground and 4 the hip's slide, both massless."""
 
 SLIDE = 4
-TORSO = 3  # the segment of the pinned chain that is several bodies here
+TORSO = 3  # segment of the pinned chain that is divided into several bodies
 
-# places and lengths as shares of the torso's length, masses as shares of the body's (Winter: pelvis, both whole arms)
+# positions and lengths relative to the torso's length, masses to the body's (Winter: pelvis, both whole arms)
 PELVIS_MASS, PELVIS_CENTRE, PELVIS_RADIUS = 0.142, 0.10, 0.18
 ARMS_MASS, ARMS_CENTRE, ARMS_RADIUS = 0.100, (-0.22, 0.76), 0.26
 LUMBAR, SHOULDER = 0.20, 1.00
-HANDS = (-0.265, 0.74)  # m, share: where the finger markers are
-WEIGHT_RADIUS = 0.05  # m, of gyration
+HANDS = (-0.265, 0.74)  # m, share: position of the finger markers
+WEIGHT_RADIUS = 0.05  # m, radius of gyration
 
 ON_ARMS = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
 ON_PELVIS = ("ASI",)
@@ -38,7 +38,7 @@ ON_PELVIS = ("ASI",)
 
 @dataclass(frozen=True)
 class _Gliding:
-    """A joint along twists that commute: the pose is the exponential of their sum, the subspace is constant.
+    """A joint with commuting twists: its pose is the exponential of their sum, its subspace is constant.
 
     Parameters
     ----------
@@ -64,16 +64,16 @@ class _Gliding:
 
 @dataclass(frozen=True)
 class LooseBody:
-    """The true bodies of a person.
+    """The separate bodies of a person.
 
     Parameters
     ----------
     parts : tuple of Link
-        Foot, shank, thigh, pelvis, trunk, arms and, if there is one, the weight. ``centre`` is where the frame's origin
-        sits in the part before it; the foot's frame is the plane frame as long as the foot is flat, the weight's sits
-        in the arms'.
+        Foot, shank, thigh, pelvis, trunk, arms and, if present, the weight. ``centre`` is the frame's origin in the
+        previous part; the foot's frame equals the plane frame while the foot is flat, and the weight is fixed to the
+        arms.
     toe : float
-        Place of the point that the foot turns about on the ground, m.
+        Position on the ground of the point about which the foot turns, m.
     """
 
     parts: tuple[Link, ...]
@@ -81,12 +81,12 @@ class LooseBody:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parts' names."""
+        """Names of the parts."""
         return tuple(part.name for part in self.parts)
 
     @cached_property
     def chain(self) -> Chain:
-        """Joints of the :data:`COORDINATES`, from the ground to the arms."""
+        """Kinematic chain with the :data:`COORDINATES`, from the ground to the arms."""
         foot, shank, thigh, pelvis, trunk, arms = self.parts[:6]
         turn = Revolute((0.0, 0.0, 1.0))
         slide = _Gliding(((1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 0)))
@@ -97,7 +97,7 @@ class LooseBody:
 
     @cached_property
     def inertias(self) -> FloatArray:
-        """(8, 6, 6) inertia matrices of the chain's links for the recursion."""
+        """(8, 6, 6) inertia matrices of the chain's links."""
         total = np.zeros((8, 6, 6))
         for part, link, offset in zip(self.parts, self.links, self.offsets, strict=True):
             about = np.zeros((3, 3))
@@ -108,24 +108,24 @@ class LooseBody:
 
     @property
     def links(self) -> IntArray:
-        """(B,) link of the chain that each part belongs to."""
+        """(B,) link of the chain to which each part belongs."""
         return np.array([LINKS[name] for name in self.names])
 
     @property
     def offsets(self) -> FloatArray:
-        """(B, 2) origin of each part's frame in its link's frame, m: zero but for the weight."""
+        """(B, 2) origin of each part's frame in its link's frame, m; zero except for the weight."""
         return np.array([part.centre if part.name == "weight" else (0.0, 0.0) for part in self.parts])
 
     @property
     def in_segment(self) -> FloatArray:
-        """(B, 2) origin of each part's frame in the frame of the pinned chain's segment, on the pins, m."""
+        """(B, 2) origin of each part's frame in its segment of the pinned chain, with joints at the pins, m."""
         places = np.zeros((len(self.parts), 2))
         for i in range(TORSO + 1, len(self.parts)):
             places[i] = places[i - 1] + self.parts[i].centre
         return places
 
     def part_of(self, markers: MarkerSet) -> IntArray:
-        """(M,) part that each marker sits on, -1 for the plate."""
+        """Return the part that carries each marker, (M,); -1 for the plate."""
         names = self.names
         part = np.where(markers.on_plate, -1, markers.link)
         for i, label in enumerate(markers.labels):
@@ -135,22 +135,29 @@ class LooseBody:
         return part
 
     def local(self, markers: MarkerSet) -> FloatArray:
-        """(M, 3) places of the markers in the frames of the parts they sit on, m; on the plate, in the plane's."""
+        """Return the markers' positions in the frames of their parts, (M, 3) m; on the plate, in the plane frame."""
         part, local = self.part_of(markers), markers.local.copy()
         local[:, :2] -= np.where(part[:, None] >= 0, self.in_segment[part], 0.0)
         return local
 
 
-def loosen(rng: np.random.Generator, body: Body, held: float) -> tuple[LooseBody, Body]:
-    """Divide a person into bodies, shares and places varied by up to 10 %; the chain returned holds the weight too.
+def divide_body(rng: np.random.Generator, body: SimulatedBody, held_mass: float) -> tuple[LooseBody, SimulatedBody]:
+    """Divide a person into bodies whose masses and positions vary by up to 10 %.
 
     Parameters
     ----------
     rng : Generator
-    body : Body
-        A :func:`mocap_id.simulation.body.person`.
-    held : float
-        Mass in the hands, kg.
+    body : SimulatedBody
+        A person, as drawn by :func:`mocap_id.simulation.body.draw_person`.
+    held_mass : float
+        Mass of the weight in the hands, kg.
+
+    Returns
+    -------
+    LooseBody
+        The separate bodies.
+    SimulatedBody
+        The pinned chain, including the weight.
     """
     torso = body.links[TORSO]
     length = torso.length
@@ -172,8 +179,8 @@ def loosen(rng: np.random.Generator, body: Body, held: float) -> tuple[LooseBody
         _moved(trunk, "lumbar", (0.0, 0.0), lumbar, length - lumbar[1]),
         _moved(arms, "shoulder", lumbar, shoulder, reach),
     ]
-    if held > 0:
-        weight = Link("weight", None, hands, 0.0, held, hands, held * WEIGHT_RADIUS**2)
+    if held_mass > 0:
+        weight = Link("weight", None, hands, 0.0, held_mass, hands, held_mass * WEIGHT_RADIUS**2)
         parts.append(_moved(weight, None, shoulder, hands, 0.0))
         loaded = _together("torso", torso, [(1, torso), (1, weight)])
         body = replace(body, links=(*body.links[:TORSO], loaded))
@@ -181,7 +188,7 @@ def loosen(rng: np.random.Generator, body: Body, held: float) -> tuple[LooseBody
 
 
 def _together(name: str, like: Link, signed: Sequence[tuple[int, Link]]) -> Link:
-    """The rigid body of several that share a frame; those of sign -1 are taken away."""
+    """Return the sum of rigid bodies in one frame; those with sign -1 are subtracted."""
     mass = sum(sign * link.mass for sign, link in signed)
     com = np.sum([sign * link.mass * np.array(link.com) for sign, link in signed], axis=0) / mass
     about = sum(sign * link.about_origin for sign, link in signed)
@@ -193,7 +200,7 @@ def _together(name: str, like: Link, signed: Sequence[tuple[int, Link]]) -> Link
 def _moved(
     link: Link, joint: str | None, before: tuple[float, float], origin: tuple[float, float], length: float
 ) -> Link:
-    """A link with its frame at ``origin`` in place of the torso's; the frame of the part before sits at ``before``."""
+    """Return a link with its frame moved to ``origin`` in the torso; ``before`` is the previous part's origin there."""
     centre = (origin[0] - before[0], origin[1] - before[1])
     com = (link.com[0] - origin[0], link.com[1] - origin[1])
     return replace(link, joint=joint, centre=centre, com=com, length=length)

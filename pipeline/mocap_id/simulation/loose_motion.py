@@ -1,7 +1,7 @@
-"""How a person moves beside the chain's three angles: gap of the hip, bend of the spine, swing of the arms, heels.
+"""Motion of a person beyond the chain's three angles: hip gap, bending spine, swinging arms and lifted heels.
 
-What follows the posture belongs to the person, and is the same at the same angles in all trials; what varies from one
-repetition to the next, and what drifts, belongs to the trial.
+The part that follows the posture belongs to the person: it is the same at the same angles in all trials. Variations
+between repetitions, and drifts, belong to the trial.
 """
 
 from __future__ import annotations
@@ -11,31 +11,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.simulation.motion import Motion, smoothstep, through
-from mocap_id.simulation.people import People
+from mocap_id.simulation.joint_motion import JointMotion, motion_through, smoothstep
+from mocap_id.simulation.options import PersonOptions
 from mocap_id.simulation.schedule import Schedule
 
-SEATED_KNEE, SEATED_HIP = -1.9, 2.2  # rad, about the largest of a sit-to-stand
-LEANING = 0.8  # rad, about the trunk's largest lean
+SEATED_KNEE, SEATED_HIP = -1.9, 2.2  # rad, typical extremes of a sit-to-stand
+LEANING = 0.8  # rad, typical largest lean of the trunk
 DRIFTS = ("gap x", "gap y", "lumbar", "arms")
-PERIODS = (0.8, 6.0)  # s, of the drift's waves
+PERIODS = (0.8, 6.0)  # s, periods of the drift's sine waves
 WAVES = 5
 
 
 @dataclass(frozen=True)
 class Habit:
-    """How a person's hip and spine follow the posture.
+    """Dependence of a person's hip gap and spine on the posture.
 
     Parameters
     ----------
     sink : float
-        How unevenly the torso sinks while the person rises, -0.3 … 0.3.
+        Unevenness of the torso's sinking during the rise, -0.3 … 0.3.
     ripple, phase : (2,) arrays
-        Turns over the rise, and where they begin, rad, of the waver of the gap in x and y.
+        Number of periods over the rise, and initial phase, rad, of the gap's oscillation in x and y.
     forward : float
-        Share of the gap's range that is across the thigh.
+        Share of the gap's range across the thigh.
     slump : float
-        Share of the spine's bend that comes with sitting; the rest comes with the lean.
+        Share of the spine's bend caused by sitting; the rest is caused by the lean.
     """
 
     sink: float
@@ -46,7 +46,7 @@ class Habit:
 
 
 def draw_habit(rng: np.random.Generator) -> Habit:
-    """Draw the habit of a person."""
+    """Draw a person's habit."""
     return Habit(
         sink=float(rng.uniform(-0.3, 0.3)),
         ripple=rng.uniform(1.0, 1.8, 2),
@@ -57,19 +57,19 @@ def draw_habit(rng: np.random.Generator) -> Habit:
 
 
 @dataclass(frozen=True)
-class Occasion:
-    """What a trial adds: size and time of each repetition's swings, and drifts.
+class TrialVariation:
+    """Variations of one trial: size and timing of each repetition's swings, and drifts.
 
     Parameters
     ----------
     swing : (R, 3) array
-        Size of the arms' swing while rising, while sitting down, and of their rest while standing; 1 is usual.
+        Size of the arms' swing while rising, while sitting down, and at rest while standing; 1 is usual.
     late : (R, 2) array
-        Delay of the first two, s.
+        Delay of the first two swings, s.
     heel : (R,) array
         Size of the heel's lift; 1 is usual.
     frequency, phase : (4, W) arrays
-        Of the waves of the :data:`DRIFTS`, Hz and rad.
+        Frequency and phase of the sine waves of the :data:`DRIFTS`, Hz and rad.
     """
 
     swing: FloatArray
@@ -79,17 +79,17 @@ class Occasion:
     phase: FloatArray
 
     def drift(self, which: str, time: FloatArray) -> FloatArray:
-        """Drift (T,) of one coordinate, of unit variance."""
+        """Return the drift (T,) of one coordinate, with unit variance."""
         i = DRIFTS.index(which)
         waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
         total: FloatArray = waves.sum(axis=1) * np.sqrt(2 / WAVES)
         return total
 
 
-def draw_occasion(rng: np.random.Generator, repetitions: int) -> Occasion:
-    """Draw what a trial adds."""
+def draw_trial_variation(rng: np.random.Generator, repetitions: int) -> TrialVariation:
+    """Draw the variations of a trial."""
     shape = (len(DRIFTS), WAVES)
-    return Occasion(
+    return TrialVariation(
         swing=rng.uniform(0.75, 1.25, (repetitions, 3)),
         late=rng.uniform(-0.12, 0.12, (repetitions, 2)),
         heel=rng.uniform(0.8, 1.2, repetitions),
@@ -100,56 +100,56 @@ def draw_occasion(rng: np.random.Generator, repetitions: int) -> Occasion:
 
 @dataclass(frozen=True)
 class Looseness:
-    """From the pinned chain's angles to the coordinates of a :class:`LooseBody`.
+    """Conversion of the pinned chain's angles into the coordinates of a :class:`LooseBody`.
 
     Parameters
     ----------
-    people : People
+    people : PersonOptions
     habit : Habit
-    occasion : Occasion
+    variation : TrialVariation
     schedule : Schedule
     foot : float
         Length from toe to heel, m.
     """
 
-    people: People
+    people: PersonOptions
     habit: Habit
-    occasion: Occasion
+    variation: TrialVariation
     schedule: Schedule
     foot: float
 
-    def motion(self, time: FloatArray, angles: FloatArray, duration: float) -> Motion:
-        """All coordinates for ankle, knee and hip angles (T, 3) at even times (T,): the trunk keeps its own angle."""
+    def motion(self, time: FloatArray, angles: FloatArray, duration: float) -> JointMotion:
+        """Return the motion for ankle, knee and hip angles (T, 3) at evenly spaced times (T,)."""
         foot, gap, bend = self._foot(time), self._gap(time, angles), self._bend(time, angles)
         columns = [foot, angles[:, 0] - foot, angles[:, 1], gap[:, 0], gap[:, 1], angles[:, 2] - bend, bend]
-        return through(time, np.column_stack([*columns, self._arms(time)]), duration)
+        return motion_through(time, np.column_stack([*columns, self._arms(time)]), duration)
 
     def _gap(self, time: FloatArray, angles: FloatArray) -> FloatArray:
-        """(T, 2) m, along the thigh's axes: the torso sinks with the rise and wavers on the way."""
+        """Return the hip gap along the thigh's axes, (T, 2) m: the torso sinks and oscillates during the rise."""
         habit, size = self.habit, 1e-3 * self.people.hip_gap_mm
         risen, bent = 1 - angles[:, 1] / SEATED_KNEE, angles[:, 2] / SEATED_HIP
         (turns_x, turns_y), (phase_x, phase_y) = habit.ripple, habit.phase
         sunk = risen + habit.sink * risen * (1 - risen)
         y = -0.7 * sunk + 0.1 * np.sin(2 * np.pi * turns_y * risen + phase_y)
         x = habit.forward * np.sin(np.pi * turns_x * bent + phase_x)
-        drift = [0.05 * self.occasion.drift(which, time) for which in ("gap x", "gap y")]
+        drift = [0.05 * self.variation.drift(which, time) for which in ("gap x", "gap y")]
         return size * (np.column_stack([x, y]) + np.column_stack(drift))
 
     def _bend(self, time: FloatArray, angles: FloatArray) -> FloatArray:
-        """(T,) rad: the trunk's rotation against the pelvis, forwards positive."""
+        """Return the trunk's rotation against the pelvis, forwards positive, (T,) rad."""
         seated, lean = angles[:, 1] / SEATED_KNEE, angles.sum(axis=1) / LEANING
         slump = self.habit.slump
         shape = slump * seated + (1 - slump) * np.tanh(lean) / np.tanh(1.0)
         bend: FloatArray = np.radians(self.people.lumbar_deg) * (
-            0.9 * shape + 0.04 * self.occasion.drift("lumbar", time)
+            0.9 * shape + 0.04 * self.variation.drift("lumbar", time)
         )
         return bend
 
     def _arms(self, time: FloatArray) -> FloatArray:
-        """(T,) rad: forwards (negative) while rising, less so while sitting down, hanging back while standing."""
-        level = 0.02 * self.occasion.drift("arms", time)
+        """Return the arms' swing, (T,) rad: forwards (negative) on rising, less on sitting down, back on standing."""
+        level = 0.02 * self.variation.drift("arms", time)
         for each, (up, down, rest), (late_up, late_down) in zip(
-            self.schedule.repetitions, self.occasion.swing, self.occasion.late, strict=True
+            self.schedule.repetitions, self.variation.swing, self.variation.late, strict=True
         ):
             rise, sit = each.rise_end - each.legs_start, each.legs_end - each.sit_start
             level -= 0.6 * up * _bump(time, (each.legs_start + each.rise_end) / 2 + late_up, 1.6 * rise)
@@ -160,15 +160,15 @@ class Looseness:
         return swing
 
     def _foot(self, time: FloatArray) -> FloatArray:
-        """(T,) rad: the heel's lift about the toe, highest between seat-off and standing."""
+        """Return the foot's rotation about the toe, (T,) rad, largest between seat-off and standing."""
         level = np.zeros_like(time)
-        for each, size in zip(self.schedule.repetitions, self.occasion.heel, strict=True):
+        for each, size in zip(self.schedule.repetitions, self.variation.heel, strict=True):
             length = each.rise_end - each.seat_off
             level += size * _bump(time, each.seat_off + length / 2, 1.3 * length)
         return np.asarray(np.arcsin(1e-3 * self.people.heel_lift_mm / self.foot * level))
 
 
 def _bump(time: FloatArray, middle: float, width: float) -> FloatArray:
-    """A wave of height 1 that is over within ``width``, s; about a third of that above half its height."""
+    """Return a smooth bump of height 1 and total duration ``width``, s."""
     step = smoothstep((time - middle) / width + 0.5)
     return 4 * step * (1 - step)

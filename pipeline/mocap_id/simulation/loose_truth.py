@@ -1,4 +1,4 @@
-"""What the truth says of a person of several bodies: the document's ``people`` and more arrays."""
+"""Truth of a person of several bodies: the entry ``people`` of truth.json, and additional arrays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.simulation.forces import BodiesState
 from mocap_id.simulation.loose_body import LooseBody
 from mocap_id.simulation.markers import MarkerSet
-from mocap_id.simulation.people import People
+from mocap_id.simulation.options import PersonOptions
 
 CONVENTIONS = """\
 This person is the bodies listed here, not the pinned chain of `segments`. Those are the same bodies standing on the
@@ -31,7 +31,7 @@ body and local_in_body_m tell where each marker sits; assignment and markers sti
 
 
 def bodies_arrays(state: BodiesState) -> dict[str, np.ndarray[Any, Any]]:
-    """More arrays for ``truth.npz``, float64: differences of the poses need them exactly."""
+    """Return additional arrays for ``truth.npz``, in float64 because differences of poses need full precision."""
     return {
         "body_pose": state.pose,
         "body_velocity": state.velocity,
@@ -41,8 +41,8 @@ def bodies_arrays(state: BodiesState) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def bodies_document(people: People, body: LooseBody, markers: MarkerSet, state: BodiesState) -> dict[str, Any]:
-    """JSON values for ``truth.json``."""
+def bodies_document(people: PersonOptions, body: LooseBody, markers: MarkerSet, state: BodiesState) -> dict[str, Any]:
+    """Return JSON values for ``truth.json``."""
     return {
         "people": {
             "conventions": CONVENTIONS,
@@ -63,20 +63,14 @@ def _parts(body: LooseBody) -> list[dict[str, Any]]:
             "name": part.name,
             "joint": part.joint,
             "origin_in_previous_m": list(part.centre),
-            "m": part.mass,
-            "mx": part.mass * part.com[0],
-            "my": part.mass * part.com[1],
-            "Izz": part.about_origin,
-            "cx": part.com[0],
-            "cy": part.com[1],
-            "Ic": part.inertia,
+            **part.inertial_parameters,
         }
         for i, part in enumerate(body.parts)
     ]
 
 
 def _markers(body: LooseBody, markers: MarkerSet) -> Mapping[str, Any]:
-    """By label: the body's name, the plate's for one on it, and the place in its frame."""
+    """Return for each label the name of the body (or plate) and the position in its frame."""
     local, parts = body.local(markers), body.part_of(markers)
     return {
         label: {"body": body.names[part] if part >= 0 else "plate", "local_in_body_m": local[i].tolist()}
@@ -85,7 +79,7 @@ def _markers(body: LooseBody, markers: MarkerSet) -> Mapping[str, Any]:
 
 
 def _ranges(body: LooseBody, state: BodiesState) -> dict[str, float]:
-    """What the options came to in this trial."""
+    """Return the ranges that occur in this trial."""
     angle = {name: state.pose[:, i, 2] for i, name in enumerate(body.names)}
     return {
         "hip_gap_mm": float(1e3 * np.ptp(state.gap, axis=0).max()),

@@ -1,35 +1,35 @@
-"""Where markers sit on a simulated body and on the plate."""
+"""Markers on a simulated body and on the plate."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.simulation.body import Body
+from mocap_id.simulation.body import SimulatedBody
 
-PLACEMENT = 0.006  # m, standard deviation of where a marker is glued
+PLACEMENT = 0.006  # m, standard deviation of a marker's placement
 
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """Markers in the frames of their links.
+    """Marker positions in the frames of their links.
 
     Parameters
     ----------
     labels : tuple of str, length M
     link : (M,) int array
-        0 = base.
+        Link of each marker; 0 is the base.
     local : (M, 3) array
-        x, y in the link's frame, z out of the plane from the body's mid-plane, m.
+        x, y in the link's frame and distance z from the body's mid-plane, m.
     softness : (M,) array
-        Largest displacement of the skin, m.
+        Largest displacement by skin motion, m.
     hidden : (M,) bool array
-        Whether something in front of the cameras may hide it.
+        Whether the marker may be hidden from the cameras.
     on_plate : (M,) bool array
     at_joint : tuple of (str or None), length M
-        Joint on whose axis the marker sits.
+        Joint on whose axis the marker lies.
     """
 
     labels: tuple[str, ...]
@@ -43,7 +43,7 @@ class MarkerSet:
 
 @dataclass(frozen=True)
 class _Site:
-    """A marker's place: along the link (y) in link lengths, across it (x, z) in m; ``paired``: left and right."""
+    """Nominal position of a marker: y in link lengths, x and z in m; ``paired`` for markers on both sides."""
 
     name: str
     link: int
@@ -107,39 +107,56 @@ _ROBOT = (
 PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
 
 
-def place(rng: np.random.Generator, body: Body) -> MarkerSet:
-    """The body's markers and seven on the plate, none exactly where the plan has it."""
+def place_markers(rng: np.random.Generator, body: SimulatedBody) -> MarkerSet:
+    """Place the body's markers and seven on the plate, with random placement errors."""
     person = len(body.links) > 2
     sites = tuple(one for site in (_PERSON if person else _ROBOT) for one in _sides(site))
-    on_plate = np.array([False] * len(sites) + [True] * len(PLATE))
-    local = np.array([_local(body, site) for site in sites] + [(x, 0.004, z) for x, z in PLATE])
-    local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
+    return with_plate(
+        rng,
+        tuple(site.name for site in sites),
+        np.array([site.link for site in sites]),
+        np.array([_local(body, site) for site in sites]),
+        softness=np.array([site.soft_mm for site in sites]) / 1e3,
+        hidden=np.array([site.hidden for site in sites]),
+        at_joint=tuple(site.at_joint for site in sites),
+    )
+
+
+def with_plate(
+    rng: np.random.Generator,
+    labels: tuple[str, ...],
+    link: IntArray,
+    local: FloatArray,
+    *,
+    softness: FloatArray,
+    hidden: BoolArray,
+    at_joint: tuple[str | None, ...],
+) -> MarkerSet:
+    """Add seven markers on the plate, and random placement errors; parameters as for :class:`MarkerSet`."""
     plain = len(PLATE)
+    on_plate = np.arange(len(labels) + plain) >= len(labels)
+    local = np.concatenate([local, [(x, 0.004, z) for x, z in PLATE]])
+    local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
     return MarkerSet(
-        labels=tuple(site.name for site in sites) + tuple(f"PLT{i + 1}" for i in range(plain)),
-        link=np.array([site.link for site in sites] + [0] * plain),
+        labels=(*labels, *(f"PLT{i + 1}" for i in range(plain))),
+        link=np.concatenate([link, np.zeros(plain, dtype=np.int64)]),
         local=local,
-        softness=np.array([site.soft_mm for site in sites] + [0.0] * plain) / 1e3,
-        hidden=np.array([site.hidden for site in sites] + [False] * plain),
+        softness=np.concatenate([softness, np.zeros(plain)]),
+        hidden=np.concatenate([hidden, np.zeros(plain, dtype=np.bool_)]),
         on_plate=on_plate,
-        at_joint=tuple(site.at_joint for site in sites) + (None,) * plain,
+        at_joint=at_joint + (None,) * plain,
     )
 
 
 def _sides(site: _Site) -> tuple[_Site, ...]:
-    """The subject faces -x, so the left side is at +z."""
+    """Return the left and right marker of a paired site; the subject faces -x, so the left side is at +z."""
     if not site.paired:
         return (site,)
-    fields = {"link": site.link, "x": site.x, "y": site.y, "soft_mm": site.soft_mm}
-    rest = {"hidden": site.hidden, "at_joint": site.at_joint}
-    return tuple(
-        _Site(side + site.name, z=sign * site.z, **fields, **rest)  # type: ignore[arg-type]
-        for side, sign in (("L", 1.0), ("R", -1.0))
-    )
+    return replace(site, name=f"L{site.name}"), replace(site, name=f"R{site.name}", z=-site.z)
 
 
-def _local(body: Body, site: _Site) -> tuple[float, float, float]:
-    """Coordinates in the link's frame; markers of a foot are placed from the ankle, those of a robot from the plate."""
+def _local(body: SimulatedBody, site: _Site) -> tuple[float, float, float]:
+    """Return coordinates in the link's frame; x of the base's markers counts from the first joint."""
     link = body.links[site.link]
     start = body.links[1].centre[0] if site.link == 0 else 0.0
     return start + site.x, site.y * link.length, site.z

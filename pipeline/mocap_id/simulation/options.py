@@ -1,72 +1,55 @@
-"""What one may choose about a simulated trial."""
+"""Options of simulated trials, each declared once with its default, limits and help text.
+
+The command line and its documentation are generated from these fields.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, TypeAlias
 
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.people import People
 from mocap_id.simulation.plate import Sense
-from mocap_id.simulation.schedule import MANNERS, Strategy
+from mocap_id.simulation.schedule import STRATEGIES, Strategy
 from mocap_id.simulation.subject import Subject
 from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, JointName, Speed
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
+_LARGEST = float("inf")
+
+
+def _option(
+    default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "", *, choices: Any = ()
+) -> Any:
+    """Return a dataclass field whose values lie within ``limits``, or among ``choices``."""
+    metadata = {"help": help_text, "limits": limits, "unit": unit, "choices": tuple(choices)}
+    return field(default=default, metadata=metadata)
+
+
+def _check(options: Any, command: str) -> None:
+    """Raise ConfigError if an option is out of its limits or not among its choices."""
+    for each in fields(options):
+        value, limits, choices = (
+            getattr(options, each.name),
+            each.metadata.get("limits"),
+            each.metadata.get("choices"),
+        )
+        if limits is not None and not limits[0] <= value <= limits[1]:
+            upper = " or more" if limits[1] == _LARGEST else f" … {limits[1]:g}"
+            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {each.metadata['unit']}".rstrip())
+        if choices and value not in choices:
+            _refuse(command, each.name, value, "one of " + ", ".join(filter(None, choices)))
+
+
+def _refuse(command: str, name: str, value: object, expected: str) -> None:
+    raise ConfigError(f"{command}: {name} is {value!r}; expected {expected}")
 
 
 @dataclass(frozen=True)
-class Options:
-    """Everything that is not drawn from the seed; the same options give the same files.
+class PersonOptions:
+    """Differences between a simulated person and four rigid segments on pins; by default there are none.
 
-    Parameters
-    ----------
-    seed : int
-        Of the body, its motion, the plane's direction and every error.
-    repetitions : int
-        Sit-to-stands, or periods of the robot's swing.
-    strategy : {"normal", "dynamic", "stable"}
-        How the person rises; the robot ignores it.
-    rate, analog_rate : float
-        Frames and analog samples a second, Hz; the second an integer multiple of the first.
-    marker_noise : float
-        Standard deviation a coordinate, m.
-    soft_tissue : float
-        Multiplies the skin's motion (0 = markers fixed to the bones).
-    occlusions : float
-        Multiplies how often markers vanish in bursts (0 = never).
-    jumps : int
-        How often some marker is mistaken for a reflection 20 to 80 mm away, for 5 to 100 frames.
-    plate_sense : {"reaction", "action"}
-        Whose force the channels hold: the plate's on the body, or the body's on the plate.
-    plate_moved : bool
-        Shifted, lifted and turned against the laboratory.
-    plate_origin_flipped : bool
-        The file holds ORIGIN with the wrong sign.
-    plate_noise, plate_bias : float
-        Multiply the usual noise (1 N, 0.3 N·m) and channel bias (3 N, 0.3 N·m).
-    seat_plate : bool
-        The chair stands on a plate of its own, the second one.
-    chair_mass : float
-        kg; that plate reads its weight too.
-    attempts : int
-        Rises that are broken off, one before each of the last repetitions.
-    hold : float
-        The last rise stops half-way for so long, s.
-    rail : float
-        Share of the vertical load that a hand on a rail carries while the person rises.
-    clock_offset : float
-        Analog sample k is taken at marker-clock time k / analog_rate + this, s.
-    joint : {"shoulder", "elbow", "wrist"} or None
-        Of the thesis's UR5, for the robot; None draws a robot and its swing.
-    speed : {"slow", "fast"}
-        Of that joint: 0.25 or 0.5 Hz.
-    orientation : float
-        Yaw of the UR5's plane, degrees.
-    people : People
-        What the person has that four rigid segments on pins have not; the robot ignores it.
-    subject : Subject or None
-        Whose sit-to-stands these are; the seed is then of the motion, of where the feet stand and of the errors alone.
+    Ranges are approximate for a sit-to-stand: the seed makes some repetitions larger than others.
 
     Raises
     ------
@@ -74,56 +57,106 @@ class Options:
         A value is out of range.
     """
 
-    seed: int = 0
-    repetitions: int = 5
-    strategy: Strategy = "normal"
-    rate: float = 100.0
-    analog_rate: float = 1000.0
-    marker_noise: float = 0.0005
-    soft_tissue: float = 1.0
-    occlusions: float = 1.0
-    jumps: int = 0
-    plate_sense: Sense = "reaction"
-    plate_moved: bool = False
-    plate_origin_flipped: bool = False
-    plate_noise: float = 1.0
-    plate_bias: float = 0.0
-    clock_offset: float = 0.0
-    seat_plate: bool = False
-    chair_mass: float = 6.0
-    subject: Subject | None = None
-    attempts: int = 0
-    hold: float = 0.0
-    rail: float = 0.0
-    joint: JointName | None = None
-    speed: Speed = "fast"
-    orientation: float = 0.0
-    people: People = field(default_factory=People)
+    hip_gap_mm: float = _option(
+        0.0,
+        "Range of the pelvis's displacement from the thigh's hip centre, mm; 6 to 16 in real people.",
+        (0, 40),
+        "mm",
+    )
+    lumbar_deg: float = _option(
+        0.0, "Range of the trunk's rotation against the pelvis, degrees; 10 to 20 in real people.", (0, 40), "degrees"
+    )
+    arm_swing_deg: float = _option(0.0, "Range of the arms' swing about the shoulders, degrees.", (0, 120), "degrees")
+    heel_lift_mm: float = _option(
+        0.0, "Height of the heel while the person rises and the foot turns about the toes, mm.", (0, 60), "mm"
+    )
+    held_mass_kg: float = _option(0.0, "Mass of a weight in the hands, in addition to the person's, kg.", (0, 20), "kg")
 
     def __post_init__(self) -> None:
-        multiple = self.analog_rate / self.rate if self.rate > 0 else 0.0
-        checks = (
-            ("seed", self.seed, self.seed >= 0, "a whole number, 0 or more"),
-            ("repetitions", self.repetitions, 1 <= self.repetitions <= 50, "1 … 50"),
-            ("strategy", self.strategy, self.strategy in MANNERS, "one of " + ", ".join(MANNERS)),
-            ("rate", self.rate, 20 <= self.rate <= 2000, "20 … 2000 Hz"),
-            ("analog_rate", self.analog_rate, multiple >= 1 and multiple % 1 == 0, "a multiple of rate"),
-            ("marker_noise", self.marker_noise, 0 <= self.marker_noise <= 0.05, "0 … 0.05 m"),
-            ("soft_tissue", self.soft_tissue, 0 <= self.soft_tissue <= 10, "0 … 10"),
-            ("occlusions", self.occlusions, 0 <= self.occlusions <= 10, "0 … 10"),
-            ("jumps", self.jumps, 0 <= self.jumps <= 10_000, "a whole number, 0 … 10000"),
-            ("plate_sense", self.plate_sense, self.plate_sense in ("reaction", "action"), "reaction or action"),
-            ("plate_noise", self.plate_noise, 0 <= self.plate_noise <= 100, "0 … 100"),
-            ("plate_bias", self.plate_bias, 0 <= self.plate_bias <= 100, "0 … 100"),
-            ("chair_mass", self.chair_mass, 0 <= self.chair_mass <= 50, "0 … 50 kg"),
-            ("attempts", self.attempts, 0 <= self.attempts <= self.repetitions, "0 … repetitions"),
-            ("hold", self.hold, 0 <= self.hold <= 10, "0 … 10 s"),
-            ("rail", self.rail, 0 <= self.rail <= 0.5, "0 … 0.5"),
-            ("joint", self.joint, self.joint is None or self.joint in REFERENCE, "one of " + ", ".join(REFERENCE)),
-            ("speed", self.speed, self.speed in FREQUENCY, "one of " + ", ".join(FREQUENCY)),
-            ("orientation", self.orientation, abs(self.orientation) <= 180, "-180 … 180 degrees"),
-            ("clock_offset", self.clock_offset, abs(self.clock_offset) <= 1, "-1 … 1 s"),
-        )
-        for name, value, fine, expected in checks:
-            if not fine:
-                raise ConfigError(f"simulate: {name} is {value!r}; expected {expected}")
+        _check(self, "simulate: people")
+
+    @property
+    def differ(self) -> bool:
+        """Whether the person differs from rigid segments on pins."""
+        return self != PersonOptions()
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a simulated trial; the same options give the same files.
+
+    The robot ignores the options of the person, and the person those of the robot. ``subject`` fixes the person: the
+    seed then determines only the motion, the place of the feet and the errors.
+
+    Raises
+    ------
+    ConfigError
+        A value is out of range.
+    """
+
+    seed: int = _option(0, "Seed of the body, its motion, the direction of the plane and every error.", (0, _LARGEST))
+    repetitions: int = _option(5, "Number of sit-to-stands, or of the robot's swings.", (1, 50))
+    strategy: Strategy = _option("normal", "How the person rises.", choices=STRATEGIES)  # noqa: RUF009  a dataclass field
+    rate: float = _option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
+    analog_rate: float = _option(1000.0, "Analog sampling rate, Hz; a multiple of the frame rate.")
+    marker_noise: float = _option(0.0005, "Standard deviation of each marker coordinate, m.", (0, 0.05), "m")
+    soft_tissue: float = _option(1.0, "Factor on the motion of the skin; 0 fixes the markers to the bones.", (0, 10))
+    occlusions: float = _option(1.0, "Factor on how often markers vanish; 0 for never.", (0, 10))
+    jumps: int = _option(
+        0,
+        "Number of times that a marker is mistaken for a reflection 20 to 80 mm away, for 5 to 100 frames.",
+        (0, 10000),
+    )
+    plate_sense: Sense = _option(  # noqa: RUF009  a dataclass field
+        "reaction",
+        "Measured force: that of the plate on the body (reaction) or of the body on the plate (action).",
+        choices=("reaction", "action"),
+    )
+    plate_moved: bool = _option(False, "Shift, lift and turn the plate in the laboratory.")
+    plate_origin_flipped: bool = _option(False, "Write the plate's ORIGIN with the wrong sign.")
+    plate_noise: float = _option(1.0, "Factor on the usual noise (1 N, 0.3 N·m).", (0, 100))
+    plate_bias: float = _option(0.0, "Factor on the usual channel bias (3 N, 0.3 N·m).", (0, 100))
+    clock_offset: float = _option(
+        0.0, "Time on the markers' clock at which the first analog sample is taken, s.", (-1, 1), "s"
+    )
+    seat_plate: bool = _option(False, "Put the chair on a plate of its own, the second one.")
+    chair_mass: float = _option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
+    attempts: int = _option(0, "Number of failed rises, one before each of the last repetitions.")
+    hold: float = _option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
+    rail: float = _option(0.0, "Share of the vertical load that a hand on a rail carries during each rise.", (0, 0.5))
+    people: PersonOptions = field(default_factory=PersonOptions)
+    joint: JointName | None = _option(  # noqa: RUF009  a dataclass field
+        None, "Joint of the thesis's UR5 robot that moves; a random robot if omitted.", choices=(None, *REFERENCE)
+    )
+    speed: Speed = _option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)  # noqa: RUF009  a dataclass field
+    orientation: float = _option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
+    subject: Subject | None = None
+
+    def __post_init__(self) -> None:
+        _check(self, "simulate")
+        multiple = self.analog_rate / self.rate
+        if not (multiple >= 1 and multiple % 1 == 0):
+            _refuse("simulate", "analog_rate", self.analog_rate, "a multiple of rate")
+        if not 0 <= self.attempts <= self.repetitions:
+            _refuse("simulate", "attempts", self.attempts, "0 … repetitions")
+
+
+def read_people(text: str) -> PersonOptions:
+    """Read a person's options from text such as ``hip_gap_mm=10,held_mass_kg=2``.
+
+    Raises
+    ------
+    ConfigError
+        An entry is not ``name=number``, a name is repeated, or a value is out of range.
+    """
+    names = [each.name for each in fields(PersonOptions)]
+    values: dict[str, float] = {}
+    for pair in filter(None, (part.strip() for part in text.split(","))):
+        name, _, number = (part.strip() for part in pair.partition("="))
+        if name not in names or name in values:
+            raise ConfigError(f"simulate: people: {pair!r} is not expected; expected each once: {', '.join(names)}")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            _refuse("simulate: people", name, number, "a number")
+    return PersonOptions(**values)

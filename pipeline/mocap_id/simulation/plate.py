@@ -1,7 +1,7 @@
-"""A force plate in the laboratory: where it lies, and what its channels read under a given load.
+"""A simulated force plate: its position in the laboratory, and its channels under a given load.
 
-The plate's own frame P is right-handed with z down. Its corners are listed (+x+y, -x+y, -x-y, +x-y) in P. ORIGIN goes
-from the transducer to the centre of the working surface, so that M_sensor = M_surface + ORIGIN × F.
+The plate's own frame P is right-handed with z down. Its corners are listed in the order +x+y, -x+y, -x-y, +x-y of P.
+ORIGIN points from the transducer to the centre of the working surface: M_sensor = M_surface + ORIGIN × F.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ class SimulatedPlate:
     Parameters
     ----------
     sense : {"reaction", "action"}
-        Whether the channels hold the plate's force on the body or the body's on the plate.
+        Sign convention: force of the plate on the body, or of the body on the plate.
     centre : (3,) array
-        Of the working surface, laboratory, m.
+        Centre of the working surface in the laboratory, m.
     yaw : float
-        Angle of P's x axis from the laboratory's about the vertical, rad.
+        Angle about the vertical between the laboratory's x axis and P's, rad.
     origin : (3,) array
         ORIGIN in P, m.
     flipped : bool
-        The file holds -ORIGIN, as old files do.
+        Whether the file holds -ORIGIN, as some old files do.
     bias : (6,) array
         Added to forces (N) and transducer moments (N·m).
     noise : float
-        Multiplies :data:`FORCE_NOISE` and :data:`MOMENT_NOISE`.
+        Factor on :data:`FORCE_NOISE` and :data:`MOMENT_NOISE`.
     """
 
     sense: Sense
@@ -54,13 +54,13 @@ class SimulatedPlate:
 
     @property
     def axes(self) -> FloatArray:
-        """(3, 3): columns are P's axes in the laboratory."""
+        """(3, 3) axes of P in the laboratory, as columns."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
 
     @property
     def corners(self) -> FloatArray:
-        """(4, 3) in the laboratory, m."""
+        """(4, 3) corners in the laboratory, m."""
         signs = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
         return self.centre + (signs * (SIZE[0] / 2, SIZE[1] / 2, 0.0)) @ self.axes.T
 
@@ -68,7 +68,7 @@ class SimulatedPlate:
 def draw_plate(
     rng: np.random.Generator, sense: Sense, *, moved: bool, flipped: bool, noise: float, bias: float
 ) -> SimulatedPlate:
-    """A plate at the laboratory's origin and square to it, or ``moved``: shifted, lifted and turned."""
+    """Draw a plate at the laboratory's origin and aligned with its axes, or ``moved``: shifted, lifted and turned."""
     centre = np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.02, 0.02)])
     yaw = rng.uniform(-np.pi / 6, np.pi / 6)
     origin = np.array([*rng.normal(0, 0.0005, 2), -rng.uniform(0.035, 0.055)])
@@ -87,16 +87,16 @@ def draw_plate(
 def measure(
     rng: np.random.Generator, plate: SimulatedPlate, force: FloatArray, moment: FloatArray, rate: float
 ) -> PlateSignals:
-    """What the plate's channels read, as the file holds them.
+    """Return the plate's noisy channels, as stored in a file.
 
     Parameters
     ----------
     rng : Generator
     plate : SimulatedPlate
     force, moment : (K, 3) arrays
-        Of the plate on the body in laboratory axes, the moment about the centre of the working surface, N and N·m.
+        Force and moment of the plate on the body in laboratory axes, about the working surface's centre, N and N·m.
     rate : float
-        Samples a second, Hz.
+        Sampling rate, Hz.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""The thesis's robot study as simulated trials: three joints, two speeds, two orientations, each several times over.
+"""The thesis's robot study as simulated trials: three joints, two speeds, two orientations, several repeats.
 
-The thesis did not move the shoulder fast, for fear of tipping the robot over; here it may. Trials have seeds of their
-own, drawn from the set's: another number of repeats leaves those alone that were there before.
+The thesis did not move the shoulder fast because the robot might have tipped over; the simulation does. Each trial has
+its own seed, derived from the set's, so that changing the number of repeats leaves the other trials unchanged.
 """
 
 from __future__ import annotations
@@ -12,44 +12,35 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.errors import ConfigError, StoreError
+from mocap_id.errors import ConfigError
 from mocap_id.simulation.options import Options
-from mocap_id.simulation.trial import simulate
-from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, TOTAL, JointName, Speed
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.simulation.trial_files import new_folder, simulate
+from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, JointName, Speed
+from mocap_id.simulation.yaml_files import robot_study_yaml
+from mocap_id.store.atomic import replace_together
 
 FILE = "robot-study.yaml"
 ORIENTATIONS = (0.0, 45.0)  # degrees
 
-_TOP = """\
-# {count} simulated trials of the thesis's robot, {periods} swings of one joint each (`mocap-id validate robot`).
-# Made by `mocap-id simulate robot-set` with seed {seed}. The exact truth stands beside each trial.
-# Paths are relative to this file.
-study: {name}
-reference:  # table 5.2's: m, kg, kg·m, kg·m²; `base` is the joint's distance from the plate's centre
-"""
-_REFERENCE = "  {name}: {{base: {l1}, mass: {mass}, mx1: 0.0, mx2: 0.0, my2: {my}, Izz2: {inertia}}}\n"
-_TRIAL = "  - {{file: {}/trial.yaml, joint: {}, speed: {}, orientation: {:g}}}\n"
-
 
 @dataclass(frozen=True)
 class RobotSet:
-    """Which trials are made.
+    """A set of simulated robot trials.
 
     Parameters
     ----------
     repeats : int
-        Of each joint, speed and orientation.
+        Trials of each joint, speed and orientation.
     joints, speeds : tuples
     orientations : tuple of float
         Degrees.
     options : Options
-        Of every trial. The seed is the set's; joint, speed and orientation are each trial's own.
+        Common options. The seed is the set's; each trial has its own joint, speed and orientation.
 
     Raises
     ------
     ConfigError
-        There are no trials.
+        The set has no trials, or too many repeats.
     """
 
     repeats: int = 3
@@ -63,21 +54,21 @@ class RobotSet:
             raise ConfigError(f"simulate robot-set: repeats is {self.repeats!r}, expected 1 … 99, and some trials")
 
 
-def set_trials(wanted: RobotSet) -> Iterator[tuple[str, Options]]:
-    """Name and options of every trial."""
-    for joint in wanted.joints:
-        for speed in wanted.speeds:
-            for orientation in wanted.orientations:
-                for repeat in range(1, wanted.repeats + 1):
-                    places = (tuple(REFERENCE).index(joint), tuple(FREQUENCY).index(speed), round(orientation) % 360)
-                    key = [wanted.options.seed, *places, repeat]
+def robot_set_trials(robot_set: RobotSet) -> Iterator[tuple[str, Options]]:
+    """Yield the name and options of every trial."""
+    for joint in robot_set.joints:
+        for speed in robot_set.speeds:
+            for orientation in robot_set.orientations:
+                for repeat in range(1, robot_set.repeats + 1):
+                    indices = (tuple(REFERENCE).index(joint), tuple(FREQUENCY).index(speed), round(orientation) % 360)
+                    key = [robot_set.options.seed, *indices, repeat]
                     seed = int(np.random.SeedSequence(key).generate_state(1)[0])
-                    options = replace(wanted.options, seed=seed, joint=joint, speed=speed, orientation=orientation)
+                    options = replace(robot_set.options, seed=seed, joint=joint, speed=speed, orientation=orientation)
                     yield f"{joint}-{speed}-{orientation:g}-{repeat}", options
 
 
-def simulate_set(folder: Path, wanted: RobotSet) -> Path:
-    """Make the trials with exact truth and write them, a folder each.
+def simulate_robot_set(folder: Path, robot_set: RobotSet) -> Path:
+    """Simulate the trials of a set and write them with their exact truth, one folder each.
 
     Returns
     -------
@@ -89,24 +80,14 @@ def simulate_set(folder: Path, wanted: RobotSet) -> Path:
     StoreError
         The folder is not empty, or cannot be written.
     """
-    with explained(folder):
-        if folder.exists() and any(folder.iterdir()):
-            raise StoreError(f"{folder} is not empty: choose a new folder for the set")
-        folder.mkdir(parents=True, exist_ok=True)
-    for name, options in set_trials(wanted):
+    new_folder(folder)
+    for name, options in robot_set_trials(robot_set):
         simulate("robot", folder / name, options)
-    replace_together(folder, {FILE: set_file(wanted).encode()})
+    replace_together(folder, {FILE: robot_set_yaml(robot_set).encode()})
     return folder / FILE
 
 
-def set_file(wanted: RobotSet) -> str:
-    """The text of ``robot-study.yaml``."""
-    trials = list(set_trials(wanted))
-    text = _TOP.format(
-        count=len(trials), periods=wanted.options.repetitions, seed=wanted.options.seed, name="simulated-ur5"
-    )
-    for joint in wanted.joints:
-        known = REFERENCE[joint]
-        text += _REFERENCE.format(name=joint, l1=known.distance, mass=TOTAL, my=known.my, inertia=known.inertia)
-    text += "trials:\n"
-    return text + "".join(_TRIAL.format(name, each.joint, each.speed, each.orientation) for name, each in trials)
+def robot_set_yaml(robot_set: RobotSet) -> str:
+    """Return the text of the set's ``robot-study.yaml``."""
+    options = robot_set.options
+    return robot_study_yaml(options.seed, options.repetitions, robot_set.joints, list(robot_set_trials(robot_set)))

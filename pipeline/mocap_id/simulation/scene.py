@@ -1,4 +1,4 @@
-"""Everything about a simulated trial that is drawn before anything is measured."""
+"""The scene of a simulated trial before measurement: body, motion, chair, plates and markers."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame
 from mocap_id.simulation import ur5
-from mocap_id.simulation.body import GRAVITY, Body, person, robot
-from mocap_id.simulation.forces import Exact, exact
-from mocap_id.simulation.loose_body import LooseBody, loosen
-from mocap_id.simulation.loose_forces import Loose, exact_loose, perform_loose
-from mocap_id.simulation.loose_motion import Looseness, draw_habit, draw_occasion
-from mocap_id.simulation.markers import MarkerSet, place
-from mocap_id.simulation.motion import Motion, Swing
+from mocap_id.simulation.body import GRAVITY, SimulatedBody, draw_person, draw_robot
+from mocap_id.simulation.forces import TrueState, true_state
+from mocap_id.simulation.joint_motion import JointMotion, Swing
+from mocap_id.simulation.loose_body import LooseBody, divide_body
+from mocap_id.simulation.loose_forces import LoosePerson, perform_loose, true_loose_state
+from mocap_id.simulation.loose_motion import Looseness, draw_habit, draw_trial_variation
+from mocap_id.simulation.markers import MarkerSet, place_markers
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.plate import SimulatedPlate, draw_plate
-from mocap_id.simulation.rail import Rail
 from mocap_id.simulation.schedule import Schedule
-from mocap_id.simulation.sit_to_stand import Chair, balanced, prepare
+from mocap_id.simulation.sit_to_stand import balance, draw_plan
 from mocap_id.simulation.subject import Subject
+from mocap_id.simulation.supports import Chair, Rail
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
 _LATER = ("jumps", "seat", "seat channels", "feet", "wander", "people", "people here")
-_STREAMS = (*_OLDEST, *_LATER)  # what is new goes last: a seed keeps the trial that it made
+_STREAMS = (*_OLDEST, *_LATER)  # append new streams at the end, so that a seed always gives the same trial
 _OF_SUBJECT = ("body", "markers", "skin", "people")
 
 
 @dataclass(frozen=True)
 class Streams:
-    """One independent random generator for each purpose: another noise leaves the body and its motion alone."""
+    """Independent random generators for each purpose: changing the noise leaves body and motion unchanged."""
 
     by_purpose: Mapping[str, np.random.Generator]
 
@@ -43,7 +43,7 @@ class Streams:
 
 
 def streams(seed: int, subject: Subject | None = None) -> Streams:
-    """Fresh generators, the same for the same seed; what belongs to a subject is drawn from the subject's."""
+    """Return fresh generators for a seed; those of a subject's own properties use the subject's seed."""
     own = _generators(seed)
     return Streams(own if subject is None else own | {name: _generators(subject.seed)[name] for name in _OF_SUBJECT})
 
@@ -55,30 +55,30 @@ def _generators(seed: int) -> dict[str, np.random.Generator]:
 
 @dataclass(frozen=True)
 class Scene:
-    """A body, its motion and where it all takes place.
+    """A body with its motion, markers, plates and supports in the laboratory.
 
     Parameters
     ----------
     body, motion, chair, markers, plate
     plane : PlaneFrame
-        The plane of motion; its origin is the centre of the plate's surface.
+        The plane of motion, with its origin at the centre of the plate's surface.
     offset : float
         Distance of the body's mid-plane from that origin along z, m.
     protocol : dict
-        JSON values for the truth that belong to the kind of trial.
+        Entries of the truth for this kind of trial, as JSON values.
     seat_plate : SimulatedPlate or None
-        Under the chair.
+        The plate under the chair.
     chair_weight : float
-        What that plate carries beside the person, N.
+        Weight of the chair on that plate, N.
     rail : Rail or None
-        Carries a part of the person while rising, unmeasured.
-    loose : Loose or None
-        The person's true bodies and motion, where these are more than the chain; ``body`` and ``motion`` are then the
-        chain that stands for them.
+        A rail that carries an unmeasured share while the person rises.
+    loose : LoosePerson or None
+        The person's separate bodies and their motion, if any; ``body`` and ``motion`` then describe the equivalent
+        chain.
     """
 
-    body: Body
-    motion: Motion
+    body: SimulatedBody
+    motion: JointMotion
     chair: Chair | None
     markers: MarkerSet
     plate: SimulatedPlate
@@ -88,20 +88,20 @@ class Scene:
     seat_plate: SimulatedPlate | None = None
     chair_weight: float = 0.0
     rail: Rail | None = None
-    loose: Loose | None = None
+    loose: LoosePerson | None = None
 
-    def at(self, time: FloatArray) -> Exact:
-        """State and forces at times (T,), s."""
+    def at(self, time: FloatArray) -> TrueState:
+        """Return state and forces at times (T,), s."""
         if self.loose is not None:
-            return exact_loose(self.loose, self.chair, time, self.rail)
-        return exact(self.body, self.motion, self.chair, time, self.rail)
+            return true_loose_state(self.loose, self.chair, time, self.rail)
+        return true_state(self.body, self.motion, self.chair, time, self.rail)
 
-    def load_on_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
-        """Force of the plate on the body and its moment about the surface's centre, (T, 3) each, laboratory axes."""
+    def load_on_plate(self, state: TrueState) -> tuple[FloatArray, FloatArray]:
+        """Return the plate's force on the body and moment about the surface's centre, (T, 3) each, laboratory axes."""
         return self._in_laboratory(state.wrench)
 
-    def load_on_seat_plate(self, state: Exact) -> tuple[FloatArray, FloatArray]:
-        """As :meth:`load_on_plate`, of the plate under the chair: what the person puts on it and the chair's weight."""
+    def load_on_seat_plate(self, state: TrueState) -> tuple[FloatArray, FloatArray]:
+        """Return the load as :meth:`load_on_plate` for the plate under the chair, including the chair's weight."""
         assert self.seat_plate is not None
         (x, y), (fx, fy) = state.chair_point.T, state.chair_force.T
         force, moment = self._in_laboratory(np.column_stack([fx, fy, x * fy - y * fx]))
@@ -109,7 +109,7 @@ class Scene:
         return force + np.array([0.0, 0.0, self.chair_weight]), moment
 
     def _in_laboratory(self, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Force and moment about the plane's origin (T, 3), laboratory axes, of a wrench (T, 3) in the plane."""
+        """Return force and moment about the plane's origin in laboratory axes (T, 3) of a planar wrench (T, 3)."""
         fx, fy, tauz = wrench.T
         still = np.zeros_like(fx)
         force = np.column_stack([fx, fy, still])
@@ -117,43 +117,36 @@ class Scene:
         return force @ self.plane.axes, moment @ self.plane.axes
 
 
-def draw_scene(kind: Kind, options: Options, rng: Streams, given: Motion | None = None) -> Scene:
+def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | None = None) -> Scene:
     """Draw the body, its motion and the laboratory.
 
-    With a motion ``given`` the body makes that, without a chair.
+    With a ``given`` motion, the body performs it without a chair.
 
     Raises
     ------
     ConfigError
-        A motion is given to a person of several bodies.
+        A motion is given for a person of several bodies.
     NumericalError
         No lean of the trunk balances the body.
     """
     people = kind == "sit-to-stand" and options.people.differ
     if people and given is not None:
-        raise ConfigError("simulate: people is set and a motion is given; expected one or the other")
+        raise ConfigError("simulate: people is set and a motion is given; expected only one of them")
     body, ur5_joint = _body(kind, options, rng), options.joint if kind == "robot" else None
     apart = None
     if people:
-        apart, body = loosen(rng["people"], body, options.people.held_mass_kg)
-    played = _Played(given) if given else _performance(kind, options, body, apart, rng)
-    plate = draw_plate(
-        rng["plate"],
-        options.plate_sense,
-        moved=options.plate_moved,
-        flipped=options.plate_origin_flipped,
-        noise=options.plate_noise,
-        bias=options.plate_bias,
-    )
-    markers = place(rng["markers"], body) if ur5_joint is None else ur5.place(rng["markers"], ur5_joint)
-    drawn = float(rng["place"].uniform(-np.pi, np.pi))
+        apart, body = divide_body(rng["people"], body, options.people.held_mass_kg)
+    played = _Performance(given) if given else _performance(kind, options, body, apart, rng)
+    plate = _draw_plate(options, rng["plate"])
+    markers = place_markers(rng["markers"], body) if ur5_joint is None else ur5.place_markers(rng["markers"], ur5_joint)
+    yaw = float(rng["place"].uniform(-np.pi, np.pi))
     scene = Scene(
         body=body,
         motion=played.motion,
         chair=played.chair,
         markers=replace(markers, softness=markers.softness * options.soft_tissue),
         plate=plate,
-        plane=PlaneFrame(drawn if ur5_joint is None else np.radians(options.orientation), plate.centre),
+        plane=PlaneFrame(yaw if ur5_joint is None else np.radians(options.orientation), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
         protocol=played.protocol,
         rail=Rail(options.rail, played.chair.schedule) if options.rail > 0 and played.chair is not None else None,
@@ -162,11 +155,11 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: Motion | None 
     return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and played.chair is not None else scene
 
 
-def _body(kind: Kind, options: Options, rng: Streams) -> Body:
+def _body(kind: Kind, options: Options, rng: Streams) -> SimulatedBody:
     if kind == "robot":
-        return robot(rng["body"]) if options.joint is None else ur5.ur5(options.joint, options.speed)
+        return draw_robot(rng["body"]) if options.joint is None else ur5.ur5_body(options.joint, options.speed)
     subject = options.subject
-    return person(rng["body"]) if subject is None else person(rng["body"], subject, rng["feet"])
+    return draw_person(rng["body"]) if subject is None else draw_person(rng["body"], subject, rng["feet"])
 
 
 def _swing(options: Options, rng: np.random.Generator) -> Swing:
@@ -181,9 +174,8 @@ def _swing(options: Options, rng: np.random.Generator) -> Swing:
     )
 
 
-def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
-    """The chair on a plate of its own, whose centre lies under the force of somebody seated."""
-    plate = draw_plate(
+def _draw_plate(options: Options, rng: np.random.Generator) -> SimulatedPlate:
+    return draw_plate(
         rng,
         options.plate_sense,
         moved=options.plate_moved,
@@ -191,6 +183,11 @@ def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -
         noise=options.plate_noise,
         bias=options.plate_bias,
     )
+
+
+def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
+    """Add a plate under the chair, with its centre below the force of the seated person."""
+    plate = _draw_plate(options, rng)
     seated = scene.at(np.zeros(1))
     (x, y), (fx, fy) = seated.chair_point[0], seated.chair_force[0]
     below = scene.plane.from_plane(np.array([x - y * fx / fy, 0.0, 0.0]))
@@ -199,34 +196,39 @@ def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -
 
 
 @dataclass(frozen=True)
-class _Played:
-    """A motion, the chair's part in it, what the truth says of both, and the bodies that a person is."""
+class _Performance:
+    """A motion with its chair, its entries of the truth, and the person's separate bodies if any."""
 
-    motion: Motion
+    motion: JointMotion
     chair: Chair | None = None
     protocol: Mapping[str, Any] = field(default_factory=lambda: {"reps": []})
-    loose: Loose | None = None
+    loose: LoosePerson | None = None
 
 
-def _performance(kind: Kind, options: Options, body: Body, apart: LooseBody | None, rng: Streams) -> _Played:
+def _performance(
+    kind: Kind, options: Options, body: SimulatedBody, apart: LooseBody | None, rng: Streams
+) -> _Performance:
     if kind == "robot":
         swing = _swing(options, rng["motion"])
-        told = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
-        return _Played(swing.motion(), None, told)
-    plan, loose = prepare(rng["motion"], body, options), None
+        truth = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
+        return _Performance(swing.motion(), None, truth)
+    plan, loose = draw_plan(rng["motion"], body, options), None
     schedule = plan.chair.schedule
     if apart is None:
-        played = balanced(body, plan)
+        played = balance(body, plan)
     else:
-        habit, here = draw_habit(rng["people"]), draw_occasion(rng["people here"], len(schedule.repetitions))
+        habit, variation = (
+            draw_habit(rng["people"]),
+            draw_trial_variation(rng["people here"], len(schedule.repetitions)),
+        )
         foot = body.support[1] - body.support[0]
-        played, loose = perform_loose(body, apart, plan, Looseness(options.people, habit, here, schedule, foot))
-    return _Played(played.motion, played.chair, _told(options, schedule, played.seated_deg), loose)
+        played, loose = perform_loose(body, apart, plan, Looseness(options.people, habit, variation, schedule, foot))
+    return _Performance(played.motion, played.chair, _truth(options, schedule, played.seated_deg), loose)
 
 
-def _told(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
+def _truth(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
     repetitions = [vars(each) for each in schedule.repetitions]
-    told: dict[str, Any] = {
+    truth: dict[str, Any] = {
         "strategy": options.strategy,
         "reps": repetitions,
         "seat_off_s": [each["seat_off"] for each in repetitions],
@@ -234,9 +236,9 @@ def _told(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> 
         "motion_shapes": {"seated_deg": list(seated_deg)},
     }
     if schedule.attempts:
-        told["attempts"] = [vars(each) for each in schedule.attempts]
+        truth["attempts"] = [vars(each) for each in schedule.attempts]
     if schedule.hold is not None:
-        told["hold"] = vars(schedule.hold)
+        truth["hold"] = vars(schedule.hold)
     if options.rail > 0:
-        told["rail_share"] = options.rail
-    return told
+        truth["rail_share"] = options.rail
+    return truth

@@ -1,4 +1,4 @@
-"""When a person rises, stands and sits, in which manner, and how the chair takes over."""
+"""Timing of a simulated sit-to-stand: strategies, repetitions, failed attempts and the chair's share."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.simulation.motion import smoothstep
+from mocap_id.simulation.joint_motion import smoothstep
 
 Strategy: TypeAlias = Literal["normal", "dynamic", "stable"]
 
 
 @dataclass(frozen=True)
-class Manner:
-    """How somebody rises and sits; times in s, angles in degrees, distances in m.
+class StrategyParameters:
+    """Parameters of a strategy for rising and sitting; times in s, angles in degrees, distances in m.
 
-    ``lean`` is the trunk's lean with which the seated body would balance over the feet at seat-off: it decides how far
-    the feet are drawn back. ``seat_cop`` … ``stand_cop`` are centres of pressure under the feet, measured from the
+    ``lean`` is the trunk's lean with which the seated body would balance over the feet at seat-off; it determines how
+    far the feet are drawn back. ``seat_cop`` … ``stand_cop`` are centres of pressure under the feet, measured from the
     ankle, negative towards the toes.
     """
 
@@ -35,10 +35,10 @@ class Manner:
     stand_cop: float
 
 
-MANNERS: Mapping[Strategy, Manner] = {
-    "normal": Manner(1.70, 0.40, 2.00, 0.35, 45.0, 3.0, 4.0, -0.02, -0.010, -0.050),
-    "dynamic": Manner(1.45, 0.25, 1.90, 0.30, 48.0, 2.5, 8.0, -0.02, 0.005, -0.050),
-    "stable": Manner(2.30, 0.55, 2.20, 0.45, 41.0, 5.0, 6.0, -0.03, -0.035, -0.045),
+STRATEGIES: Mapping[Strategy, StrategyParameters] = {
+    "normal": StrategyParameters(1.70, 0.40, 2.00, 0.35, 45.0, 3.0, 4.0, -0.02, -0.010, -0.050),
+    "dynamic": StrategyParameters(1.45, 0.25, 1.90, 0.30, 48.0, 2.5, 8.0, -0.02, 0.005, -0.050),
+    "stable": StrategyParameters(2.30, 0.55, 2.20, 0.45, 41.0, 5.0, 6.0, -0.03, -0.035, -0.045),
 }
 
 LOADED_ORDER = 4  # the chair's force has three continuous derivatives
@@ -46,7 +46,7 @@ LOADED_ORDER = 4  # the chair's force has three continuous derivatives
 
 @dataclass(frozen=True)
 class Repetition:
-    """Times of one repetition, s: the names are the truth's."""
+    """Times of one repetition, s, named as in the truth."""
 
     rise_start: float
     seat_off: float
@@ -59,20 +59,20 @@ class Repetition:
 
     @property
     def legs_start(self) -> float:
-        """The legs begin to stretch with the unloading, so slowly that the seat hardly notices."""
+        """Time at which the legs slowly begin to extend: the start of unloading."""
         return self.seat_off - self.unload
 
     @property
     def legs_end(self) -> float:
-        """The legs are bent again when the chair carries its share."""
+        """Time at which the legs are bent again: the chair then carries its share."""
         return self.seat_on + self.load
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A rise that is broken off: the chair is released, the hips come up a little, and the person falls back.
+    """A failed rise: the chair is unloaded, the hips come up a little, and the person falls back.
 
-    Times in s; ``height`` is that of the way to standing.
+    Times in s; ``height`` is a fraction of the way to standing.
     """
 
     start: float
@@ -82,29 +82,29 @@ class Attempt:
 
     @property
     def unload(self) -> float:
-        """The chair is released over so long, and loaded over so long at the end, s."""
+        """Duration of unloading the chair, and of loading it again, s."""
         return 0.4 * (self.top - self.start)
 
-    def lifted(self, time: FloatArray) -> FloatArray:
-        """0 with the chair fully loaded … 1 with the chair free, (T,)."""
+    def unloading(self, time: FloatArray) -> FloatArray:
+        """Return how far the chair is unloaded, (T,): 0 fully loaded … 1 free."""
         released = smoothstep((time - self.start) / self.unload, LOADED_ORDER)
         return released - smoothstep((time - (self.end - self.unload)) / self.unload, LOADED_ORDER)
 
-    def risen(self, time: FloatArray) -> FloatArray:
-        """Height of the hips at times (T,), of the way to standing."""
+    def height_at(self, time: FloatArray) -> FloatArray:
+        """Return the height of the hips at times (T,), as a fraction of the way to standing."""
         up = smoothstep((time - self.start) / (self.top - self.start))
         return self.height * (up - smoothstep((time - self.top) / (self.end - self.top)))
 
 
 @dataclass(frozen=True)
 class Hold:
-    """A stop in mid-rise: repetition (from 0) and length, s."""
+    """A stop half-way through a rise: repetition (from 0) and length, s."""
 
     repetition: int
     length: float
 
-    def up(self, time: FloatArray, begin: float, finish: float) -> FloatArray:
-        """0 … 1, (T,): half-way by the first half of what is left of the time, then still, then on."""
+    def progress(self, time: FloatArray, begin: float, finish: float) -> FloatArray:
+        """Return the progress of the rise, (T,) 0 … 1, with a stop at 0.5."""
         half = 0.5 * (finish - begin - self.length)
         first, second = smoothstep((time - begin) / half), smoothstep((time - finish + half) / half)
         return 0.5 * (first + second)
@@ -112,26 +112,29 @@ class Hold:
 
 @dataclass(frozen=True)
 class Schedule:
-    """All repetitions of a trial and its length, s; attempts that fail, and at most one stop in mid-rise."""
+    """Repetitions of a trial and its duration, s, with failed attempts and at most one stop."""
 
     repetitions: tuple[Repetition, ...]
     duration: float
     attempts: tuple[Attempt, ...] = ()
     hold: Hold | None = None
 
-    def risen(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
-        """0 seated … 1 standing, (T,); ``late`` delays the rise's start, ``early`` hastens the sitting's end, s."""
-        level = sum((attempt.risen(time) for attempt in self.attempts), np.zeros_like(time))
+    def height_at(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
+        """Return the height, (T,): 0 seated … 1 standing.
+
+        ``late`` delays the start of the rise, ``early`` advances the end of sitting down, s.
+        """
+        level = sum((attempt.height_at(time) for attempt in self.attempts), np.zeros_like(time))
         for k, each in enumerate(self.repetitions):
             begin, finish = each.legs_start + late, each.legs_end - early
             up = smoothstep((time - begin) / (each.rise_end - begin))
             if self.hold is not None and self.hold.repetition == k:
-                up = self.hold.up(time, begin, each.rise_end)
+                up = self.hold.progress(time, begin, each.rise_end)
             level += up - smoothstep((time - each.sit_start) / (finish - each.sit_start))
         return level
 
-    def dipped(self, time: FloatArray) -> FloatArray:
-        """0 … 1: a short wave that is highest about seat-off and about the chair's first touch, (T,)."""
+    def bumps(self, time: FloatArray) -> FloatArray:
+        """Return a short bump, (T,) 0 … 1, around each seat-off and seat-on."""
         level = np.zeros_like(time)
         for each in self.repetitions:
             for middle, width in ((each.seat_off, each.rise_end - each.legs_start), (each.seat_on, each.load + 0.8)):
@@ -139,9 +142,9 @@ class Schedule:
                 level += 4 * smoothstep(phase) * (1 - smoothstep(phase))
         return level
 
-    def seated(self, time: FloatArray) -> FloatArray:
-        """1 with the chair fully loaded … 0 with the chair free, (T,), exactly 0 from seat-off to seat-on."""
-        level = 1.0 - sum((attempt.lifted(time) for attempt in self.attempts), np.zeros_like(time))
+    def chair_load(self, time: FloatArray) -> FloatArray:
+        """Return the load of the chair, (T,): 1 fully loaded … 0 free, exactly 0 from seat-off to seat-on."""
+        level = 1.0 - sum((attempt.unloading(time) for attempt in self.attempts), np.zeros_like(time))
         for each in self.repetitions:
             level -= smoothstep((time - (each.seat_off - each.unload)) / each.unload, LOADED_ORDER)
             level += smoothstep((time - each.seat_on) / each.load, LOADED_ORDER)
@@ -149,11 +152,11 @@ class Schedule:
 
 
 def draw_schedule(
-    rng: np.random.Generator, manner: Manner, repetitions: int, *, attempts: int = 0, hold: float = 0.0
+    rng: np.random.Generator, strategy: StrategyParameters, repetitions: int, *, attempts: int = 0, hold: float = 0.0
 ) -> Schedule:
-    """Repetitions one after another, every duration off by up to 6 %.
+    """Draw a sequence of repetitions whose durations vary by up to 6 %.
 
-    Before each of the last ``attempts`` repetitions a rise is broken off; the last one stops for ``hold`` s half-way.
+    A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` s.
     """
 
     def about(value: float) -> float:
@@ -166,7 +169,7 @@ def draw_schedule(
         if k >= repetitions - attempts:
             failed.append(Attempt(now, now + 1.0, now + 2.0))
             now = failed[-1].end + 0.8
-        rise, unload, sit, load = (about(x) for x in (manner.rise, manner.unload, manner.sit, manner.load))
+        rise, unload, sit, load = (about(x) for x in (strategy.rise, strategy.unload, strategy.sit, strategy.load))
         seat_off = now + about(0.8) + unload
         rise_end = seat_off - unload + rise + (hold if k == repetitions - 1 else 0.0)
         sit_start = rise_end + float(rng.uniform(0.8, 1.3))

@@ -1,8 +1,8 @@
-"""A person rising from a chair and sitting down, with the centre of pressure where it was asked to be.
+"""A person rising from a chair and sitting down, with a prescribed centre of pressure.
 
 Shank and thigh follow the schedule. The trunk's lean is then solved for, over the whole trial at once, so that the
-moment of all forces balances about the point where ground and chair together push: that point is chosen inside the
-feet, and moves to the chair by the share the chair carries. The forward lean before the rise is not put in by hand.
+moments of all forces balance about the combined point of application of ground and chair. That point lies inside the
+feet and moves towards the chair by the share that the chair carries. The forward lean before the rise is a result.
 """
 
 from __future__ import annotations
@@ -16,66 +16,42 @@ from scipy.optimize import brentq
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import planar
-from mocap_id.simulation.body import GRAVITY, Body
-from mocap_id.simulation.motion import STEP, Motion, smoothstep, through
+from mocap_id.simulation.body import GRAVITY, SimulatedBody
+from mocap_id.simulation.joint_motion import STEP, JointMotion, motion_through, smoothstep
 from mocap_id.simulation.options import Options
-from mocap_id.simulation.schedule import MANNERS, Manner, Schedule, draw_schedule
+from mocap_id.simulation.schedule import STRATEGIES, Schedule, StrategyParameters, draw_schedule
+from mocap_id.simulation.supports import Chair
 
-SEATED_THIGH = -np.pi / 2  # level, pointing backwards
+SEATED_THIGH = -np.pi / 2  # horizontal, pointing backwards
 STANDING_KNEE = np.radians(4.0)
 STANDING_TRUNK = np.radians(1.5)
-MARGIN = 2.0  # s of rest solved beyond both ends of the trial
-
-
-@dataclass(frozen=True)
-class Chair:
-    """What the chair does: it pushes on a point of the thigh, 0 … ``share`` of the body's whole vertical load.
-
-    Parameters
-    ----------
-    point : (x, y)
-        In the thigh's frame, on its underside near the hip, m.
-    share : float
-        Of the total vertical force, when seated.
-    friction : float
-        Horizontal over vertical force.
-    schedule : Schedule
-    """
-
-    point: tuple[float, float]
-    share: float
-    friction: float
-    schedule: Schedule
-
-    def load(self, time: FloatArray) -> FloatArray:
-        """Share of the total vertical force at times (T,)."""
-        return self.share * self.schedule.seated(time)
+MARGIN = 2.0  # s of rest beyond both ends of the trial
 
 
 @dataclass(frozen=True)
 class Performance:
-    """A sit-to-stand trial's motion and the chair's part in it."""
+    """Motion and chair of a sit-to-stand trial, and the seated angles of the segments, degrees."""
 
-    motion: Motion
+    motion: JointMotion
     chair: Chair
     seated_deg: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A trial before the trunk's lean is known, on the solver's grid (K,).
+    """A trial before the trunk's lean is solved for, on the solver's grid (K,).
 
     Parameters
     ----------
     time : (K,) array
-        Even steps, s.
+        Evenly spaced times, s.
     legs : (K, 2) array
         Angles of shank and thigh from the vertical, rad.
     push : (K,) array
-        Place on the ground of the point where ground and chair together push, m.
+        Combined point of application of ground and chair on the ground's level, m.
     chair : Chair
     trunk : float
-        Lean to begin with, rad.
+        Initial guess of the lean, rad.
     """
 
     time: FloatArray
@@ -87,24 +63,21 @@ class Plan:
 
 @dataclass(frozen=True)
 class _Task:
-    """What the trunk has to balance, on the solver's grid (K,).
-
-    ``moment`` is that of the foot and the legs about the common point ``push``; ``hip`` (K, 2) m.
-    """
+    """Moment of foot and legs about ``push``, which the trunk balances, (K,), and hip positions (K, 2)."""
 
     moment: FloatArray
     push: FloatArray
     hip: FloatArray
 
 
-def prepare(rng: np.random.Generator, body: Body, options: Options) -> Plan:
-    """Draw a trial of a :func:`mocap_id.simulation.body.person`: all but the trunk's lean."""
-    manner = MANNERS[options.strategy]
-    schedule = draw_schedule(rng, manner, options.repetitions, attempts=options.attempts, hold=options.hold)
+def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -> Plan:
+    """Draw a trial of a person, except for the trunk's lean."""
+    strategy = STRATEGIES[options.strategy]
+    schedule = draw_schedule(rng, strategy, options.repetitions, attempts=options.attempts, hold=options.hold)
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
-    legs = _legs(body, manner, schedule, time)
-    under_feet = _under_feet(rng, body, manner, schedule, time)
-    trunk, chair = np.radians(manner.trunk), _draw_chair(rng, body, schedule)
+    legs = _legs(body, strategy, schedule, time)
+    under_feet = _under_feet(rng, body, strategy, schedule, time)
+    trunk, chair = np.radians(strategy.trunk), _draw_chair(rng, body, schedule)
     seat = _seat_reach(body, chair, legs[:, 0], legs[:, 1])
     at_rest = _com_x(body, legs[0, 0], legs[0, 1], trunk)
     share = (at_rest - under_feet[0]) / (seat[0] - under_feet[0])
@@ -113,8 +86,8 @@ def prepare(rng: np.random.Generator, body: Body, options: Options) -> Plan:
     return Plan(time, legs, push, chair, trunk)
 
 
-def balanced(body: Body, plan: Plan, more: FloatArray | None = None) -> Performance:
-    """Solve for the trunk's lean; ``more`` (K,) is a moment about the plan's ``push`` beside the chain's own, N·m.
+def balance(body: SimulatedBody, plan: Plan, more: FloatArray | None = None) -> Performance:
+    """Solve for the trunk's lean; ``more`` (K,) is an additional moment about the plan's ``push``, N·m.
 
     Raises
     ------
@@ -124,40 +97,42 @@ def balanced(body: Body, plan: Plan, more: FloatArray | None = None) -> Performa
     task, legs, schedule = _task(body, plan.legs, plan.push), plan.legs, plan.chair.schedule
     if more is not None:
         task = replace(task, moment=task.moment + more)
-    lean = _balance(body, task, plan.trunk)
+    lean = _solve_lean(body, task, plan.trunk)
     angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
     seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
-    return Performance(through(plan.time, angles, schedule.duration), plan.chair, (seated[0], seated[1], seated[2]))
+    return Performance(
+        motion_through(plan.time, angles, schedule.duration), plan.chair, (seated[0], seated[1], seated[2])
+    )
 
 
-def _legs(body: Body, manner: Manner, schedule: Schedule, time: FloatArray) -> FloatArray:
-    """Angles of shank and thigh from the vertical, (K, 2) rad."""
+def _legs(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
+    """Return the angles of shank and thigh from the vertical, (K, 2) rad."""
     ankle = body.links[1].centre[0]
 
     def standing_off(shank: float) -> float:
-        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + manner.stand_cop)
+        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
 
     def seated_off(shank: float) -> float:
-        return _com_x(body, shank, SEATED_THIGH, np.radians(manner.lean)) - (ankle + manner.off_cop)
+        return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
 
     standing, seated = brentq(standing_off, -0.4, 0.4), brentq(seated_off, -0.2, 1.2)
-    late = 0.08 * manner.rise
-    lowered = seated + (standing - seated) * schedule.risen(time, late, 0.1 * manner.sit)
-    lowered = lowered + np.radians(manner.dip) * schedule.dipped(time)
-    thigh = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.risen(time)
+    late = 0.08 * strategy.rise
+    lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
+    lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
+    thigh = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.height_at(time)
     return np.column_stack([lowered, thigh])
 
 
 def _under_feet(
-    rng: np.random.Generator, body: Body, manner: Manner, schedule: Schedule, time: FloatArray
+    rng: np.random.Generator, body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray
 ) -> FloatArray:
-    """Centre of pressure of the ground's force, (K,) m: from seat to stance, with some millimetres of sway."""
-    place = np.full_like(time, manner.seat_cop)
+    """Return the centre of pressure under the feet, (K,) m, with some millimetres of sway."""
+    place = np.full_like(time, strategy.seat_cop)
     for each in schedule.repetitions:
         for begin, end, change in (
-            (each.rise_start, each.seat_off, manner.off_cop - manner.seat_cop),
-            (each.seat_off, each.rise_end, manner.stand_cop - manner.off_cop),
-            (each.sit_start, each.sit_end, manner.seat_cop - manner.stand_cop),
+            (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
+            (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
+            (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
         ):
             place += change * smoothstep((time - begin) / (end - begin))
     frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
@@ -165,33 +140,33 @@ def _under_feet(
     return body.links[1].centre[0] + place + np.asarray(sway)
 
 
-def _draw_chair(rng: np.random.Generator, body: Body, schedule: Schedule) -> Chair:
+def _draw_chair(rng: np.random.Generator, body: SimulatedBody, schedule: Schedule) -> Chair:
     thigh = body.links[2].length
     return Chair((rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97)), 1.0, rng.uniform(-0.05, 0.05), schedule)
 
 
-def _seat_reach(body: Body, chair: Chair, shank: FloatArray, thigh: FloatArray) -> FloatArray:
-    """Where the chair's force, prolonged, meets the ground's level, (K,) m."""
+def _seat_reach(body: SimulatedBody, chair: Chair, shank: FloatArray, thigh: FloatArray) -> FloatArray:
+    """Return where the line of the chair's force meets the ground's level, (K,) m."""
     _, origin = planar.segment_poses(np.column_stack([shank, thigh - shank]), body.centres[:2])
     point = origin[:, 2] + planar.rotate(thigh, np.array(chair.point))
     return point[:, 0] - chair.friction * point[:, 1]
 
 
-def _com_x(body: Body, shank: float, thigh: float, trunk: float) -> float:
-    """Horizontal place of the centre of mass, m, from the segments' angles from the vertical."""
+def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> float:
+    """Return the horizontal position of the centre of mass, m, given the segments' angles from the vertical."""
     q = np.array([shank, thigh - shank, trunk - thigh])
     coms = planar.marker_positions(q, body.centres, np.arange(4), body.coms)
     return float(body.masses @ coms[:, 0] / body.mass)
 
 
 def _second_difference(values: FloatArray) -> FloatArray:
-    """Second derivative along the first axis; at rest beyond both ends."""
+    """Return the second derivative along the first axis, at rest beyond both ends."""
     padded = np.concatenate([values[:1], values, values[-1:]])
     change: FloatArray = (padded[2:] - 2 * values + padded[:-2]) / STEP**2
     return change
 
 
-def _task(body: Body, legs: FloatArray, push: FloatArray) -> _Task:
+def _task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _Task:
     q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
     _, origin = planar.segment_poses(q, body.centres)
     coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
@@ -205,8 +180,8 @@ def _task(body: Body, legs: FloatArray, push: FloatArray) -> _Task:
     return _Task(moment, push, origin[:, 3])
 
 
-def _balance(body: Body, task: _Task, start: float) -> FloatArray:
-    """Lean of the trunk (K,), rad, for which all moments about ``push`` vanish: Newton's method, tridiagonal."""
+def _solve_lean(body: SimulatedBody, task: _Task, start: float) -> FloatArray:
+    """Return the trunk's lean (K,), rad, for which the moments about ``push`` vanish (tridiagonal Newton steps)."""
     lean = np.full(len(task.push), start)
     for _ in range(50):
         error, jacobian = _imbalance(body.links[3].mass, body.coms[3], body.links[3].inertia, task, lean)
@@ -221,7 +196,7 @@ def _balance(body: Body, task: _Task, start: float) -> FloatArray:
 def _imbalance(
     mass: float, com: FloatArray, inertia: float, task: _Task, lean: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Moment left over (K,) and its banded derivative (3, K) by the lean, N·m and N·m/rad."""
+    """Return the residual moment (K,), N·m, and its banded derivative by the lean (3, K), N·m/rad."""
     arm = planar.rotate(lean, com)  # hip to the trunk's centre of mass
     place = task.hip + arm
     change, turning = _second_difference(place), _second_difference(lean)

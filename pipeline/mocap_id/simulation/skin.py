@@ -1,4 +1,4 @@
-"""Soft tissue: skin that slides with the joints and wanders slowly, so that its error is anything but white."""
+"""Soft-tissue motion: skin that slides with the joint angles and drifts slowly."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.simulation.markers import MarkerSet
 
-WANDER = 0.15  # size of the slow wander against the largest displacement
+WANDER = 0.15  # size of the slow drift relative to the largest displacement
 WANDER_PERIODS = (4.0, 20.0)  # s
 
 
-MIDDLE = np.array([0.35, -1.12, 1.10])  # rad, of a person's ankle, knee and hip in sit-to-stands
+MIDDLE = np.array([0.35, -1.12, 1.10])  # rad, mid-range of ankle, knee and hip in sit-to-stands
 
 
-def of_a_trial(rng: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray) -> FloatArray:
-    """Displacement (T, M, 3) of every marker in its link's frame, m, where nobody asks whose skin it is.
+def trial_displacement(rng: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray) -> FloatArray:
+    """Return the displacement (T, M, 3) of every marker in a trial without a subject, m.
 
-    Slides about the middle of the trial's own motion. The mean over the trial is taken out, so that a marker's place on
-    its link means the place it has on average. Arguments as for :func:`displacement`.
+    The skin slides about the middle of the trial's own motion. The mean over the trial is removed, so that a marker's
+    position on its link is its mean position. Arguments as for :func:`displacement`.
     """
     moved = displacement(rng, markers, q, time, wander=rng, middle=(q.max(axis=0) + q.min(axis=0)) / 2)
     centred: FloatArray = moved - moved.mean(axis=0)
     return centred
 
 
-def of_a_person(
+def subject_displacement(
     rng: np.random.Generator, wander: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray
 ) -> tuple[FloatArray, MarkerSet]:
-    """Displacement (T, M, 3), m, that is the same at the same angles in all trials of a person, but for the wander.
+    """Return displacements (T, M, 3), m, that depend equally on the angles in all trials of a person, plus a drift.
 
-    Its mean over the trial goes to the markers' places, which are returned with it. Arguments as for
+    Their mean over the trial is added to the markers' positions, which are returned too. Arguments as for
     :func:`displacement`.
     """
     moved = displacement(rng, markers, q, time, wander=wander, middle=MIDDLE)
@@ -49,25 +49,25 @@ def displacement(
     wander: np.random.Generator,
     middle: FloatArray,
 ) -> FloatArray:
-    """Displacement of every marker in its link's frame.
+    """Return the displacement of every marker in its link's frame.
 
-    Each marker slides along a direction of its own as a smooth function of the two joints next to its link, which
-    dominates, and drifts along three more by sines of 4 to 20 s.
+    The dominant part is a slide along each marker's own direction, a smooth function of the two joints next to its
+    link. A drift is added in three directions, with periods of 4 to 20 s.
 
     Parameters
     ----------
     rng : Generator
-        Of how it slides.
+        Generator of the slide.
     markers : MarkerSet
-        With ``softness`` scaled as wanted.
+        Markers, with ``softness`` already scaled.
     q : (T, n) array
         Joint angles, rad.
     time : (T,) array
         s.
     wander : Generator
-        Of how it drifts.
+        Generator of the drift.
     middle : (n,) array
-        Joint angles that the sliding is about, rad.
+        Joint angles at which the slide is near zero, rad.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def displacement(
 
 
 def _sliding(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatArray) -> FloatArray:
-    """(T, 3), about 1 long at the ends of the motion."""
+    """Return a slide (T, 3) of length about 1 at the ends of the motion."""
     total = np.zeros((len(q), 3))
     for joint, weight in ((link - 1, rng.uniform(0.3, 1.0)), (link, rng.uniform(0.3, 1.0))):
         direction = rng.normal(size=3)
@@ -93,7 +93,7 @@ def _sliding(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatAr
 
 
 def _wander(rng: np.random.Generator, time: FloatArray) -> FloatArray:
-    """(T, 3) of unit variance."""
+    """Return a drift (T, 3) of unit variance."""
     period = rng.uniform(*WANDER_PERIODS, (6, 3))
     phase = rng.uniform(0, 2 * np.pi, (6, 3))
     waves = np.sin(2 * np.pi * time[:, None, None] / period + phase)

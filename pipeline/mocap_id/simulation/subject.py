@@ -1,4 +1,4 @@
-"""Somebody who does several trials: the same body, markers and skin in all of them."""
+"""Persons who perform several trials with the same body, markers and skin."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _BODY_MASS_INDEX = (19.0, 29.0)  # kg/m²
 
 @dataclass(frozen=True)
 class Subject:
-    """A person of a study.
+    """A person of a simulated study.
 
     Parameters
     ----------
     name : str
     seed : int
-        Of the body's proportions, of where each marker is glued and of how the skin below it slides.
+        Seed of the body's proportions, the markers' positions and the sliding of the skin.
     sex : {"female", "male"}
     height : float
         m.
@@ -37,7 +37,7 @@ class Subject:
 
 
 def draw_subject(seed: int, number: int) -> Subject:
-    """The person of a number from 1 up in the cohort of a seed, whatever the cohort's size; women and men in turn."""
+    """Draw person ``number`` (from 1) of a cohort, alternately female and male, independent of the cohort's size."""
     source = np.random.SeedSequence([seed, number])
     rng = np.random.default_rng(source)
     sex = _SEXES[(number - 1) % len(_SEXES)]

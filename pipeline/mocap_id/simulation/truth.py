@@ -1,4 +1,4 @@
-"""The truth beside a simulated trial: a JSON document and arrays at the frames' times."""
+"""Truth of a simulated trial: a JSON document, and arrays at the frames' times."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.simulation.body import GRAVITY, Body
+from mocap_id.simulation.body import GRAVITY, SimulatedBody
 from mocap_id.simulation.cameras import Jump
-from mocap_id.simulation.generate import Simulated
 from mocap_id.simulation.loose_truth import bodies_arrays, bodies_document
 from mocap_id.simulation.markers import MarkerSet
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.plate import FORCE_NOISE, MOMENT_NOISE, SIZE, SimulatedPlate
 from mocap_id.simulation.scene import Scene
+from mocap_id.simulation.simulated_trial import SimulatedTrial
 
 CONVENTIONS = """\
 SI units unless a name ends in _mm, _deg or _hz. The laboratory's z is up.
@@ -40,17 +40,17 @@ _MOVING = ("q", "qd", "qdd", "qddd", "seg_angle", "joint_xy", "com")
 _FORCES = ("tau", "wrench", "wrench_total", "chair_force", "chair_point", "cop_x")
 
 
-def arrays(made: Simulated) -> dict[str, np.ndarray[Any, Any]]:
-    """Arrays for ``truth.npz``: float32 but for what differences need exactly, the time and the true bodies."""
-    positions = (1e3 * made.positions).astype(np.float32)
-    single = {name: getattr(made.state, name).astype(np.float32) for name in _MOVING + _FORCES}
-    more = {} if made.state.bodies is None else bodies_arrays(made.state.bodies)
-    return {"t": made.state.time, "valid": made.seen, "markers_true_mm": positions, **single, **more}
+def arrays(trial: SimulatedTrial) -> dict[str, np.ndarray[Any, Any]]:
+    """Return arrays for ``truth.npz``, in float32 except for the time and the separate bodies."""
+    positions = (1e3 * trial.positions).astype(np.float32)
+    single = {name: getattr(trial.state, name).astype(np.float32) for name in _MOVING + _FORCES}
+    more = {} if trial.state.bodies is None else bodies_arrays(trial.state.bodies)
+    return {"t": trial.state.time, "valid": trial.visible, "markers_true_mm": positions, **single, **more}
 
 
-def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
-    """JSON values for ``truth.json``."""
-    scene, cop = made.scene, made.state.cop_x
+def document(kind: Kind, options: Options, trial: SimulatedTrial) -> dict[str, Any]:
+    """Return JSON values for ``truth.json``."""
+    scene, cop = trial.scene, trial.state.cop_x
     base_names, base_values = scene.body.base_parameters()
     low, high = scene.body.support
     outside = float(np.maximum(cop - high, low - cop).max())
@@ -62,7 +62,7 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         "subject_seed": options.seed if options.subject is None else options.subject.seed,
         "point_rate_hz": options.rate,
         "analog_rate_hz": options.analog_rate,
-        "n_frames": len(made.state.time),
+        "n_frames": len(trial.state.time),
         "analog_offset_s": options.clock_offset,
         "joints": [link.joint for link in scene.body.links[1:]],
         "segments": _segments(scene.body),
@@ -71,9 +71,9 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         "markers": _markers(scene.markers),
         "assignment": dict(zip(scene.markers.labels, scene.markers.link.tolist(), strict=True)),
         "marker_noise_sd_mm": 1e3 * options.marker_noise,
-        "jumps": [_jump(jump) for jump in made.jumps],
-        "dropouts": [{"label": b.label, "first_frame": b.first, "n_frames": b.count} for b in made.bursts],
-        "dropped_fraction": float(1 - made.seen.mean()),
+        "jumps": [_jump(jump) for jump in trial.jumps],
+        "dropouts": [{"label": b.label, "first_frame": b.first, "n_frames": b.count} for b in trial.bursts],
+        "dropped_fraction": float(1 - trial.visible.mean()),
         "plane": _plane(scene),
         "plate": _plate(scene.plate),
         **_seat_plate(scene),
@@ -81,18 +81,18 @@ def document(kind: Kind, options: Options, made: Simulated) -> dict[str, Any]:
         **scene.body.description,
         **scene.protocol,
         "cop_outside_foot_max_m": max(outside, 0.0),
-        **_people(options, made),
+        **_people(options, trial),
     }
 
 
-def _people(options: Options, made: Simulated) -> Mapping[str, Any]:
-    scene, bodies = made.scene, made.state.bodies
+def _people(options: Options, trial: SimulatedTrial) -> Mapping[str, Any]:
+    scene, bodies = trial.scene, trial.state.bodies
     if scene.loose is None or bodies is None:
         return {}
     return bodies_document(options.people, scene.loose.body, scene.markers, bodies)
 
 
-def _segments(body: Body) -> list[dict[str, Any]]:
+def _segments(body: SimulatedBody) -> list[dict[str, Any]]:
     return [
         {
             "index": i,
@@ -101,13 +101,7 @@ def _segments(body: Body) -> list[dict[str, Any]]:
             "joint": link.joint,
             "p_in_parent_m": list(link.centre),
             "length_m": link.length,
-            "m": link.mass,
-            "mx": link.mass * link.com[0],
-            "my": link.mass * link.com[1],
-            "Izz": link.about_origin,
-            "cx": link.com[0],
-            "cy": link.com[1],
-            "Ic": link.inertia,
+            **link.inertial_parameters,
         }
         for i, link in enumerate(body.links)
     ]
@@ -172,7 +166,7 @@ def _seat_plate(scene: Scene) -> dict[str, Any]:
     return {"seat_plate": {**_plate(scene.seat_plate), "chair_weight_N": scene.chair_weight}}
 
 
-def _lengths(body: Body) -> Mapping[str, Any]:
+def _lengths(body: SimulatedBody) -> Mapping[str, Any]:
     every = {link.name: link.length for link in body.links[1:]}
     return {
         "segment_lengths_m": {**every, **body.scored_lengths},

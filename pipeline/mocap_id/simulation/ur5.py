@@ -1,8 +1,8 @@
-"""The thesis's robot (ch. 5): a UR5 on a bracket, stretched upwards, of which one joint swings.
+"""The thesis's robot (ch. 5): a UR5 on a bracket, stretched upwards, with one swinging joint.
 
-Parameters are the reference rows of table 5.2 (Kufieta's model), distances the published ones of ch. 5.3.2, and the
-motion is that of ch. 5.2: five periods of pi/4 at 0.25 or 0.5 Hz. Beyond the table, the mass of what moves comes from
-the manufacturer's masses of the links, and the base, which stands still, may be anything that adds up.
+Parameters are the reference rows of table 5.2 (Kufieta's model), distances those of ch. 5.3.2, and the motion that of
+ch. 5.2: five periods of amplitude pi/4 at 0.25 or 0.5 Hz. The moving mass, which the table does not list, is the sum of
+the manufacturer's link masses. The fixed base has the remaining mass.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mocap_id.simulation.body import Body, Link
-from mocap_id.simulation.markers import PLACEMENT, PLATE, MarkerSet
-from mocap_id.simulation.motion import Swing
+from mocap_id.simulation.body import Link, SimulatedBody
+from mocap_id.simulation.joint_motion import Swing
+from mocap_id.simulation.markers import MarkerSet, with_plate
 
 JointName: TypeAlias = Literal["shoulder", "elbow", "wrist"]
 Speed: TypeAlias = Literal["slow", "fast"]
@@ -23,12 +23,12 @@ Speed: TypeAlias = Literal["slow", "fast"]
 TOTAL = 26.633  # kg
 AMPLITUDE = np.pi / 4
 FREQUENCY: Mapping[Speed, float] = {"slow": 0.25, "fast": 0.5}  # Hz
-LEAD = 1.0  # s of rest before and after
+LEAD = 1.0  # s of rest before and after the motion
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What moves beyond one joint: distance of the joint from the plate's centre (m), and m, my, Izz about it (SI)."""
+    """Moving part beyond a joint: distance of the joint from the plate's centre (m), and m, my, Izz about it (SI)."""
 
     distance: float
     mass: float
@@ -62,11 +62,11 @@ _SITES = (
     ("WRI3", 0.040, 1.015, 0.025),
     ("WRI4", -0.034, 1.040, 0.070),
 )
-"""Eighteen markers: label, across, height over the plate and depth, with the arm stretched upwards, m."""
+"""Eighteen markers: label, x, height above the plate and depth with the arm stretched upwards, m."""
 
 
-def ur5(joint: JointName, speed: Speed) -> Body:
-    """The robot with all joints but one locked."""
+def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
+    """Return the robot with all joints locked except one."""
     known = REFERENCE[joint]
     com = known.my / known.mass
     base = Link("base", None, (0, 0), known.distance, TOTAL - known.mass, (0.0, known.distance / 2), 0.1)
@@ -79,7 +79,7 @@ def ur5(joint: JointName, speed: Speed) -> Body:
         (0.0, com),
         known.inertia - known.my * com,
     )
-    told = {
+    description = {
         "joint": joint,
         "speed": speed,
         "table_5_2_reference": {
@@ -90,29 +90,19 @@ def ur5(joint: JointName, speed: Speed) -> Body:
             "Izz2": known.inertia,
         },
     }
-    return Body((base, arm), (-0.2, 0.2), {"l1": known.distance}, told)
+    return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": known.distance}, description)
 
 
 def swing(speed: Speed, periods: int) -> Swing:
-    """The joint's motion about the stretched posture."""
+    """Return the joint's motion about the stretched posture."""
     return Swing(FREQUENCY[speed], AMPLITUDE, 0.0, periods, LEAD)
 
 
-def place(rng: np.random.Generator, joint: JointName) -> MarkerSet:
-    """Eighteen markers on the robot and seven on the plate, none exactly where the plan has it."""
-    distance = REFERENCE[joint].distance
-    beyond = np.array([height > distance for _, _, height, _ in _SITES])
+def place_markers(rng: np.random.Generator, joint: JointName) -> MarkerSet:
+    """Place eighteen markers on the robot and seven on the plate, with random placement errors."""
+    distance, count = REFERENCE[joint].distance, len(_SITES)
+    link = np.array([height > distance for _, _, height, _ in _SITES]).astype(np.int64)
     local = np.array([(x, height - distance * (height > distance), z) for _, x, height, z in _SITES])
-    local = np.concatenate([local, [(x, 0.004, z) for x, z in PLATE]])
-    on_plate = np.arange(len(local)) >= len(_SITES)
-    local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
-    link = np.concatenate([beyond, np.zeros(len(PLATE), dtype=np.bool_)]).astype(np.int64)
-    return MarkerSet(
-        labels=tuple(label for label, *_ in _SITES) + tuple(f"PLT{i + 1}" for i in range(len(PLATE))),
-        link=link,
-        local=local,
-        softness=np.zeros(len(local)),
-        hidden=link > 0,
-        on_plate=on_plate,
-        at_joint=(None,) * len(local),
-    )
+    labels = tuple(label for label, *_ in _SITES)
+    softness = np.zeros(count)
+    return with_plate(rng, labels, link, local, softness=softness, hidden=link > 0, at_joint=(None,) * count)

@@ -1,23 +1,36 @@
-"""The stages of the pipeline. Their records are imported when someone asks: they bring all the libraries along."""
+"""The stages of the pipeline, in order. ``STAGES`` are their records, imported on first access.
+
+``STAGE_HELP`` is the only list of stages: commands, Makefile rules, settings and documentation are made from it. A
+stage comes after the stages whose outputs it reads. The last one is the report; if a stage refuses a trial, the report
+is made from the existing artefacts. The record of a stage such as ``fit-joints`` is ``STAGE`` in ``stages/fit_joints``.
+"""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mocap_id.stages.lineup import LINEUP
-
 if TYPE_CHECKING:
     from mocap_id.stages.base import Stage
 
     STAGES: tuple[Stage, ...]
 
-__all__ = ["LINEUP", "STAGES", "Stage"]
+__all__ = ["STAGES", "STAGE_HELP", "Stage"]
+
+STAGE_HELP = {
+    "planarise": "Read the recording and express markers and ground forces in the plane of motion.",
+    "segment": "Sort the markers into a fixed base and the segments of a chain.",
+    "fit-joints": "Fit joint centres, marker coordinates and segment lengths together.",
+    "ukf-smooth": "Estimate joint angles, velocities and accelerations with their uncertainty.",
+    "identify-dim": "Identify the inertial parameters from joint angles and the wrench of the ground.",
+    "report": "Write the verdict, the figures and the page from the artefacts of all other stages.",
+}
+"""One line for each stage, in their order."""
 
 
 def __getattr__(name: str) -> Any:
     if name == "STAGES":
-        found: Any = tuple(import_module(f"{__name__}.{stage.replace('-', '_')}").STAGE for stage in LINEUP)
+        found: Any = tuple(import_module(f"{__name__}.{stage.replace('-', '_')}").STAGE for stage in STAGE_HELP)
     elif name == "Stage":
         found = import_module(f"{__name__}.base").Stage
     else:

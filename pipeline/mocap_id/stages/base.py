@@ -1,4 +1,4 @@
-"""What a stage is: a frozen record with its inputs, outputs, its own settings and one function."""
+"""Stages as frozen records (inputs, outputs, settings and a function), and the keys of a trial."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from mocap_id.verdict import Reason
 
 
 class Settings(BaseModel):
-    """A stage's slice of the configuration: immutable, unknown keys refused."""
+    """Base of all models of the configuration: immutable, without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class Subject(Settings):
-    """Who moves; everything optional."""
+    """The person who moves; all keys are optional."""
 
     height: float | None = Field(None, gt=0.3, lt=2.8, description="stature, m")
     mass: float | None = Field(None, gt=2, lt=400, description="body mass, kg")
-    sex: Literal["female", "male"] | None = Field(None, description="chooses the allometric table where it matters")
+    sex: Literal["female", "male"] | None = Field(None, description="sex, for allometric tables that differ by sex")
 
 
 class Files(Settings):
-    """A recording in two files."""
+    """Files of a recording."""
 
     markers: Path = Field(description="TRC (or C3D) file with the markers")
-    forces: Path | None = Field(None, description="MOT file with the ground's forces")
+    forces: Path | None = Field(None, description="MOT file with the ground forces")
 
 
 class Compare(Settings):
-    """Joint angles of another system, to show beside this one's."""
+    """Joint angles from another system, for comparison."""
 
     angles: Path = Field(description="MOT, STO or CSV file with angles, on the recording's clock")
     columns: dict[str, str] = Field(
-        min_length=1, description="joint: column of the file, with a minus in front where it counts the other way round"
+        min_length=1, description="joint: column of the file, with a leading minus if its sense is opposite"
     )
 
 
@@ -48,59 +48,59 @@ PlateNumber: TypeAlias = Annotated[int, Field(ge=1)]
 
 
 class PlateUse(Settings):
-    """Which force plates carry what, counted from 1; told apart by the program where not given."""
+    """Use of the force plates, numbered from 1; found by the program if not given."""
 
-    feet: tuple[PlateNumber, ...] = Field((), description="plates under the feet, summed")
-    seat: tuple[PlateNumber, ...] = Field((), description="plates under the chair; their force acts on the body too")
+    feet: tuple[PlateNumber, ...] = Field((), description="plates under the feet; their wrenches are added")
+    seat: tuple[PlateNumber, ...] = Field((), description="plates under the chair; their wrench also acts on the body")
 
     @field_validator("seat")
     @classmethod
     def _one_use_a_plate(cls, value: tuple[int, ...], info: ValidationInfo) -> tuple[int, ...]:
         both = sorted(set(value) & set(info.data.get("feet", ())))
         if both:
-            raise ValueError(f"plate {both[0]} is named under `feet` too")
+            raise ValueError(f"plate {both[0]} is also named under `feet`")
         return value
 
 
 class ExternalForce(Settings):
-    """A force sensor beside the plates: a rail in the hand, a cable."""
+    """A force sensor other than the plates, for example in a hand rail or a cable."""
 
     file: Path = Field(description="CSV with time_s, Fx_N, Fy_N, Fz_N[, Mx_Nm, My_Nm, Mz_Nm] in the recording's axes")
-    name: str = Field(pattern=r"^\w[\w -]*$", max_length=40, description="what exerts it, for messages: hand, rail")
-    segment: str | int = Field(description="segment that it acts on, by name or number (0 = base)")
+    name: str = Field(pattern=r"^\w[\w -]*$", max_length=40, description="name of the sensor, for messages: hand, rail")
+    segment: str | int = Field(description="segment on which the force acts, by name or number (0 = base)")
     at: str | tuple[float, float, float] = Field(
-        description="where it acts: a marker, or a fixed point [x, y, z] in the recording's axes, m"
+        description="point of application: a marker, or a fixed point [x, y, z] in the recording's axes, m"
     )
     force: Literal["on-body", "on-sensor"] = Field(
-        "on-body", description="whose force the file holds: the sensor's on the body, or the body's on the sensor"
+        "on-body", description="sign convention: force of the sensor on the body, or of the body on the sensor"
     )
-    clock_offset_s: float = Field(
-        0.0, description="the row at time_s was taken at time_s + this on the recording's clock, s"
-    )
+    clock_offset_s: float = Field(0.0, description="time on the recording's clock minus `time_s`, s")
 
 
 Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint"]
 
 
 class TrialKeys(Settings):
-    """The keys of a trial that several stages read; paths are absolute here."""
+    """Keys of a trial that several stages read, with absolute paths."""
 
     trial: str = Field(
-        pattern=r"^\w[\w.+-]*$", max_length=100, description="name of the trial: letters, digits, and . _ + - within"
+        pattern=r"^\w[\w.+-]*$",
+        max_length=100,
+        description="name of the trial: letters and digits, inside also . _ + -",
     )
-    recording: Files = Field(description="C3D file, or a TRC file with the markers and a MOT file with the forces")
-    protocol: Protocol = Field("free", description="the movement: sit-to-stand (squats too), robot-joint or free")
-    subject: Subject = Field(Subject(), description="who moves; everything optional")
+    recording: Files = Field(description="C3D file, or a TRC file with markers and a MOT file with forces")
+    protocol: Protocol = Field("free", description="the movement: sit-to-stand (also squats), robot-joint or free")
+    subject: Subject = Field(Subject(), description="the person who moves; all keys are optional")
     encoder: Path | None = Field(
         None, description="robot-joint only: CSV with time_s, position_rad, velocity_rad_s[, torque_Nm]"
     )
     window: tuple[float, float] | None = Field(
-        None, description="first and last time to use, s in the recording's clock; proposed where not given"
+        None, description="first and last time to use, s on the recording's clock; proposed by the program if not given"
     )
-    plates: PlateUse = Field(PlateUse(), description="which force plates carry what; told apart where not given")
+    plates: PlateUse = Field(PlateUse(), description="use of the force plates; found by the program if not given")
 
-    compare: Compare | None = Field(None, description="joint angles of another system, shown beside this one's")
-    external: tuple[ExternalForce, ...] = Field((), description="force sensors beside the plates that act on the body")
+    compare: Compare | None = Field(None, description="joint angles from another system, for comparison")
+    external: tuple[ExternalForce, ...] = Field((), description="other force sensors that act on the body")
 
     @field_validator("external")
     @classmethod
@@ -108,7 +108,7 @@ class TrialKeys(Settings):
         names = [sensor.name for sensor in value]
         twice = sorted({name for name in names if names.count(name) > 1 or name == "seat"})
         if twice:
-            raise ValueError(f"`{twice[0]}` stands twice or is the chair's: give every sensor a name of its own")
+            raise ValueError(f"`{twice[0]}` is used twice or reserved for the chair: give every sensor its own name")
         return value
 
     @field_validator("encoder")
@@ -128,10 +128,10 @@ class TrialKeys(Settings):
 
 @dataclass(frozen=True)
 class Context:
-    """All that a stage's function may look at.
+    """Everything that a stage's function may read.
 
-    ``inputs`` holds the stage's artefacts by file name. ``refused`` is set only for the report of a refused trial,
-    whose ``inputs`` are those that exist. ``seconds`` are the stages' own times.
+    ``inputs`` are the stage's artefacts by file name. ``refused`` is set only for the report of a refused trial, which
+    gets the artefacts that exist. ``seconds`` are the computation times of earlier stages.
     """
 
     trial: TrialKeys
@@ -141,26 +141,26 @@ class Context:
     seconds: Mapping[str, float] | None = None
 
     def table(self, file: str) -> Table:
-        """The Parquet input of this name."""
+        """Return a Parquet input."""
         artefact = self.inputs[file]
         assert isinstance(artefact, Table)
         return artefact
 
     def long(self, file: str) -> LongTable:
-        """The Parquet input of this name, which has a row for every frame and marker."""
+        """Return a Parquet input with a row for every frame and marker."""
         artefact = self.inputs[file]
         assert isinstance(artefact, LongTable)
         return artefact
 
     def tree(self, file: str) -> Tree:
-        """The HDF5 input of this name."""
+        """Return an HDF5 input."""
         artefact = self.inputs[file]
         assert isinstance(artefact, Tree)
         return artefact
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """The reasons that the inputs carry, in the order of the inputs, none twice."""
+        """Reasons of all inputs, without repetitions, in the order of the inputs."""
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
 
 
@@ -174,19 +174,19 @@ class Stage:
     Parameters
     ----------
     name : str
-        As on the command line (``fit-joints``).
+        Name on the command line, such as ``fit-joints``.
     version : int
-        Raised whenever the same inputs would give another output.
+        Must be raised whenever the same inputs give different outputs.
     inputs, outputs : tuple of str
-        Artefact file names. A stage may give more documents than its outputs name (figures), never more artefacts.
+        File names of artefacts and documents. A stage may return additional documents such as figures.
     uses : tuple of str
-        Keys of :class:`TrialKeys` that the function reads; with ``settings`` they make the stage's slice.
+        Keys of :class:`TrialKeys` that the function reads; with the settings they form the stage's slice.
     settings : type of Settings
-        The model behind the stage's own name in the YAML.
+        Model of the section with the stage's name in the YAML file.
     function : callable
-        From a :class:`Context` to the outputs, in the order of ``outputs``.
+        Returns the outputs for a :class:`Context`, in the order of ``outputs``.
     help : str
-        One line for the command line and the docs.
+        One line for the command line and the documentation.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Markers that a configuration names, by their label or by a pattern."""
+"""Selection of markers by labels or patterns of a configuration."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from fnmatch import fnmatchcase
 from mocap_id.errors import ConfigError
 
 
-def columns(labels: Sequence[str], patterns: Sequence[str], key: str) -> tuple[int, ...]:
-    """Columns of the markers that some names or patterns (``L*WR*``) mean, ascending.
+def marker_columns(labels: Sequence[str], patterns: Sequence[str], key: str) -> tuple[int, ...]:
+    """Return the columns, ascending, of the markers that match some labels or patterns such as ``L*WR*``.
 
-    What is a marker's name means that marker, also where it could be a pattern: ``*12`` is what cameras call a marker
-    that nobody has labelled.
+    A text that is the label of a marker selects only that marker, even if it is a pattern: cameras name unlabelled
+    markers ``*12``.
 
     Raises
     ------
     ConfigError
-        A name means no marker; ``key`` says where it stands.
+        No marker matches; the message begins with ``key``, the place in the configuration.
     """
-    meant = {pattern: _meant(labels, pattern) for pattern in patterns}
-    unmatched = [pattern for pattern, found in meant.items() if not found]
+    matches = {pattern: _matching(labels, pattern) for pattern in patterns}
+    unmatched = [pattern for pattern, found in matches.items() if not found]
     if unmatched:
         near = get_close_matches(unmatched[0], labels, n=1)
         hint = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(labels)}"
         raise ConfigError(f"{key}: no marker is called {', '.join(unmatched)}{hint}")
-    return tuple(sorted(set().union(*meant.values())))
+    return tuple(sorted(set().union(*matches.values())))
 
 
-def _meant(labels: Sequence[str], pattern: str) -> set[int]:
+def _matching(labels: Sequence[str], pattern: str) -> set[int]:
     return {
         i
         for i, label in enumerate(labels)

@@ -1,7 +1,8 @@
-"""Artefacts on disk: schemas, Parquet and HDF5, provenance, atomic writes."""
+"""Artefacts in memory and on disk: schemas, views, Parquet and HDF5, provenance, atomic writes."""
 
 from mocap_id.store.artefacts import (
     Artefact,
+    ArtefactSet,
     Column,
     Document,
     Facts,
@@ -12,18 +13,17 @@ from mocap_id.store.artefacts import (
     Tree,
     TreeSchema,
 )
-from mocap_id.store.digest import hash_bytes, hash_file
 from mocap_id.store.folder import Folder
-from mocap_id.store.held import Held
+from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.provenance import Origin, Provenance, dumps
 
 __all__ = [
     "Artefact",
+    "ArtefactSet",
     "Column",
     "Document",
     "Facts",
     "Folder",
-    "Held",
     "LongTable",
     "Node",
     "Origin",

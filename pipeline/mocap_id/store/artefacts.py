@@ -1,4 +1,4 @@
-"""What a stage takes and gives: tables, trees and documents, each with its schema."""
+"""Artefacts in memory: tables and trees with their schemas, and documents."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Facts: TypeAlias = Mapping[str, Any]
-"""Numbers and choices beside the data, JSON values only; None where a quantity could not be determined."""
+"""Numbers and choices stored beside the data, as JSON values; None for a quantity that could not be determined."""
 
 Values: TypeAlias = "np.ndarray[Any, Any]"
 """A column of a table."""
@@ -25,7 +25,7 @@ Node: TypeAlias = "np.ndarray[Any, Any] | str | float | int | Mapping[str, Node]
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table: its name, numpy kind and unit (``"1"`` = dimensionless, ``""`` = not a quantity)."""
+    """Name, numpy type and unit of one column (``"1"``: dimensionless, ``""``: not a quantity)."""
 
     name: str
     dtype: str
@@ -37,9 +37,9 @@ class Column:
 class TableSchema:
     """The columns of a Parquet artefact.
 
-    ``repeated`` columns carry ``{k}`` in their name and come once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
-    in the order of ``k`` first, k = 1, 2, … ``optional`` groups are there as a whole or not at all; with ``{k}``, once
-    for every k. A ``long`` table has a row for every frame and marker, and is a :class:`LongTable` in memory.
+    ``repeated`` columns have ``{k}`` in their name and occur once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
+    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all; with ``{k}``, once for every k.
+    A ``long`` table has a row for every frame and marker, and is a :class:`LongTable` in memory.
     """
 
     file: str
@@ -52,7 +52,7 @@ class TableSchema:
 
 @dataclass(frozen=True)
 class TreeSchema:
-    """The nodes of an HDF5 artefact: path in the file → column-like description."""
+    """The nodes of an HDF5 artefact, each described like a column; its name is the path in the file."""
 
     file: str
     version: int
@@ -67,7 +67,7 @@ class Table:
     ----------
     schema : TableSchema
     columns : mapping of str to (n,) array
-        Numbers and truth values by their numpy types. Texts are object arrays of str. A nullable integer is int64
+        Numbers and truth values have their numpy types, texts are object arrays of str. A nullable integer is int64
         with -1 where the file holds null.
     """
 
@@ -80,7 +80,7 @@ class Table:
     def from_frame(
         cls, schema: TableSchema, frame: pd.DataFrame, facts: Facts | None = None, reasons: tuple[Reason, ...] = ()
     ) -> Table:
-        """A table of a data frame's columns; missing integers become -1, missing texts None."""
+        """Return the table of a data frame; missing integers become -1, missing texts None."""
         return cls(schema, {str(name): _values(frame[name]) for name in frame.columns}, facts or {}, reasons)
 
     @property
@@ -97,7 +97,7 @@ class Table:
         return self.columns[name]
 
     def stack(self, names: Sequence[str]) -> FloatArray:
-        """Some columns of numbers side by side, (n, len(names))."""
+        """Return some columns of numbers side by side, (n, len(names))."""
         return np.stack([self.columns[name] for name in names], axis=1).astype(np.float64, copy=False)
 
     def column(self, name: str, rows: slice = slice(None)) -> Values:
@@ -105,18 +105,18 @@ class Table:
         return self.columns[name][rows]
 
     def having(self, **columns: Values) -> Table:
-        """The same with these columns replaced or added."""
+        """Return a copy with these columns replaced or added."""
         return replace(self, columns={**self.columns, **columns})
 
     @property
     def frame(self) -> pd.DataFrame:
-        """All of it as a data frame."""
+        """The table as a data frame."""
         return _frame(self)
 
 
 @dataclass(frozen=True)
 class LongTable:
-    """A Parquet artefact in memory with a row for every frame and marker, in this order.
+    """A Parquet artefact in memory with a row for every frame and marker, ordered by frame first.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class LongTable:
         s.
     labels : (M,) sequence of str
     values : mapping of str to (F, M) array
-        The other columns.
+        All other columns.
     """
 
     schema: TableSchema
@@ -158,12 +158,12 @@ class LongTable:
         return np.repeat({"frame": self.frames, "time": self.time}[name][first:last], len(self.labels))[own]
 
     def codes(self, rows: slice = slice(None)) -> Values:
-        """Which label stands in each row, int32."""
+        """Return the index of each row's label, int32."""
         first, last, own = self._frames(rows)
         return np.tile(np.arange(len(self.labels), dtype=np.int32), last - first)[own]
 
     def _frames(self, rows: slice) -> tuple[int, int, slice]:
-        """The frames that hold some rows, from the first to before the last, and the rows within these."""
+        """Return the first frame of some rows, the frame after their last, and the rows within these frames."""
         start, stop, _ = rows.indices(self.length)
         markers = max(len(self.labels), 1)
         first, last = start // markers, -(-stop // markers)
@@ -171,12 +171,12 @@ class LongTable:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """All of it as a data frame, with a label in every row."""
+        """The table as a data frame, with a label in every row."""
         return _frame(self)
 
 
 def _values(series: pd.Series[Any]) -> Values:
-    """A data frame's column as an array."""
+    """Return a data frame's column as an array."""
     kind = str(series.dtype)
     if kind in ("category", "str", "object", "string"):
         texts = series.astype(object)
@@ -187,8 +187,8 @@ def _values(series: pd.Series[Any]) -> Values:
 
 
 def _frame(table: Table | LongTable) -> pd.DataFrame:
-    """A data frame with the types of the schema: texts that repeat as categories, -1 of a nullable integer as NA."""
-    import pandas as pd  # noqa: PLC0415  a run does without data frames
+    """Return a data frame with the schema's types: repeated texts as categories, -1 of a nullable integer as NA."""
+    import pandas as pd  # noqa: PLC0415  a run needs no data frames
 
     kinds = {column.name: column.dtype for column in table.schema.columns}
     series: dict[str, Any] = {}
@@ -218,13 +218,67 @@ class Tree:
     facts: Facts = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
 
+    def array(self, path: str) -> Values:
+        """Return the node at ``group/name`` as an array; KeyError where the tree does not have it."""
+        node: Any = self.data
+        for name in path.split("/"):
+            node = node[name]
+        return np.asarray(node)
+
+    def numbers(self, path: str, shape: tuple[int, ...] = (-1,)) -> FloatArray:
+        """Return a node as float64 of this shape; with no rows where the tree does not have it."""
+        return np.asarray(self.array(path), np.float64).reshape(shape) if self.has(path) else np.zeros((0, *shape[1:]))
+
+    def integers(self, path: str) -> IntArray:
+        """Return a node as a vector of int64; empty where the tree does not have it."""
+        return np.asarray(self.array(path), np.int64).reshape(-1) if self.has(path) else np.zeros(0, dtype=np.int64)
+
+    def texts(self, path: str) -> tuple[str, ...]:
+        """Return a node as texts; empty where the tree does not have it."""
+        return tuple(map(str, self.array(path).reshape(-1))) if self.has(path) else ()
+
+    def has(self, path: str) -> bool:
+        """Whether the tree has a node at ``group/name``."""
+        node: Any = self.data
+        for name in path.split("/"):
+            if not isinstance(node, Mapping) or name not in node:
+                return False
+            node = node[name]
+        return True
+
 
 @dataclass(frozen=True)
 class Document:
-    """A file for people or other programs, written as it is."""
+    """A file for people or other programs, written unchanged."""
 
     file: str
     content: bytes
 
 
 Artefact: TypeAlias = Table | LongTable | Tree
+
+
+class ArtefactSet:
+    """Base of classes that hold ``artefacts`` by file name, where some artefacts may be absent."""
+
+    artefacts: Mapping[str, Artefact]
+
+    def table(self, file: str) -> Table | None:
+        """Return a Parquet artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, Table) else None
+
+    def long(self, file: str) -> LongTable | None:
+        """Return a Parquet artefact with a row for every frame and marker, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, LongTable) else None
+
+    def tree(self, file: str) -> Tree | None:
+        """Return an HDF5 artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, Tree) else None
+
+    def facts(self, file: str) -> Facts:
+        """Return the facts of an artefact, empty where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact.facts if artefact is not None else {}

@@ -1,4 +1,4 @@
-"""Writing so that nothing is ever half-written: temporary names in the same folder, then one swift replacement."""
+"""Atomic writing: files get temporary names in the same folder and are then renamed together."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import BinaryIO, TypeAlias
 
 from mocap_id.errors import StoreError
 
-_TEMPORARY = ".mocap-id.tmp"  # nobody else's name
+_TEMPORARY = ".mocap-id.tmp"
 _ADVICE = {
     errno.ENOSPC: "the disk is full: make room and run again",
     errno.EDQUOT: "your disk quota is used up: make room and run again",
@@ -20,16 +20,16 @@ _ADVICE = {
     errno.EROFS: "the disk is read-only: choose another folder with `out:` or `--out`",
     errno.EACCES: "you may not write there: change its permissions or choose another folder with `out:` or `--out`",
     errno.EPERM: "you may not write there: change its permissions or choose another folder with `out:` or `--out`",
-    errno.ENOTDIR: "a file stands where a folder is needed: move it or choose another folder with `out:` or `--out`",
-    errno.EEXIST: "a file stands where a folder is needed: move it or choose another folder with `out:` or `--out`",
-    errno.EISDIR: "a folder stands where the file should go: move it or choose another folder with `out:` or `--out`",
+    errno.ENOTDIR: "there is a file where a folder is needed: move it or choose another folder with `out:` or `--out`",
+    errno.EEXIST: "there is a file where a folder is needed: move it or choose another folder with `out:` or `--out`",
+    errno.EISDIR: "a folder has the name of the file: move it or choose another folder with `out:` or `--out`",
     errno.ENAMETOOLONG: "the name is too long: choose another folder with `out:` or `--out`",
 }
 
 
 @contextlib.contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Turn the operating system's refusal to write ``path`` into a StoreError that says what to do."""
+    """Turn an OSError while writing ``path`` into a StoreError that says what to do."""
     try:
         yield
     except OSError as error:
@@ -38,26 +38,26 @@ def explained(path: Path) -> Iterator[None]:
 
 
 Content: TypeAlias = bytes | Callable[[BinaryIO], None]
-"""What a file is to hold, or what writes it."""
+"""The bytes of a file, or a function that writes them to a stream."""
 
 
 def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:
-    """Write several files of one folder: either all of them appear, complete, or none does.
+    """Write several files of a folder: either all of them appear, complete, or none.
 
     Parameters
     ----------
     folder : Path
         An existing folder.
     contents : mapping
-        File name, ``/`` for a sub-folder → content.
+        Content by file name; ``/`` separates a sub-folder.
     void : str, optional
-        The file of these that vouches for the others. It is deleted before the first replacement, so that a power cut
-        between two of them leaves files that nothing vouches for.
+        The file among these that declares the others valid. It is deleted before the first rename, so that after a
+        power cut between two renames no file declares a mixture valid.
 
     Raises
     ------
     StoreError
-        The disk is full, read-only, or the like; what stood there before still stands.
+        The disk is full, read-only, or the like; the previous files are still there.
     """
     temporary: dict[Path, Path] = {}
     try:
@@ -81,34 +81,34 @@ def replace_together(folder: Path, contents: Mapping[str, Content], void: str | 
 
 
 def within(folder: Path, name: str) -> Path:
-    """The path of a folder's file, ``/`` for a sub-folder.
+    """Return the path of a file in a folder; ``/`` in the name separates a sub-folder.
 
     Raises
     ------
     StoreError
-        It would lie outside the folder: by its name, or by a symbolic link in the place of a sub-folder. The folder
-        itself may be one, since somebody chose it.
+        The path would be outside the folder, by its name or because a sub-folder is a symbolic link. The folder
+        itself may be a link, since the user chose it.
     """
     parts = PurePosixPath(name).parts
     if not parts or name.startswith("/") or ".." in parts or "\0" in name or "\\" in name:
-        raise StoreError(f"{folder}: {name!r} is no name of a file in this folder")
+        raise StoreError(f"{folder}: {name!r} is not the name of a file in this folder")
     place = folder
     for part in parts[:-1]:
         place = place / part
         if place.is_symlink():
-            raise StoreError(f"{place} is a symbolic link and leads out of the run folder: delete it and run again")
+            raise StoreError(f"{place} is a symbolic link out of the run folder: delete it and run again")
     return place / parts[-1]
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete the temporary files of a run that was killed; call it only while holding the folder's lock."""
+    """Delete the temporary files of a killed run; call this only while holding the folder's lock."""
     for path in folder.rglob(f".*{_TEMPORARY}"):
         path.unlink(missing_ok=True)
 
 
 def _write(path: Path, content: Content) -> None:
     path.unlink(missing_ok=True)
-    with path.open("xb") as stream:  # never through a link that somebody has put there
+    with path.open("xb") as stream:  # "x": do not follow a symbolic link
         if isinstance(content, bytes):
             stream.write(content)
         else:
@@ -119,7 +119,7 @@ def _write(path: Path, content: Content) -> None:
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold back Ctrl-C and SIGTERM for a moment, where the system can."""
+    """Delay Ctrl-C and SIGTERM until the block ends, where the system supports it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,4 +1,4 @@
-"""Artefacts in memory as their files would give them, and what writes and reads these files."""
+"""Conversion between artefacts in memory and their files."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 
 from mocap_id.store.artefacts import Artefact, LongTable, Table, TableSchema, Tree, TreeSchema
 from mocap_id.store.atomic import Content
-from mocap_id.store.digest import HashedStream
-from mocap_id.store.provenance import Origin, Provenance, settled
-from mocap_id.store.record import Seal
+from mocap_id.store.hashing import HashedStream
+from mocap_id.store.provenance import Origin, Provenance, json_round_trip
+from mocap_id.store.record import Checksum
 
 
 def conformed(output: Artefact) -> Artefact:
-    """An artefact as it would be read from its file."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  who finds all up to date needs neither
+    """Return an artefact as it would be read back from its file."""
+    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  not needed where everything is up to date
 
     typed = hdf5.conform(output) if isinstance(output, Tree) else parquet.conform(output)
-    facts, reasons = settled(output.facts, output.reasons)
+    facts, reasons = json_round_trip(output.facts, output.reasons)
     return _frozen(replace(typed, facts=facts, reasons=reasons))
 
 
 def _frozen(artefact: Artefact) -> Artefact:
-    """An artefact with read-only views of its arrays."""
+    """Return an artefact whose arrays are read-only."""
     match artefact:
         case Table():
             return replace(artefact, columns=_read_only(artefact.columns))
@@ -37,7 +37,7 @@ def _frozen(artefact: Artefact) -> Artefact:
 
 
 def _read_only(data: Any) -> Any:
-    """Arrays, and mappings of them, that cannot be written to."""
+    """Return read-only views of an array or of the arrays in a mapping."""
     if isinstance(data, np.ndarray):
         view = data.view()
         view.flags.writeable = False
@@ -45,8 +45,8 @@ def _read_only(data: Any) -> Any:
     return {name: _read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data
 
 
-def sealed_writer(artefact: Artefact, origin: Origin, seals: dict[str, Seal]) -> Content:
-    """What writes an artefact, and notes what it wrote."""
+def checksum_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksum]) -> Content:
+    """Return a function that writes an artefact to a stream and adds its checksum to ``checksums``."""
     from mocap_id.store import hdf5, parquet  # noqa: PLC0415
 
     version, file = artefact.schema.version, artefact.schema.file
@@ -57,13 +57,13 @@ def sealed_writer(artefact: Artefact, origin: Origin, seals: dict[str, Seal]) ->
             hashed.write(hdf5.encode(artefact, origin))
         else:
             parquet.write(artefact, origin, hashed)
-        seals[file] = Seal(version, hashed.hash())
+        checksums[file] = Checksum(version, hashed.hash())
 
     return write
 
 
 def decoded(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
-    """An artefact out of an open file; ValueError where it is damaged."""
+    """Read an artefact from an open file; ValueError where the file is damaged."""
     from mocap_id.store import hdf5, parquet  # noqa: PLC0415
 
     found: tuple[Artefact, Provenance]

@@ -1,4 +1,4 @@
-"""The folder of one trial: the only place that reads and writes artefacts."""
+"""Run folder of one trial: every artefact is read and written here."""
 
 from __future__ import annotations
 
@@ -16,51 +16,51 @@ from filelock import SoftFileLock, Timeout
 
 from mocap_id import plain_files
 from mocap_id.errors import StoreError
-from mocap_id.store.artefacts import Artefact, Document
+from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, Tree
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
-from mocap_id.store.digest import hash_bytes, hash_file
-from mocap_id.store.encoding import conformed, decoded, sealed_writer
+from mocap_id.store.encoding import checksum_writer, conformed, decoded
+from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.locking import LOCK, MARKER, lock_in
 from mocap_id.store.provenance import Origin, Provenance
-from mocap_id.store.record import UNREADABLE, Record, Seal
+from mocap_id.store.record import UNREADABLE, Checksum, Record
 from mocap_id.store.schemas import SCHEMAS
 
 _HIDDEN = ".mocap-id"
 
 
 class Folder:
-    """A trial's run folder.
+    """The run folder of a trial.
 
-    Artefacts are read once and kept. What a stage gave is handed on as it would be read from its file: typed by its
-    schema, facts as JSON, arrays that nobody can write to. A stage run alone and the same stage within a whole run
-    therefore see the same.
+    Each artefact is read once and kept in memory. The outputs of a stage are passed on as they would be read from their
+    files: typed by the schema, facts as JSON, arrays read-only. A stage therefore sees the same inputs when it is run
+    alone and within a whole run.
 
     Parameters
     ----------
     path : Path
-        Made, with its parents, when it is locked.
+        Created, with its parents, when the folder is locked.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._read: dict[str, tuple[Artefact, Provenance]] = {}
-        self._untouched: dict[str, Record] = {}
+        self._verified: dict[str, Record] = {}
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[Folder]:
-        """Hold the folder for one run.
+        """Lock the folder for one run.
 
         Raises
         ------
         StoreError
-            Another run holds it, or it cannot be made or written.
+            Another run has locked it, or it cannot be created or written.
         """
         with explained(self.path):
             made = [folder for folder in (self.path / _HIDDEN, self.path, *self.path.parents) if not folder.exists()]
             (self.path / _HIDDEN).mkdir(parents=True, exist_ok=True)
         place = within(self.path, f"{_HIDDEN}/{LOCK}")
         if place.is_symlink() or (place.exists() and not place.is_file()):
-            raise StoreError(f"{place} is no file of ours: delete it and run again")
+            raise StoreError(f"{place} is not a lock of mocap-id: delete it and run again")
         with explained(self.path):
             lock = lock_in(self.path / _HIDDEN)
             try:
@@ -68,65 +68,83 @@ class Folder:
             except Timeout as error:
                 message = f"{self.path} is in use by another run: wait for it, or choose another folder with `out:`"
                 if isinstance(lock, SoftFileLock):
-                    message += f". If no run goes on, one was killed on another computer: delete {lock.lock_file}"
+                    message += f". If none is running, a run was killed on another computer: delete {lock.lock_file}"
                 raise StoreError(message) from error
         try:
             remove_leftovers(self.path)
             yield self
         finally:
-            self._tidy(made)
+            self._remove_if_empty(made)
             lock.release()
 
     def there(self) -> bool:
-        """Whether there is such a folder; StoreError where one may not look."""
+        """Whether the folder exists; StoreError where its permissions hide it."""
         try:
             (self.path / _HIDDEN / LOCK).exists()
             return self.path.is_dir()
         except OSError as error:
-            message = f"{self.path} cannot be looked into ({error.strerror}): change its permissions"
+            message = f"{self.path} cannot be read ({error.strerror}): change its permissions"
             raise StoreError(message) from error
 
     def read(self, file: str) -> Artefact:
-        """An artefact, checked, whose arrays are read-only; StoreError where it is missing or damaged."""
+        """Read an artefact, with read-only arrays; StoreError where it is missing or damaged."""
         artefact = self._load(file)[0]
         return replace(artefact, facts=copy.deepcopy(artefact.facts))
 
+    def table(self, file: str) -> Table:
+        """Return a Parquet artefact; errors as for :meth:`read`."""
+        artefact = self.read(file)
+        assert isinstance(artefact, Table)
+        return artefact
+
+    def long_table(self, file: str) -> LongTable:
+        """Return a Parquet artefact with a row for every frame and marker; errors as for :meth:`read`."""
+        artefact = self.read(file)
+        assert isinstance(artefact, LongTable)
+        return artefact
+
+    def tree(self, file: str) -> Tree:
+        """Return an HDF5 artefact; errors as for :meth:`read`."""
+        artefact = self.read(file)
+        assert isinstance(artefact, Tree)
+        return artefact
+
     def provenance(self, file: str) -> Provenance:
-        """What an artefact says about itself; StoreError where it is missing or damaged."""
+        """Return the provenance of an artefact; StoreError where it is missing or damaged."""
         return self._load(file)[1]
 
     def key(self, file: str) -> str:
-        """Key of the computation that an artefact comes from; StoreError where it is missing or damaged."""
-        record = None if file in self._read else self._as_written(file)
+        """Return the cache key of an artefact; StoreError where it is missing or damaged."""
+        record = None if file in self._read else self._record_of(file)
         return self.provenance(file).origin.key if record is None else record.origin.key
 
     def exists(self, file: str) -> bool:
-        """Whether there is such a file, sound or not."""
+        """Whether the file exists, damaged or not."""
         return file in self._read or (self.path / file).is_file()
 
     def keep(self, outputs: Iterable[Artefact | Document], origin: Origin) -> list[Artefact | Document]:
-        """Hold what a stage gave in memory, as it would be read from its files; the outputs for :meth:`store`.
+        """Keep a stage's outputs in memory as they would be read from their files, and return them for :meth:`store`.
 
         Raises
         ------
         ValueError
-            An artefact breaks its schema.
+            An artefact does not match its schema.
         """
         kept = [output if isinstance(output, Document) else conformed(output) for output in outputs]
         for output in kept:
             if not isinstance(output, Document):
                 schema = output.schema
-                told = Provenance(schema.file, schema.version, origin, output.facts, output.reasons)
-                self._read[schema.file] = output, told
+                provenance = Provenance(schema.file, schema.version, origin, output.facts, output.reasons)
+                self._read[schema.file] = output, provenance
         return kept
 
     def release(self, files: Iterable[str]) -> None:
-        """Let go of artefacts in memory; who asks for one again gets it from the disk."""
+        """Drop artefacts from memory; the next access reads them from the disk."""
         for file in files:
             self._read.pop(file, None)
 
     def write(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
-        """:meth:`keep` and :meth:`store` in one."""
+        """Call :meth:`keep`, then :meth:`store`."""
         kept = self.keep(outputs, origin)
         try:
             self.store(kept, origin)
@@ -135,9 +153,9 @@ class Folder:
             raise
 
     def store(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
-        """Write what :meth:`keep` gave: all of it appears together.
+        """Write the outputs of :meth:`keep`; all files appear together.
 
-        Documents of an earlier run of the stage that this one did not make are deleted.
+        Documents that an earlier run of the stage wrote and this one did not are deleted.
 
         Raises
         ------
@@ -146,51 +164,51 @@ class Folder:
         """
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
-        seals: dict[str, Seal] = {}
+        checksums: dict[str, Checksum] = {}
         for output in outputs:
             if isinstance(output, Document):
                 contents[output.file] = output.content
                 documents[output.file] = hash_bytes(output.content)
             else:
-                contents[output.schema.file] = sealed_writer(output, origin, seals)
+                contents[output.schema.file] = checksum_writer(output, origin, checksums)
         before = self.documents(origin.stage)
-        record = Record(origin, documents, seals)
-        contents[record_file(origin.stage)] = partial(_write_record, record)  # the last, when the seals are known
+        record = Record(origin, documents, checksums)
+        contents[record_file(origin.stage)] = partial(_write_record, record)  # last: the checksums are then known
         replace_together(self.path, contents, void=record_file(origin.stage))
-        self.remove({file for file in self._ours(before) if file not in documents})
+        self.remove({file for file in self._unchanged(before) if file not in documents})
         for file in contents:
-            self._untouched.pop(file, None)
+            self._verified.pop(file, None)
 
     def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
-        """Where a stage's outputs come from, if all of them are there, sound and of one and the same computation.
+        """Return the origin of a stage's outputs; None unless all exist, are intact and come from one computation.
 
         Parameters
         ----------
         stage : str
             Name of the stage.
         files : sequence of str
-            Its artefacts by file name (a name without a schema is a document).
+            File names of its outputs; a name without a schema is a document.
 
         Raises
         ------
         StoreError
-            One of them is damaged.
+            An artefact is damaged.
         """
         record = self._record(stage)
         if record is None or not all((self.path / file).is_file() for file in files):
             return None
-        if any(not self._verified(file, record) for file in files if file in SCHEMAS):
+        if any(not self._verify(file, record) for file in files if file in SCHEMAS):
             return None
-        sound = len(self._ours(record.documents)) == len(record.documents)
+        sound = len(self._unchanged(record.documents)) == len(record.documents)
         return record.origin if sound and {*record.artefacts, *record.documents} >= set(files) else None
 
     def documents(self, stage: str) -> Mapping[str, str]:
-        """Documents that a stage wrote last, with the hashes of their bytes; none where there is no readable record."""
+        """Return the hashes of the documents that a stage wrote last; none without a readable record."""
         record = self._record(stage)
         return record.documents if record else {}
 
     def remove(self, files: Iterable[str]) -> None:
-        """Delete files of this folder; those that are not there are no matter."""
+        """Delete files of this folder, as far as they exist."""
         for file in files:
             path = within(self.path, file)
             with explained(path):
@@ -198,11 +216,11 @@ class Folder:
             self._forget(file)
 
     def forget(self, stage: str, files: Iterable[str]) -> None:
-        """Delete everything that a stage wrote."""
-        self.remove([*files, *self._ours(self.documents(stage)), record_file(stage)])
+        """Delete everything that a stage wrote, except documents that were edited since."""
+        self.remove([*files, *self._unchanged(self.documents(stage)), record_file(stage)])
 
     def freshen(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
-        """Make files no older than what they were made from, so that `make` agrees that they are up to date."""
+        """Make files no older than their inputs, so that `make` also considers them up to date."""
         newest = max((path.stat().st_mtime_ns for path in inputs), default=0)
         for path in (self.path / file for file in files):
             if path.stat().st_mtime_ns < newest:
@@ -211,7 +229,7 @@ class Folder:
                     utime(path, ns=(stamp, stamp))
 
     def dissolve(self) -> None:
-        """Take the folder away, if nothing is left in it; call it only while holding the folder's lock."""
+        """Delete the folder if nothing is left in it; call this only while holding its lock."""
         with contextlib.suppress(OSError):
             for name in (LOCK, MARKER):
                 (self.path / _HIDDEN / name).unlink(missing_ok=True)
@@ -219,61 +237,61 @@ class Folder:
             for folder in (*filter(Path.is_dir, self.path.iterdir()), self.path):
                 folder.rmdir()
 
-    def _tidy(self, made: Sequence[Path]) -> None:
-        """After a run that wrote nothing, take away the folders that it made, innermost first."""
+    def _remove_if_empty(self, made: Sequence[Path]) -> None:
+        """Delete the folders that a run created, innermost first, if it wrote nothing."""
         locks = [self.path / _HIDDEN / name for name in (LOCK, MARKER)]
         if made and not any(path.is_file() and path not in locks for path in self.path.rglob("*")):
-            with contextlib.suppress(OSError):  # whatever else has come in the meantime may stay
+            with contextlib.suppress(OSError):  # another program may have written there meanwhile
                 for lock in locks:
                     lock.unlink(missing_ok=True)
                 for folder in made:
                     folder.rmdir()
 
-    def _as_written(self, file: str) -> Record | None:
-        """The record of an artefact; None without one, or where it is of another version of the schema.
+    def _record_of(self, file: str) -> Record | None:
+        """Return the record of an artefact; None without one, or where the artefact has another schema version.
 
         Raises
         ------
         StoreError
-            The file does not hold the bytes that its record says were written.
+            The file's bytes are not those that were written.
         """
-        for place in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._untouched else ():
+        for place in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._verified else ():
             record = self._record(place.stem)
-            if record is not None and self._verified(file, record):
+            if record is not None and self._verify(file, record):
                 break
-        return self._untouched.get(file)
+        return self._verified.get(file)
 
-    def _verified(self, file: str, record: Record) -> bool:
-        """Whether a record knows an artefact that is there; StoreError as for :meth:`_as_written`."""
-        if file in self._untouched:
+    def _verify(self, file: str, record: Record) -> bool:
+        """Whether a record lists an existing artefact; StoreError as for :meth:`_record_of`."""
+        if file in self._verified:
             return True
-        seal = record.artefacts.get(file)
-        if seal is None or seal.schema_version != SCHEMAS[file].version or not (self.path / file).exists():
+        checksum = record.artefacts.get(file)
+        if checksum is None or checksum.schema_version != SCHEMAS[file].version or not (self.path / file).exists():
             return False
-        if self._hash(file) != seal.digest:
+        if self._hash(file) != checksum.digest:
             raise StoreError(
                 f"{self.path / file} is damaged or was edited: its bytes are not those that were written. "
                 "Delete it and run again"
             )
-        self._untouched[file] = record
+        self._verified[file] = record
         return True
 
     def _forget(self, file: str) -> None:
         self._read.pop(file, None)
-        self._untouched.pop(file, None)
+        self._verified.pop(file, None)
 
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
-            self._as_written(file)
+            self._record_of(file)
             path, schema = self.path / file, SCHEMAS[file]
             try:
-                with plain_files.opened(path, links=False) as stream:
+                with plain_files.open_file(path, links=False) as stream:
                     self._read[file] = decoded(stream, schema)
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
                 raise StoreError(
-                    f"{path} is missing: `mocap-id run TRIAL.yaml` makes it, unless it refuses the trial"
+                    f"{path} is missing: `mocap-id run TRIAL.yaml` makes it, unless the trial is refused"
                 ) from error
             except OSError as error:
                 raise StoreError(f"{path} cannot be read ({error.strerror}): delete it and run again") from error
@@ -284,20 +302,20 @@ class Folder:
             record = Record.decode(plain_files.read(within(self.path, record_file(stage)), links=False))
             sound = all(self._may_be_document(file) for file in record.documents)
         except (StoreError, *UNREADABLE):
-            return None  # no record: the documents count as not written
+            return None  # without a record, the documents count as not written
         return record if sound else None
 
     def _may_be_document(self, file: str) -> bool:
-        """Whether a name could be a document's: in this folder, and neither an artefact nor one of our own records."""
+        """Whether a name may be a document: in this folder, and neither an artefact nor a record."""
         path = within(self.path, file)
         return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 
-    def _ours(self, documents: Mapping[str, str]) -> list[str]:
-        """Those that are still what was written; what somebody has changed since is theirs."""
+    def _unchanged(self, documents: Mapping[str, str]) -> list[str]:
+        """Return the documents that nobody has edited since they were written."""
         return [file for file, content in documents.items() if self._hash(file) == content]
 
     def _hash(self, file: str) -> str | None:
-        """Hash of a file's bytes; None where there is none to read."""
+        """Return the hash of a file; None where it cannot be read."""
         try:
             return hash_file(within(self.path, file), links=False)
         except (StoreError, OSError, ValueError):
@@ -305,7 +323,7 @@ class Folder:
 
 
 def record_file(stage: str) -> str:
-    """Name of the record of a stage's outputs in a run folder."""
+    """Return the file name of a stage's record in a run folder."""
     return f"{_HIDDEN}/{stage}.json"
 
 

@@ -1,6 +1,6 @@
-"""Trees as HDF5: typed by their schema, units in the dataset attributes, provenance in the file's attributes.
+"""Trees as HDF5 files: types from the schema, units in dataset attributes, provenance in file attributes.
 
-A tree is written by the HDF5 library and read without it: by the block that :mod:`mocap_id.store.sealed` puts before.
+The HDF5 library writes a tree; reading does not need it, but uses the index of :mod:`mocap_id.store.userblock`.
 """
 
 from __future__ import annotations
@@ -12,50 +12,52 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from mocap_id.store import sealed
+from mocap_id.store import userblock
 from mocap_id.store.artefacts import Node, Tree, TreeSchema
 from mocap_id.store.parquet import read_provenance
 from mocap_id.store.provenance import Origin, Provenance
 
 Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
-"""Path in the file → array; strings as numpy ``U`` arrays, scalars with shape ()."""
+"""Arrays by their path in the file; texts are numpy ``U`` arrays, scalars have shape ()."""
 
 _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
 _STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
 
 def encode(tree: Tree, origin: Origin) -> bytes:
-    """The tree as the bytes of an HDF5 file.
+    """Return the bytes of the HDF5 file of a tree.
 
     Raises
     ------
     ValueError
-        The tree does not have the nodes or types that its schema promises.
+        The tree does not have the nodes or types of its schema.
     """
-    told = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
+    provenance = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
     arrays = {path: _stored(array) for path, array in _leaves(tree).items()}
-    size = sealed.room({path: (array.dtype.str, array.shape) for path, array in arrays.items()}, told)
-    file, places = _write(tree.schema, arrays, told, size)
-    whole = sealed.seal(file, size, places, told)
-    found = sealed.opened(whole)[0]
+    size = userblock.block_size({path: (array.dtype.str, array.shape) for path, array in arrays.items()}, provenance)
+    file, places = _write(tree.schema, arrays, provenance, size)
+    whole = userblock.fill(file, size, places, provenance)
+    found = userblock.read(whole)[0]
     if any(_stored(found[path]).tobytes() != array.tobytes() for path, array in arrays.items()):
-        raise ValueError(f"{tree.schema.file} is damaged: the HDF5 library put values elsewhere than it says")
+        raise ValueError(
+            f"{tree.schema.file} is damaged: the HDF5 library wrote values at another place than it reports"
+        )
     return whole
 
 
 def _stored(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """As it stands in the file: all texts of an array as long as the longest, so that they stand beside each other."""
+    """Return an array as stored: texts as UTF-8, padded to the length of the longest."""
     return np.char.encode(array, "utf-8") if array.dtype.kind == "U" else array
 
 
 def _write(
     schema: TreeSchema, arrays: Leaves, provenance: Mapping[str, str], size: int
-) -> tuple[bytes, dict[str, sealed.Place]]:
-    """An HDF5 file whose first ``size`` bytes are free, and where in it the datasets stand."""
-    import h5py  # noqa: PLC0415  reading does without
+) -> tuple[bytes, dict[str, userblock.Place]]:
+    """Return an HDF5 file whose first ``size`` bytes are free, and the places of the datasets in it."""
+    import h5py  # noqa: PLC0415  reading does not need it
 
     stream, places = io.BytesIO(), {}
-    with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # it holds attributes > 64 KiB
+    with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # allows attributes > 64 KiB
         for node in schema.nodes:
             array = arrays[node.name]
             text = h5py.string_dtype("utf-8", array.dtype.itemsize) if array.dtype.kind == "S" else None
@@ -63,21 +65,21 @@ def _write(
             dataset = file.create_dataset(node.name, data=data, track_times=False)
             dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
             start = dataset.id.get_offset() if array.size else 0
-            places[node.name] = sealed.Place(array.dtype.str, array.shape, start)
+            places[node.name] = userblock.Place(array.dtype.str, array.shape, start)
         for key, value in provenance.items():
             file.attrs[key] = value
     return stream.getvalue(), places
 
 
 def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
-    """The tree of an HDF5 file's bytes, checked against its seal and its schema.
+    """Read a tree from the bytes of an HDF5 file and check it against its hash and its schema.
 
     Raises
     ------
     ValueError
-        The file is damaged, not ours or is not of this schema; the message completes "FILE …".
+        The file is damaged, from another program or of another schema; the message completes "FILE …".
     """
-    leaves, metadata = sealed.opened(content)
+    leaves, metadata = userblock.read(content)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_mismatches(leaves, schema))
     if problem:
@@ -86,7 +88,7 @@ def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
 
 
 def conform(tree: Tree) -> Tree:
-    """The same with exactly its schema's nodes and types, as :func:`decode` gives it.
+    """Return a tree with exactly the nodes and types of its schema, as :func:`decode` would return it.
 
     Raises
     ------
@@ -97,12 +99,12 @@ def conform(tree: Tree) -> Tree:
 
 
 def _leaves(tree: Tree) -> Leaves:
-    """The tree's leaves by path; ValueError as for :func:`conform`."""
+    """Return the arrays of a tree by path; ValueError as for :func:`conform`."""
     leaves = dict(_flat(tree.data, ""))
     problem = "; ".join(_mismatches(leaves, tree.schema))
     unknown = sorted(set(leaves) - {node.name for node in tree.schema.nodes})
     if unknown:
-        problem += f"; nodes that its schema does not name: {', '.join(unknown)}"
+        problem += f"; nodes that are not in its schema: {', '.join(unknown)}"
     if problem:
         raise ValueError(f"{tree.schema.file}: {problem.removeprefix('; ')}")
     types = {node.name: np.dtype(_STORED[node.dtype]) for node in tree.schema.nodes}
@@ -128,7 +130,7 @@ def _mismatches(leaves: Leaves, schema: TreeSchema) -> Iterator[str]:
 
 
 def _nested(leaves: Leaves) -> dict[str, Any]:
-    """Leaves as nested names; scalars as Python's own types."""
+    """Return arrays by nested names; scalars have Python types."""
     root: dict[str, Any] = {}
     for path, array in leaves.items():
         *groups, name = path.split("/")

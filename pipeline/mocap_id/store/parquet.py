@@ -1,4 +1,4 @@
-"""Tables as Parquet: typed by their schema, units in the field metadata, provenance in the schema metadata."""
+"""Tables as Parquet files: types from the schema, units in field metadata, provenance in schema metadata."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ import pyarrow.parquet as pq
 
 from mocap_id.arrays import chunks
 from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema, Values
-from mocap_id.store.digest import HashedStream
+from mocap_id.store.hashing import HashedStream
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
-_ROWS = 1 << 18  # that are written together
+_ROWS = 1 << 18  # written together
 _MOST_COLUMNS = 5000
-_ROOM, _LEAST_ROOM = 64, 1 << 28
-"""Bytes in memory for each byte of the file: what is never seen packs well. At least so many."""
+_BYTES_PER_BYTE, _LEAST_BYTES = 64, 1 << 28
+"""Largest size in memory: bytes for each byte of the file (columns of NaN compress well), and in any case allowed."""
 _CELL = 8
-"""Bytes of a cell at most: numbers, or places in a list of texts."""
+"""Largest number of bytes of a cell: a number, or an index into a list of texts."""
 
 _TYPES = {
     "float64": pa.float64(),
@@ -45,41 +45,43 @@ _STORED = {
 
 
 def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStream) -> None:
-    """Write the table as a Parquet file, a stretch of rows at a time.
+    """Write a table as a Parquet file, a block of rows at a time.
 
-    Every page has a checksum, so that every Parquet library finds damage.
+    Every page has a checksum, so that any Parquet library detects damage.
 
     Raises
     ------
     ValueError
-        The table does not have the columns or types that its schema promises.
+        The table does not have the columns or types of its schema.
     """
     columns = _columns(table)
     provenance = Provenance(table.schema.file, table.schema.version, origin, table.facts, table.reasons)
     schema = pa.schema([_field(column) for column in columns], metadata=provenance.encode())
-    numbers = [column.name for column in columns if column.dtype == "float64"]  # they hardly repeat: split into bytes
+    numbers = [
+        column.name for column in columns if column.dtype == "float64"
+    ]  # values hardly repeat: byte streams compress better
     coded = [column.name for column in columns if column.dtype != "float64"]
     how = {"compression": "zstd", "use_dictionary": coded, "use_byte_stream_split": numbers}
     with pq.ParquetWriter(stream, schema, **how, write_page_checksum=True) as writer:
         for rows in chunks(table.length, _ROWS):
-            writer.write_table(_stretch(table, columns, schema, rows))
+            writer.write_table(_arrow_rows(table, columns, schema, rows))
 
 
 def encode(table: Table | LongTable, origin: Origin) -> bytes:
-    """The table as the bytes of a Parquet file; ValueError as for :func:`write`."""
+    """Return the bytes of the Parquet file of a table; ValueError as for :func:`write`."""
     stream = io.BytesIO()
     write(table, origin, stream)
     return stream.getvalue()
 
 
 def arrow(table: Table | LongTable) -> pa.Table:
-    """The whole as an Arrow table with its schema's columns, types and order; ValueError as for :func:`conform`."""
+    """Return an Arrow table with the schema's columns, types and order; ValueError as for :func:`conform`."""
     columns = _columns(table)
-    return _stretch(table, columns, pa.schema([_field(column) for column in columns]), slice(None))
+    return _arrow_rows(table, columns, pa.schema([_field(column) for column in columns]), slice(None))
 
 
 def conform(table: Table | LongTable) -> Table | LongTable:
-    """The same in exactly its schema's columns, types and order, as :func:`decode` gives it.
+    """Return a table with exactly the columns, types and order of its schema, as :func:`decode` would return it.
 
     Raises
     ------
@@ -97,14 +99,14 @@ def conform(table: Table | LongTable) -> Table | LongTable:
 
 
 def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
-    """The table of a Parquet file, given as its bytes or open, checked against its schema and its pages' checksums.
+    """Read a table from a Parquet file, given as bytes or as a stream, and check its schema and checksums.
 
-    Columns are taken up one by one, so that the whole table stands in memory once and not twice.
+    Columns are read one by one, so that the table is never in memory twice.
 
     Raises
     ------
     ValueError
-        The file is damaged, not ours, or not of this schema; the message completes "FILE …".
+        The file is damaged, from another program or of another schema; the message completes "FILE …".
     """
     stream = io.BytesIO(content) if isinstance(content, bytes) else content
     size = stream.seek(0, io.SEEK_END)
@@ -115,7 +117,7 @@ def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | Long
         metadata = {key.decode(): value.decode() for key, value in (found.metadata or {}).items()}
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise ValueError(f"is damaged ({_first_line(error)})") from error
-    _check_size(file.metadata, found, _ROOM * size + _LEAST_ROOM)
+    _check_size(file.metadata, found, _BYTES_PER_BYTE * size + _LEAST_BYTES)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_mismatches(found, schema))
     if problem:
@@ -126,17 +128,16 @@ def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | Long
         raise ValueError(f"is damaged ({_first_line(error)})") from error
 
 
-def _table(file: pq.ParquetFile, schema: TableSchema, told: Provenance) -> Table | LongTable:
-    """The columns of an open file, one by one."""
+def _table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenance) -> Table | LongTable:
     names = file.schema_arrow.names
     kinds = {column.name: column.dtype for column in columns_of(schema, names)}
     if not schema.long:
         columns = {name: _array(_column(file, name), kinds.get(name)) for name in names}
-        return Table(schema, columns, told.facts, told.reasons)
+        return Table(schema, columns, provenance.facts, provenance.reasons)
     frame, (codes, texts) = _array(_column(file, "frame"), "int64"), _coded(_column(file, "marker"))
     markers = int(np.argmax(frame != frame[0])) if len(frame) and frame[-1] != frame[0] else len(frame)
     count, rest = divmod(len(frame), max(markers, 1))
-    first = slice(None, None, max(markers, 1))  # row of every frame
+    first = slice(None, None, max(markers, 1))  # first row of every frame
     if (
         rest
         or (frame.reshape(count, markers) != frame[first, None]).any()
@@ -149,30 +150,30 @@ def _table(file: pq.ParquetFile, schema: TableSchema, told: Provenance) -> Table
         if name not in ("frame", "time", "marker")
     }
     time, labels = _array(_column(file, "time"), "float64")[first].copy(), tuple(texts[codes[:markers]])
-    return LongTable(schema, frame[first].copy(), time, labels, values, told.facts, told.reasons)
+    return LongTable(schema, frame[first].copy(), time, labels, values, provenance.facts, provenance.reasons)
 
 
-def _check_size(found: pq.FileMetaData, schema: pa.Schema, room: int) -> None:
-    """Refuse, before any column is read, what would take far more memory than files of ours do."""
+def _check_size(found: pq.FileMetaData, schema: pa.Schema, limit: int) -> None:
+    """Raise ValueError, before any column is read, for a file that would need more than ``limit`` bytes of memory."""
     names = schema.names
     if len(names) > _MOST_COLUMNS:
-        raise ValueError(f"has {len(names)} columns, more than any table of ours")
+        raise ValueError(f"has {len(names)} columns, more than any table of mocap-id")
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
     if twice is not None:
-        raise ValueError(f"does not have its columns: `{twice}` stands twice")
+        raise ValueError(f"does not have its columns: `{twice}` occurs twice")
     groups = [found.row_group(index) for index in range(found.num_row_groups)]
     packed = sum(group.total_byte_size for group in groups)
-    if found.num_rows < 0 or max(packed, found.num_rows * _CELL * len(names)) > room:
-        raise ValueError(f"declares {found.num_rows} rows, which take more memory than a file of its size may ask for")
+    if found.num_rows < 0 or max(packed, found.num_rows * _CELL * len(names)) > limit:
+        raise ValueError(f"declares {found.num_rows} rows, which need too much memory for a file of its size")
 
 
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
-    """Provenance out of a file's metadata, for this schema.
+    """Read the provenance from a file's metadata and check that it is of this schema.
 
     Raises
     ------
     ValueError
-        There is none, or it is another schema's; the message completes "FILE …".
+        It is missing or of another schema; the message completes "FILE …".
     """
     if PREFIX + "schema" not in metadata:
         raise ValueError("was not written by mocap-id: it has no provenance")
@@ -187,18 +188,18 @@ def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
 
 
 def _columns(table: Table | LongTable) -> list[Column]:
-    """The columns that the schema asks of this table; ValueError where one is missing or unknown."""
+    """Return the schema's columns for a table; ValueError where a column is missing or unknown."""
     names, schema = table.names, table.schema
     columns = list(columns_of(schema, names))
     missing = [column.name for column in columns if column.name not in names]
     unknown = sorted(set(names) - {column.name for column in columns})
     if missing or unknown:
-        raise ValueError(f"{schema.file}: missing columns {missing}, columns that its schema does not name {unknown}")
+        raise ValueError(f"{schema.file}: missing columns {missing}, columns that are not in its schema {unknown}")
     return columns
 
 
-def _stretch(table: Table | LongTable, columns: Sequence[Column], schema: pa.Schema, rows: slice) -> pa.Table:
-    """Some rows as an Arrow table."""
+def _arrow_rows(table: Table | LongTable, columns: Sequence[Column], schema: pa.Schema, rows: slice) -> pa.Table:
+    """Return some rows as an Arrow table."""
     arrays = []
     for column in columns:
         if isinstance(table, LongTable) and column.name == "marker":
@@ -210,17 +211,20 @@ def _stretch(table: Table | LongTable, columns: Sequence[Column], schema: pa.Sch
 
 
 def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
-    """The schema's columns; those of a group for every k of which ``names`` holds at least one, or once without k."""
+    """Yield the schema's columns for a table with these column names.
+
+    A group with ``{k}`` occurs for every k with at least one of its columns in ``names``, other optional groups once.
+    """
     yield from schema.columns
     for group in (schema.repeated, *schema.optional):
-        found = {match for name in names for column in group if (match := _place(column, str(name))) is not None}
+        found = {match for name in names for column in group if (match := _number(column, str(name))) is not None}
         for k in sorted(found):
             for column in group:
                 yield Column(column.name.format(k=k), column.dtype, column.unit, column.meaning)
 
 
-def _place(column: Column, name: str) -> int | None:
-    """The k of a column's name, 0 for one without a k; None where the name is another column's."""
+def _number(column: Column, name: str) -> int | None:
+    """Return the k in a column's name, 0 for a column without k; None where the name does not match."""
     match = re.fullmatch(re.escape(column.name).replace(r"\{k\}", "([1-9][0-9]*)"), name)
     return None if match is None else int(match[1]) if match.groups() else 0
 
@@ -230,7 +234,7 @@ def _field(column: Column) -> pa.Field:
 
 
 def _typed(values: Values, column: Column, file: str) -> Values:
-    """A column in its schema's type, in one piece; ValueError where it is another kind of thing."""
+    """Return a contiguous column with its schema's type; ValueError where its own type does not match."""
     found = np.asarray(values)
     if found.size and found.dtype.kind not in _KINDS[column.dtype]:
         raise ValueError(f"{file}: column {column.name} holds {found.dtype}, expected {column.dtype}")
@@ -238,7 +242,7 @@ def _typed(values: Values, column: Column, file: str) -> Values:
 
 
 def _arrow(values: Values, column: Column) -> pa.Array:
-    """One column for Arrow, from its bytes: `pa.array` would import pandas."""
+    """Return a column as an Arrow array, made from its buffer because `pa.array` would import pandas."""
     if column.dtype == "category":
         texts, codes = np.unique(values.astype(str), return_inverse=True)
         return pa.DictionaryArray.from_arrays(_plain(pa.int32(), codes.astype(np.int32)), _texts(texts))
@@ -253,14 +257,14 @@ def _arrow(values: Values, column: Column) -> pa.Array:
 def _plain(
     kind: pa.DataType, values: Values, length: int | None = None, known: Values | None = None, *more: bytes
 ) -> pa.Array:
-    """An Arrow array of a buffer; ``known`` (n,) is false where it holds null."""
+    """Return an Arrow array of a buffer; ``known`` (n,) is false for nulls."""
     null = None if known is None or known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
     buffers = [null, pa.py_buffer(values), *map(pa.py_buffer, more)]
     return pa.Array.from_buffers(kind, len(values) if length is None else length, buffers)
 
 
 def _texts(values: Values) -> pa.Array:
-    """Texts, None as null."""
+    """Return texts as an Arrow array, None as null."""
     known = np.array([text is not None for text in values], dtype=np.bool_)
     encoded = [b"" if text is None else str(text).encode() for text in values]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
@@ -281,14 +285,14 @@ def _column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
 
 
 def _coded(column: pa.ChunkedArray) -> tuple[Values, Values]:
-    """Indices of a column's texts, and the texts."""
+    """Return each row's index into the distinct texts of a column, and these texts."""
     parts = column.unify_dictionaries().chunks
     codes = np.concatenate([np.empty(0, np.int32), *(np.from_dlpack(part.indices) for part in parts)])
     return codes, np.array(parts[0].dictionary.to_pylist() if parts else [], dtype=object)
 
 
 def _array(column: pa.ChunkedArray, kind: str | None) -> Values:
-    """One column as an array; `to_numpy` would import pandas."""
+    """Return a column as a numpy array; `to_numpy` would import pandas."""
     match kind:
         case "category":
             codes, texts = _coded(column)

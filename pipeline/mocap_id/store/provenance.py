@@ -1,4 +1,4 @@
-"""Where an artefact comes from, as it stands in Parquet schema metadata, HDF5 attributes and stage records."""
+"""Provenance of an artefact, stored in Parquet schema metadata, HDF5 attributes and the records of stages."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from mocap_id.store.artefacts import Facts
 from mocap_id.verdict import Level, Reason
 
 PREFIX = "mocap-id."
-"""Before every key of ours in a file's metadata."""
+"""Prefix of every key of this program in a file's metadata."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """The stage that made an output, how it was set and what it read.
+    """The computation that made an output: stage, settings and inputs.
 
     Parameters
     ----------
     stage, stage_version
-        Which stage, and which version of it.
+        Name and version of the stage.
     parameters : mapping
-        The stage's effective settings and the trial's keys that it reads; file names without their folders.
+        The stage's effective settings and the trial keys that it reads; file names without folders.
     inputs : mapping of str to str
-        Of every artefact that was read its key, of every file of the user's the hash of its bytes.
+        Cache key of every artefact that was read, and hash of every user file.
     key : str
-        Cache key: hash of all of the above.
+        Cache key: hash of all fields above.
     seconds : float
-        Time of the computation; not part of any hash.
+        Duration of the computation; not part of the key.
     product : str
         Version of mocap-id.
     """
@@ -49,7 +49,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Provenance:
-    """All that a file says about itself beside its data."""
+    """Everything that a file stores beside its data."""
 
     schema: str
     schema_version: int
@@ -58,7 +58,7 @@ class Provenance:
     reasons: tuple[Reason, ...]
 
     def encode(self) -> dict[str, str]:
-        """Flat strings: JSON for what is nested."""
+        """Return the provenance as strings by key; nested values are JSON."""
         return {
             PREFIX + "schema": self.schema,
             PREFIX + "schema_version": str(self.schema_version),
@@ -70,17 +70,17 @@ class Provenance:
             PREFIX + "key": self.origin.key,
             PREFIX + "seconds": repr(float(self.origin.seconds)),
             PREFIX + "facts": dumps(self.facts),
-            PREFIX + "reasons": _told(self.reasons),
+            PREFIX + "reasons": _encoded(self.reasons),
         }
 
     @classmethod
     def decode(cls, strings: Mapping[str, str]) -> Provenance:
-        """The inverse of :meth:`encode`.
+        """Read a provenance from the strings of :meth:`encode`.
 
         Raises
         ------
         AttributeError, KeyError, RecursionError, TypeError, ValueError
-            Something is missing or malformed.
+            A key is missing or malformed.
         """
         text = {key.removeprefix(PREFIX): value for key, value in strings.items() if key.startswith(PREFIX)}
         origin = Origin(
@@ -101,26 +101,26 @@ class Provenance:
         )
 
 
-def settled(facts: Facts, reasons: Iterable[Reason]) -> tuple[Facts, tuple[Reason, ...]]:
-    """Facts and reasons as they are read from a file; TypeError where a fact has no JSON counterpart."""
-    return _mapping(dumps(facts)), _reasons(_told(reasons))
+def json_round_trip(facts: Facts, reasons: Iterable[Reason]) -> tuple[Facts, tuple[Reason, ...]]:
+    """Return facts and reasons as they would be read from a file; TypeError where a fact is not a JSON value."""
+    return _mapping(dumps(facts)), _reasons(_encoded(reasons))
 
 
-def _told(reasons: Iterable[Reason]) -> str:
+def _encoded(reasons: Iterable[Reason]) -> str:
     return dumps([reason.as_dict() for reason in reasons])
 
 
 def _mapping(text: str) -> dict[str, Any]:
-    """A JSON object."""
+    """Read a JSON object."""
     found = json.loads(text)
     if not isinstance(found, dict):
         raise TypeError(f"expected an object, found {type(found).__name__}")
-    plain(found)  # as deep as this can follow, and no deeper
+    plain(found)  # raises RecursionError for a file with values nested too deep to process
     return found
 
 
 def _reasons(text: str) -> tuple[Reason, ...]:
-    """Reasons of a JSON list, each of the right kinds."""
+    """Read reasons from a JSON list; TypeError where a field has the wrong type."""
     reasons = tuple(Reason.from_dict(reason) for reason in json.loads(text))
     for reason in reasons:
         sound = isinstance(reason.code, str) and isinstance(reason.message, str) and reason.level in get_args(Level)
@@ -130,17 +130,17 @@ def _reasons(text: str) -> tuple[Reason, ...]:
 
 
 def dumps(value: Any) -> str:
-    """Canonical JSON: sorted keys, no spaces, numpy values as plain ones, NaN and infinities as null."""
+    """Return canonical JSON: sorted keys, no spaces, numpy values as plain values, NaN and infinities as null."""
     return json.dumps(plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def plain(value: Any) -> Any:
-    """A value in JSON's own types; a non-finite number becomes None, "could not be determined".
+    """Return a value in JSON types; a non-finite number becomes None, which means "could not be determined".
 
     Raises
     ------
     TypeError
-        The value has no JSON counterpart.
+        The value cannot be expressed in JSON.
     """
     match value:
         case np.ndarray():

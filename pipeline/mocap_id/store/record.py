@@ -1,7 +1,7 @@
-"""What stands beside a stage's outputs: where they come from, and the hash of each file as it was written.
+"""Record of a stage's outputs: their origin, and the hash of each file at the time of writing.
 
-Documents cannot carry their provenance. Artefacts do, but the record alone says that a file still holds the bytes that
-were written, so that nothing has to be decoded to find that there is nothing to compute.
+Artefacts store their origin themselves, documents cannot. The record also shows without decoding any file that the
+files still hold the bytes that were written, so that a run finds quickly that there is nothing to compute.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ UNREADABLE = (AttributeError, KeyError, OSError, RecursionError, TypeError, Valu
 
 
 @dataclass(frozen=True)
-class Seal:
-    """An artefact as it was written: version of its schema, and hash of the file's bytes."""
+class Checksum:
+    """Schema version of an artefact and hash of its file, at the time of writing."""
 
     schema_version: int
     digest: str
@@ -27,30 +27,31 @@ class Seal:
 
 @dataclass(frozen=True)
 class Record:
-    """A stage's outputs as they were written.
+    """The outputs of a stage at the time of writing.
 
     Parameters
     ----------
     origin : Origin
     documents : mapping of str to str
         Hash of the bytes of every document, by file name.
-    artefacts : mapping of str to Seal
+    artefacts : mapping of str to Checksum
+        By file name.
     """
 
     origin: Origin
     documents: Mapping[str, str] = field(default_factory=dict)
-    artefacts: Mapping[str, Seal] = field(default_factory=dict)
+    artefacts: Mapping[str, Checksum] = field(default_factory=dict)
 
     def encode(self) -> bytes:
-        """The bytes of the record's file."""
+        """Return the bytes of the record's file."""
         strings: dict[str, Any] = dict(Provenance("record", 2, self.origin, {}, ()).encode())
-        seals = {file: asdict(seal) for file, seal in self.artefacts.items()}
-        return json.dumps(strings | {"documents": self.documents, "artefacts": seals}, indent=1).encode()
+        checksums = {file: asdict(checksum) for file, checksum in self.artefacts.items()}
+        return json.dumps(strings | {"documents": self.documents, "artefacts": checksums}, indent=1).encode()
 
     @classmethod
     def decode(cls, content: bytes) -> Record:
-        """The inverse of :meth:`encode`; one of :data:`UNREADABLE` for an invalid record."""
+        """Read a record from its bytes; raises one of :data:`UNREADABLE` where it is invalid."""
         strings = json.loads(content)
         documents = {str(file): str(digest) for file, digest in strings["documents"].items()}
-        artefacts = {str(file): Seal(**seal) for file, seal in strings["artefacts"].items()}
+        artefacts = {str(file): Checksum(**checksum) for file, checksum in strings["artefacts"].items()}
         return cls(Provenance.decode(strings).origin, documents, artefacts)

@@ -1,1 +1,1 @@
-"""Work around single trials: simulated recordings with exact truth."""
+"""Workflows that combine many trials, or use the results of finished ones."""

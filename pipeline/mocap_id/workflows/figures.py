@@ -1,4 +1,4 @@
-"""``mocap-id figures``: the figures of a page as files for a paper."""
+"""Figures of a page as files for a paper."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ from pathlib import Path
 
 from mocap_id import plain_files
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting.cohort.material import PAGE_FILE as COHORT
+from mocap_id.reporting.cohort.page_data import PAGE_FILE as COHORT
 from mocap_id.reporting.contents import PAGE_FILE, PdfFonts
-from mocap_id.reporting.embedding import read
+from mocap_id.reporting.embedding import read_figures
 from mocap_id.store.atomic import explained, replace_together
 
 PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
-"""What a folder may hold, by what made it."""
+"""Pages that a folder may hold."""
 _UNREADABLE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 
 def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3") -> tuple[Path, ...]:
-    """Draw every figure that a page shows.
+    """Draw every figure of a page.
 
     Parameters
     ----------
     source : Path
         A page, or the folder of a trial's run, a study, a robot study or a sensitivity study.
     out : Path, optional
-        Gets ``figures/``; by default the page's own folder.
+        Parent folder of ``figures/``; by default the page's own folder.
     pdf_fonts : {"type-3", "truetype"}
-        Letters of the PDF.
+        Fonts in the PDF.
 
     Returns
     -------
     tuple of Path
-        ``captions.md``, and SVG and PDF of each figure.
+        ``captions.md``, and an SVG and a PDF file for each figure.
 
     Raises
     ------
@@ -40,15 +40,17 @@ def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3
     StoreError
         The page holds no figures, or the folder cannot be written.
     """
-    from mocap_id.reporting import paper  # noqa: PLC0415  matplotlib is imported by whoever draws with it
+    from mocap_id.reporting import paper  # noqa: PLC0415  imports matplotlib
 
     page = _page(source)
     try:
-        files = paper.files(read(plain_files.read(page).decode("utf-8", "replace")), pdf_fonts)
+        files = paper.figure_files(read_figures(plain_files.read(page).decode("utf-8", "replace")), pdf_fonts)
     except OSError as error:
         raise StoreError(f"{page} cannot be read: {error.strerror}") from error
     except _UNREADABLE as error:
-        raise StoreError(f"{page}: holds no figures that this version can draw: run again what wrote it") from error
+        raise StoreError(
+            f"{page}: holds no figures that this version can draw: run the command that wrote it again"
+        ) from error
     folder = page.parent if out is None else out
     with explained(folder):
         (folder / "figures").mkdir(parents=True, exist_ok=True)
@@ -61,5 +63,8 @@ def _page(source: Path) -> Path:
         return source
     page = next((source / name for name in PAGES if (source / name).is_file()), None)
     if page is None:
-        raise ConfigError(f"{source}: no page here: a run's, a study's or a validation's folder has {', '.join(PAGES)}")
+        raise ConfigError(
+            f"{source}: there is no page; expected the folder of a run, a study or a validation, which holds one of "
+            f"{', '.join(PAGES)}"
+        )
     return page

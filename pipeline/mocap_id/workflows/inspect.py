@@ -1,4 +1,4 @@
-"""What a file holds, for `inspect`."""
+"""Summary of a recording's content."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from mocap_id.recording.model import Plate, Recording
 
 
 def describe(recording: Recording) -> dict[str, Any]:
-    """Summarise a recording as JSON values; None where a quantity is not known.
+    """Return a summary of a recording as JSON values, None where a quantity is unknown.
 
-    ``mass_kg`` stands for the mean upward force of a plate, and of all plates together.
+    ``mass_kg`` is the mean upward force of a plate, or of all plates together, as a mass.
     """
     total = sum(plate.mean_vertical() for plate in recording.plates if plate.usable and plate.ok.any())
     loaded = any(plate.usable and plate.ok.any() for plate in recording.plates)

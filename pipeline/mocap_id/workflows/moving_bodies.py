@@ -1,4 +1,4 @@
-"""The bodies that carry a trial's mass, with their motion: segments of the pinned chain, or measured clusters."""
+"""Bodies that carry a trial's mass, with their motion: segments of the pinned chain, or measured clusters."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.bands import Bands
-from mocap_id.dynamics.carry import Skeleton
+from mocap_id.dynamics.cutoffs import Cutoffs
 from mocap_id.dynamics.measured_motion import measured_motion
-from mocap_id.dynamics.motion import Motion
+from mocap_id.dynamics.motion import PlanarMotion
+from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, made_ready, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_and_pin, read_bodies
 from mocap_id.store import Table
 
 
@@ -24,52 +24,54 @@ class MovingBodies:
 
     Parameters
     ----------
-    skeleton : Skeleton
-    motion : Motion
+    skeleton : BodyFrames
+    motion : PlanarMotion
     gravity : float
         m/s².
     """
 
-    skeleton: Skeleton
-    motion: Motion
+    skeleton: BodyFrames
+    motion: PlanarMotion
     gravity: float
 
     @cached_property
     def regressor(self) -> FloatArray:
-        """Of the wrench that the motion needs, (T, 3, 4K), unfiltered."""
+        """Unfiltered regressor of the wrench that the motion requires, (T, 3, 4K)."""
         return wrench_regressor(self.motion, self.gravity)
 
     @cached_property
     def torque_regressor(self) -> FloatArray:
-        """Of the joint torques, (T, n, 4K), unfiltered; n counts the chain's joints."""
+        """Unfiltered regressor of the torques of the chain's n joints, (T, n, 4K)."""
         return torque_regressor(self.motion, self.regressor)
 
 
 def on_measured_poses(
-    poses: Table, centres: FloatArray, used: Sequence[int], bands: Bands, gravity: float
+    poses: Table, centres: FloatArray, used: Sequence[int], bands: Cutoffs, gravity: float
 ) -> MovingBodies:
-    """Bodies on their own measured poses: short gaps bridged, joints that hold pinned, low-passed.
+    """Return bodies that move on their measured, low-passed poses.
+
+    Short gaps are filled, and joints without displacement stay pinned.
 
     Parameters
     ----------
     poses : Table
         poses.parquet.
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Joint centres in the previous segment, m.
     used : sequence of int
-        Places of the bodies in poses.parquet, from 0.
+        Indices of the bodies in poses.parquet, from 0.
     bands : (x, y, angle)
-        Cut-offs, Hz.
+        Cut-off frequencies, Hz.
     gravity : float
         m/s².
     """
-    ready = made_ready(read_bodies(poses, centres, used))
+    ready = bridge_and_pin(read_bodies(poses, centres, used))
     return MovingBodies(_skeleton(ready), measured_motion(ready.poses, bands), gravity)
 
 
-def _skeleton(bodies: MeasuredBodies) -> Skeleton:
+def _skeleton(bodies: MeasuredBodies) -> BodyFrames:
     poses, joints = bodies.poses, bodies.poses.joints
-    return Skeleton(
+    return BodyFrames(
         segments=bodies.names,
         centres=poses.centres[joints],
         between=np.array([(poses.body[j], poses.body[j + 1]) for j in joints], dtype=np.int64).reshape(-1, 2),

@@ -1,37 +1,37 @@
-"""A run as it stands on the disk, finished, half-way or refused: for whoever looks at it and does not compute."""
+"""Run folders on disk: complete runs, partial runs and refused trials, opened by YAML file or by folder."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from mocap_id import runner
-from mocap_id.config import load
+from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store import Artefact, Folder, Held, Provenance
+from mocap_id.store import Artefact, ArtefactSet, Folder, Provenance
 from mocap_id.store.schemas import SCHEMAS
 
 SUMMARY = "summary.json"
 
 
 @dataclass(frozen=True)
-class RunFolder(Held):
-    """What a run left.
+class RunFolder(ArtefactSet):
+    """The artefacts and the summary in a run folder.
 
     Parameters
     ----------
     source : Path
-        As given on the command line: a YAML file or a folder.
+        The YAML file or folder given on the command line.
     path : Path
         The folder.
     artefacts : mapping of str to Table, LongTable or Tree
-        By file name; those that were not made are absent.
+        Artefacts by file name; missing ones are absent.
     provenance : mapping of str to Provenance
-        Likewise.
+        Provenance of these artefacts.
     """
 
     source: Path
@@ -42,17 +42,17 @@ class RunFolder(Held):
     @cached_property
     def name(self) -> str:
         """The trial's name."""
-        told = (each.origin.parameters.get("trial") for each in self.provenance.values())
-        return str(next((name for name in told if name), self.summary.get("trial") or self.path.resolve().name))
+        names = (each.origin.parameters.get("trial") for each in self.provenance.values())
+        return str(next((name for name in names if name), self.summary.get("trial") or self.path.resolve().name))
 
     @cached_property
     def summary(self) -> Mapping[str, Any]:
-        """summary.json; empty where there is none.
+        """Content of summary.json; empty if there is no such file.
 
         Raises
         ------
         StoreError
-            It is no JSON.
+            The file is not JSON.
         """
         file = self.path / SUMMARY
         try:
@@ -64,9 +64,9 @@ class RunFolder(Held):
         return found
 
     def why_missing(self, file: str) -> str:
-        """Why there is no such artefact."""
+        """Return why an artefact, or the data in it, is missing."""
         if file in self.artefacts:
-            return str(self.facts(file).get("why") or f"{file} does not say why")
+            return str(self.facts(file).get("why") or f"{file} gives no reason")
         refusals = [
             f"the trial was refused ({reason['code']}) before {file} was made"
             for reason in self.summary.get("verdict", {}).get("reasons", ())
@@ -76,44 +76,83 @@ class RunFolder(Held):
 
 
 def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFolder:
-    """A run by its trial or by its folder.
+    """Open a run with all artefacts that it has.
 
     Parameters
     ----------
     path : Path
-        A YAML file: what is missing or out of date is computed. Or a run folder, which is taken as it is.
+        A trial's YAML file: missing or outdated results are computed first. Or a run folder, which is read unchanged.
     progress : callable, optional
-        Told of every stage of a YAML file.
+        Called with each step of a run.
 
     Raises
     ------
     StoreError
-        The folder holds no artefact, a damaged one, or some that were not made from one another.
+        The folder has no artefacts, a damaged one, or artefacts of different runs.
     ConfigError, RecordingError, NumericalError
-        As for :func:`mocap_id.runner.run`. A refusal is none: the folder tells of it.
+        As for :func:`mocap_id.runner.run`. A refused trial raises nothing: the folder describes the refusal.
     """
     if not path.exists():
         raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
     where = path if path.is_dir() else runner.run(load(path), progress=progress).folder
     folder = Folder(where)
-    there = [file for file in SCHEMAS if folder.exists(file)]
-    if not there:
+    files = [file for file in SCHEMAS if folder.exists(file)]
+    if not files:
         raise StoreError(
             f"{where} holds no artefacts of a run: expected a trial's YAML file or a run folder such as runs/<trial>"
         )
-    found = RunFolder(
-        path, where, {file: folder.read(file) for file in there}, {file: folder.provenance(file) for file in there}
-    )
-    check_origins(where, found.provenance)
-    return found
+    artefacts = {file: folder.read(file) for file in files}
+    return RunFolder(path, where, artefacts, check_provenance(folder, files))
 
 
-def check_origins(where: Path, provenance: Mapping[str, Provenance]) -> None:
-    """StoreError where artefacts of a folder were not made from one another: someone changed a part of a run."""
-    for file, about in provenance.items():
+def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step: None) -> tuple[Folder, Trial | None]:
+    """Open a trial's run folder, computed as far as one stage.
+
+    Parameters
+    ----------
+    path : Path
+        As for :func:`open_run`.
+    stage : str
+        The last stage that has to run.
+    progress : callable, optional
+        Called with each step of a run.
+
+    Returns
+    -------
+    folder : Folder
+    trial : Trial or None
+        The configuration in a YAML file; None for a run folder.
+
+    Raises
+    ------
+    Refused
+        The trial was refused.
+    ConfigError, RecordingError, NumericalError, StoreError
+        As for :func:`mocap_id.runner.run`.
+    """
+    if path.is_dir():
+        return Folder(path), None
+    trial = load(path)
+    outcome = runner.run_to(trial, stage, progress=progress)
+    if outcome.refused is not None:
+        raise outcome.refused
+    return Folder(outcome.folder), trial
+
+
+def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenance]:
+    """Return the provenance of artefacts after checking that they were made from one another.
+
+    Raises
+    ------
+    StoreError
+        An artefact is missing or damaged, or was made from another version of its input than the one in the folder.
+    """
+    found = {file: folder.provenance(file) for file in files}
+    for file, about in found.items():
         for needed, key in about.origin.inputs.items():
-            if needed in provenance and provenance[needed].origin.key != key:
+            if needed in found and found[needed].origin.key != key:
                 raise StoreError(
-                    f"{where / file} was made from another {needed} than the one beside it: run the trial again "
+                    f"{folder.path / file} was made from another {needed} than the one beside it: run the trial again "
                     "(`mocap-id run TRIAL.yaml`)"
                 )
+    return found

@@ -1,1 +1,1 @@
-"""The page of a study: what came of every trial in plain words, the tables of chapter 6, and figures over people."""
+"""The page of a study: figures, the tables of chapter 6, and the verdict of every trial in words."""

@@ -1,4 +1,4 @@
-"""The cohort's tables as text, in the form of the thesis's."""
+"""The cohort's tables as text, in the form of the thesis's tables."""
 
 from __future__ import annotations
 
@@ -7,197 +7,141 @@ from typing import Any
 
 import pandas as pd
 
-from mocap_id.reporting.cohort.material import CohortMaterial
+from mocap_id.reporting.cohort.page_data import COHORT, CohortData
 from mocap_id.reporting.explanations import EXPLANATIONS
-from mocap_id.reporting.numbers import UNKNOWN, known, show, show_fixed
-from mocap_id.reporting.tables import Grid, grid
+from mocap_id.reporting.numbers import UNKNOWN, show
+from mocap_id.reporting.results.grid_columns import GridColumn, mean_sd, number, text, times, to_grid
+from mocap_id.reporting.results.trial_entries import FATES
+from mocap_id.reporting.tables import Grid
 
-_FATES = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
+BY_STRATEGY = "By strategy (thesis table 6.2): mean ± sd over the people"
+BY_PERSON = "By person and strategy: mean ± sd over the person's trials"
+MODELS = (
+    "Every model on every action of the same person (thesis table 6.3), model less measurement off the chair, "
+    "bias ± sd over all people; torques against those of the action's own model"
+)
+MODELS_BY_PERSON = "Every model on every trial of the same person, model less measurement off the chair, bias ± sd"
+VARIATION = (
+    "Coefficient of variation of base and modified base parameters over each person's trials (thesis figure 6.8): "
+    "mean ± sd over the people. The allometric body varies only with the chain that it is put on"
+)
+VARIATION_BY_PERSON = "Coefficient of variation over each person's trials"
 
 
-def trials(material: CohortMaterial) -> Grid:
-    """A row a trial."""
-    frame = material.tables["trials"]
-    rows = [
-        (
-            row["trial"],
-            row["subject"],
-            row["strategy"],
-            _FATES[row["verdict"]],
-            _count(row["complete"], row["repetitions"]),
-            show_fixed(_times(row["five_times"], 1), 2),
-            show_fixed(_times(row["reprojection"], 1e3), 1),
-            show(row["condition_number"]),
-            show_fixed(_times(row["cop_x_own_rms"], 1e3), 1),
-            show_fixed(_times(row["cop_x_held_out_rms"], 1e3), 1),
-            show_fixed(_times(row["cop_x_reference_rms"], 1e3), 1),
-        )
-        for row in frame.to_dict("records")
-    ]
-    head = (
-        "trial", "subject", "strategy", "verdict", "complete repetitions", "five times (s)", "re-projection (mm)",
-        "condition number", "CoP, own (mm)", "held out (mm)", "allometric (mm)",
-    )  # fmt: skip
-    shown = [k for k in range(len(head)) if k < 4 or any(row[k] != UNKNOWN for row in rows)]
+def trials(data: CohortData) -> Grid:
+    """Return every trial with its verdict and errors."""
+    columns = (
+        text("trial", "trial"),
+        text("subject", "subject"),
+        text("strategy", "strategy"),
+        GridColumn("verdict", lambda row: FATES[row["verdict"]], text=True),
+        GridColumn("complete repetitions", _complete, optional=True),
+        number("five times (s)", "five_times", 2, optional=True),
+        number("re-projection (mm)", "reprojection", 1, 1e3, optional=True),
+        number("condition number", "condition_number", optional=True),
+        number("CoP, own (mm)", "cop_x_own_rms", 1, 1e3, optional=True),
+        number("held out (mm)", "cop_x_held_out_rms", 1, 1e3, optional=True),
+        number("allometric (mm)", "cop_x_reference_rms", 1, 1e3, optional=True),
+    )
     caption = "Every trial; errors of the centre of pressure are rms, off the chair"
-    return grid(caption, [head[k] for k in shown], ([row[k] for k in shown] for row in rows), range(4))
+    return to_grid(caption, data.tables["trials"].to_dict("records"), columns)
 
 
-def lengths(material: CohortMaterial) -> Grid:
-    """Table 6.1: methods against their reference, and every person's."""
-    frame = pd.concat([material.of_cohort("lengths"), material.of_people("lengths")])
-    rows = [
-        (
-            row["subject"],
-            row["segment"],
-            row["method"],
-            row["reference"] or UNKNOWN,
-            str(row["subjects"] if row["subject"] == "cohort" else row["trials"] or UNKNOWN),
-            show_fixed(_times(row["length_mean"], 100), 2),
-            show_fixed(_times(row["reference_length"], 100), 2),
-            _spread(row, "error"),
-            row["why"],
-        )
-        for row in frame.to_dict("records")
-    ]
-    head = (
-        "", "segment", "method", "against", "people, or trials", "length (cm)", "reference (cm)", "difference (%)", "",
-    )  # fmt: skip
+def lengths(data: CohortData) -> Grid:
+    """Return table 6.1, methods against their reference, with the rows of every person."""
+    columns = (
+        text("", "subject"),
+        text("segment", "segment"),
+        text("method", "method"),
+        text("against", "reference", UNKNOWN),
+        GridColumn("people, or trials", _counted),
+        number("length (cm)", "length_mean", 2, 100),
+        number("reference (cm)", "reference_length", 2, 100),
+        mean_sd("difference (%)", "error"),
+        text("", "why"),
+    )
     caption = "Lengths against their reference (thesis table 6.1): mean ± sd over the people, of one person over trials"
-    return grid(caption, head, rows, (0, 1, 2, 3, 8))
+    frame = pd.concat([data.of_cohort("lengths"), data.of_people("lengths")])
+    return to_grid(caption, frame.to_dict("records"), columns)
 
 
-def strategies(material: CohortMaterial) -> Grid:
-    """Table 6.2."""
-    return _strategies(material.of_cohort("strategies"), "By strategy (thesis table 6.2): mean ± sd over the people")
-
-
-def strategies_of_people(material: CohortMaterial) -> Grid:
-    """Table 6.2 of every person."""
-    return _strategies(material.of_people("strategies"), "By person and strategy: mean ± sd over the person's trials")
-
-
-def _strategies(frame: pd.DataFrame, caption: str) -> Grid:
-    rows = [
-        (
-            row["subject"],
-            row["strategy"],
-            row["reference"] or UNKNOWN,
-            str(row["trials"]),
-            _spread(row, "shank_error"),
-            _spread(row, "thigh_error"),
-            _spread(row, "reprojection", 1e3),
-            _spread(row, "condition_number"),
-        )
-        for row in frame.to_dict("records")
-    ]
-    head = (
-        "", "strategy", "lengths against", "trials", "shank (%)", "thigh (%)", "re-projection (mm)", "condition number",
-    )  # fmt: skip
-    return grid(caption, head, rows, (0, 1, 2))
-
-
-def models(material: CohortMaterial) -> Grid:
-    """Table 6.3."""
-    caption = (
-        "Every model on every action of the same person (thesis table 6.3), model less measurement off the chair, "
-        "bias ± sd over all people; torques against those of the action's own model"
+def strategies(frame: pd.DataFrame, caption: str) -> Grid:
+    """Return table 6.2, of the cohort or of every person."""
+    columns = (
+        text("", "subject"),
+        text("strategy", "strategy"),
+        text("lengths against", "reference", UNKNOWN),
+        GridColumn("trials", lambda row: str(row["trials"])),
+        mean_sd("shank (%)", "shank_error"),
+        mean_sd("thigh (%)", "thigh_error"),
+        mean_sd("re-projection (mm)", "reprojection", 1e3),
+        mean_sd("condition number", "condition_number"),
     )
-    return _models(material.of_cohort("models"), caption)
+    return to_grid(caption, frame.to_dict("records"), columns)
 
 
-def models_of_people(material: CohortMaterial) -> Grid:
-    """Table 6.3 of every person."""
-    frame = material.of_people("models")
-    caption = "Every model on every trial of the same person, model less measurement off the chair, bias ± sd"
-    return _models(frame[frame["pairs"] > 0], caption)
-
-
-def _models(frame: pd.DataFrame, caption: str) -> Grid:
-    torques = [name[:-5] for name in frame.columns if name.startswith("tau_") and name.endswith("_mean")]
-    rows = [
-        (
-            row["action_trial"] or row["action"],
-            _spread(row, "condition_number", decimals=0),
-            row["model"] if row["model"].startswith("own") else row["model_trial"] or row["model"],
-            str(row["pairs"]),
-            _spread(row, "Fy"),
-            _spread(row, "tauz"),
-            _spread(row, "cop_x", 1e3),
-            *(_spread(row, torque) for torque in torques),
-        )
-        for row in frame.to_dict("records")
+def models(frame: pd.DataFrame, caption: str) -> Grid:
+    """Return table 6.3, of the cohort or of every person."""
+    torques = [
+        name.removesuffix("_mean") for name in frame.columns if name.startswith("tau_") and name.endswith("_mean")
     ]
-    joints = tuple(f"τ{name[4:]} (N·m)" for name in torques)
-    head = ("action", "condition number", "model", "predictions", "Fy (N)", "τz (N·m)", "CoP (mm)", *joints)
-    return grid(caption, head, rows, (0, 2))
+    columns = (
+        GridColumn("action", lambda row: row["action_trial"] or row["action"], text=True),
+        mean_sd("condition number", "condition_number", decimals=0),
+        GridColumn("model", _model, text=True),
+        GridColumn("predictions", lambda row: str(row["pairs"])),
+        mean_sd("Fy (N)", "Fy"),
+        mean_sd("τz (N·m)", "tauz"),
+        mean_sd("CoP (mm)", "cop_x", 1e3),
+        *(mean_sd(f"τ{name[4:]} (N·m)", name) for name in torques),
+    )
+    return to_grid(caption, frame.to_dict("records"), columns)
 
 
-def doubtful(material: CohortMaterial) -> Grid:
-    """Models of other trials that could not be applied, or should not be believed, and why."""
-    frame = material.of_people("models")
+def doubtful(data: CohortData) -> Grid:
+    """Return the predictions that could not be made or should not be believed, and why."""
+    frame = data.of_people("models")
     frame = frame[(frame["why"] != "") | (frame["codes"] != "")]
-    rows = [
-        (row["action_trial"], row["model_trial"] or row["model"], row["why"] or _titles(row["codes"]))
-        for row in frame.to_dict("records")
-    ]
-    caption = "Predictions that could not be made, or that the recordings do not support"
-    return grid(caption, ("action", "model", "why"), rows, (0, 1, 2))
-
-
-def variation(material: CohortMaterial) -> Grid:
-    """Figure 6.8 as a table."""
-    caption = (
-        "Coefficient of variation of base and modified base parameters over each person's trials (thesis figure 6.8): "
-        "mean ± sd over the people. The allometric body varies with the chain that it is put on, and with nothing else"
+    columns = (
+        text("action", "action_trial"),
+        GridColumn("model", lambda row: row["model_trial"] or row["model"], text=True),
+        GridColumn("why", lambda row: row["why"] or _titles(row["codes"]), text=True),
     )
-    return _variation(material.of_cohort("variation"), caption)
+    caption = "Predictions that could not be made, or that the recordings do not support"
+    return to_grid(caption, frame.to_dict("records"), columns)
 
 
-def variation_of_people(material: CohortMaterial) -> Grid:
-    """Figure 6.8 of every person."""
-    frame = material.of_people("variation")
-    return _variation(frame[frame["trials"] > 1], "Coefficient of variation over each person's trials")
+def variation(frame: pd.DataFrame, caption: str) -> Grid:
+    """Return figure 6.8 as a table, of the cohort or of every person."""
+    columns = (
+        text("", "subject"),
+        text("set", "set"),
+        text("parameter", "parameter"),
+        text("which is", "expression"),
+        GridColumn("trials", lambda row: str(row["trials"])),
+        GridColumn("own models (%)", lambda row: _percent(row, "cv")),
+        GridColumn("allometric body (%)", lambda row: _percent(row, "reference_cv")),
+    )
+    return to_grid(caption, frame.to_dict("records"), columns)
 
 
-def _variation(frame: pd.DataFrame, caption: str) -> Grid:
-    rows = [
-        (
-            row["subject"],
-            row["set"],
-            row["parameter"],
-            row["expression"],
-            str(row["trials"]),
-            _percent(row, "cv"),
-            _percent(row, "reference_cv"),
-        )
-        for row in frame.to_dict("records")
-    ]
-    head = ("", "set", "parameter", "which is", "trials", "own models (%)", "allometric body (%)")
-    return grid(caption, head, rows, (0, 1, 2, 3))
+def _complete(row: Mapping[str, Any]) -> str:
+    return UNKNOWN if pd.isna(row["repetitions"]) else f"{row['complete']} of {row['repetitions']}"
+
+
+def _counted(row: Mapping[str, Any]) -> str:
+    return str(row["subjects"] if row["subject"] == COHORT else row["trials"] or UNKNOWN)
+
+
+def _model(row: Mapping[str, Any]) -> str:
+    return str(row["model"] if row["model"].startswith("own") else row["model_trial"] or row["model"])
 
 
 def _titles(codes: str) -> str:
-    """What codes mean, in their explanations' words."""
-    found = [EXPLANATIONS[code].title if code in EXPLANATIONS else code for code in codes.split(", ")]
-    return "; ".join(found)
+    """The titles of the codes' explanations."""
+    return "; ".join(EXPLANATIONS[code].title if code in EXPLANATIONS else code for code in codes.split(", "))
 
 
-def _times(value: Any, factor: float) -> float | None:
-    number = known(value)
-    return None if number is None else factor * number
-
-
-def _spread(row: Mapping[Any, Any], name: str, factor: float = 1.0, decimals: int = 1) -> str:
-    """``mean ± sd`` of two columns; the mean alone where one case has no spread."""
-    mean, sd = (_times(row[f"{name}_{part}"], factor) for part in ("mean", "sd"))
-    return show_fixed(mean, decimals) if sd is None else f"{show_fixed(mean, decimals)} ± {show_fixed(sd, decimals)}"
-
-
-def _percent(row: Mapping[Any, Any], name: str) -> str:
-    mean, sd = _times(row[name], 100), _times(row[f"{name}_sd"], 100)
+def _percent(row: Mapping[str, Any], name: str) -> str:
+    mean, sd = times(row[name], 100), times(row[f"{name}_sd"], 100)
     return show(mean, 2) if sd is None else f"{show(mean, 2)} ± {show(sd, 2)}"
-
-
-def _count(part: Any, whole: Any) -> str:
-    return UNKNOWN if pd.isna(whole) else f"{part} of {whole}"

@@ -1,4 +1,4 @@
-"""The form of an explanation."""
+"""The data class of an explanation."""
 
 from __future__ import annotations
 
@@ -9,21 +9,27 @@ from mocap_id.verdict import Level
 
 @dataclass(frozen=True)
 class Explanation:
-    """A code in plain words.
+    """Explanation of one reason code.
 
     Parameters
     ----------
     levels : tuple of str
-        The levels that it may come with, the gravest first.
+        Levels at which the code can occur, most severe first.
     title : str
-        What happened, as a headline.
+        Headline.
     meaning : str
-        What follows from it for the numbers.
+        Consequences for the results.
     action : str
         What to do.
+    stage : str
+        Stage or command that checks this.
+    criterion : str
+        Measured quantity and limit. Limits without a setting are constants in the code.
     """
 
     levels: tuple[Level, ...]
     title: str
     meaning: str
     action: str
+    stage: str
+    criterion: str

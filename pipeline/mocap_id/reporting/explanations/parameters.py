@@ -1,4 +1,4 @@
-"""What identifying the inertial parameters gives rise to."""
+"""Explanations of reasons about the identification of the inertial parameters."""
 
 from __future__ import annotations
 
@@ -10,158 +10,199 @@ PARAMETERS: Mapping[str, Explanation] = {
     "standing-still": Explanation(
         ("caution",),
         "Only the mass is known",
-        "The joints move while the chair carries part of the weight, and rest where the ground alone carries it. A "
-        "body at rest shows its mass and where its weight acts, nothing more.",
+        "The joints move only while the chair carries part of the weight, and rest when the ground alone carries it. A "
+        "body at rest shows only its mass and the position where its weight acts.",
         "Record a movement without the chair, such as squats, or more repetitions of the sit-to-stand.",
+        "identify-dim",
+        "Largest arc of a joint off the chair, degrees; limit `identify-dim: {still_arc_deg}`. The value is the known "
+        "mass, kg.",
     ),
     "not-excited": Explanation(
         ("caution",),
-        "A joint rests",
-        "Segments on either side of a joint that rests move as one, and so do their parameters: the wrench cannot "
-        "tell them apart. No parameters are given, because any would be a guess.",
-        "Record a movement of every joint, or lower the number of segments with `segment: {count: …}`.",
+        "A joint does not move",
+        "The segments on either side of a joint at rest move as one body, so the wrench cannot separate their "
+        "parameters. No parameters are given, because any values would be a guess.",
+        "Record a movement of every joint, or reduce the number of segments with `segment: {count: …}`.",
+        "identify-dim",
+        "The regressor off the chair has a lower rank than that of the chain; the value is the known mass, kg.",
     ),
     "clock-offset-unknown": Explanation(
         ("caution",),
         "The clocks of cameras and plates may differ",
-        "One millisecond between the clocks costs up to a third of a base parameter. Here the offset could not be "
-        "found, so it was taken as zero, and the parameters are only as good as that assumption.",
-        "Check that markers and forces belong to the same trial; record a faster movement, in which the clocks show; "
-        "or widen `identify-dim: {clock_offset_limit_s: …}`.",
+        "One millisecond between the clocks can change a base parameter by up to a third. Here the offset could not be "
+        "found and zero was assumed. The parameters are only as good as this assumption.",
+        "Check that markers and forces belong to the same trial; record a faster movement, which shows the offset "
+        "better; or widen `identify-dim: {clock_offset_limit_s: …}`.",
+        "identify-dim",
+        "Best offset, s; limit `identify-dim: {clock_offset_limit_s}`. Or the cost has no clear minimum.",
     ),
     "clocks-disagree": Explanation(
         ("caution",),
-        "The repetitions disagree about the clocks",
-        "Each fit that leaves a repetition out finds the offset between cameras and plates anew. These offsets differ "
-        "by more than 5 ms, and 5 ms change a base parameter by a fifth and more. Either one of the clocks drifts, or "
-        "the model does not follow the movement and the offset makes up for it.",
+        "The repetitions give different clock offsets",
+        "Each fit that leaves a repetition out estimates the offset between cameras and plates again. These offsets "
+        "differ by more than 5 ms, and 5 ms change a base parameter by a fifth or more. Either one of the clocks "
+        "drifts, or the model does not follow the movement and the offset compensates for it.",
         "Check how cameras and plates are synchronised, and look for dropped frames. Compare the offset with other "
-        "trials of the same session: it should be the same. If the clocks are sound, look at the joints' gaps and at "
-        "the residuals of the markers.",
+        "trials of the session: it should be the same. If the clocks are good, look at the joint gaps and at the "
+        "marker residuals.",
+        "identify-dim",
+        "Range of the clock offsets of the fits without one repetition, s; limit 0.005.",
     ),
     "clock-offset-kept": Explanation(
         ("caution",),
-        "A clock offset is known and left in",
-        "The offset between cameras and plates was found, and the settings ask not to take it out. Regressor and "
-        "wrench then belong to different moments, and the parameters answer for it.",
-        "Leave `identify-dim: {apply_clock_offset: false}` away, or correct the clocks before.",
+        "A known clock offset was not corrected",
+        "The offset between cameras and plates was found, but the settings switch its correction off. Regressor and "
+        "wrench then belong to different instants, which biases the parameters.",
+        "Remove `identify-dim: {apply_clock_offset: false}`, or correct the clocks first.",
+        "identify-dim",
+        "Offset found, s, if `identify-dim: {apply_clock_offset}` is false; limit 3 standard deviations and 0.0005.",
     ),
     "joint-gives-way": Explanation(
         ("ok",),
-        "A joint gives way",
-        "The chain pins two segments together at a point. Here their markers show two poses that part at this point: a "
-        "pelvis moves on the hip, a back bends, skin slides. Pins would hide how the mass really moved, so every body "
-        "of the dynamics moves as its own markers were measured. The report's part “Motion of the masses” shows what "
-        "pins would cost.",
-        "Nothing, where the gap is usual: the hips of people part by 6 to 16 mm. Where it is larger, look at the "
-        "skeleton: a marker may be on the wrong segment, or the joint in the wrong place.",
+        "The two sides of a joint separate",
+        "The chain pins two segments together at a point. Their markers show that the two segments move apart at this "
+        "point: a pelvis moves on the hip, a back bends, skin slides. Pins would hide how the mass really moved, so in "
+        "the dynamics every body moves as its own markers were measured. The section “Motion of the masses” of the "
+        "report shows the effect of pins.",
+        "Nothing, if the gap is usual: 6 to 16 mm at the hip of a person. If it is larger, look at the skeleton: a "
+        "marker may be on the wrong segment, or the joint in the wrong place.",
+        "identify-dim",
+        "Acceleration of the gap between the two sides of a joint below 3 Hz, m/s² rms; limit 0.03. The value is the "
+        "largest gap, m rms.",
     ),
     "parameters-bounded": Explanation(
         ("caution",),
         "Only an impossible body would fit better",
-        "Masses cannot be negative. Parameters held to that fit clearly worse than free ones, which means that "
-        "something before them is wrong: a joint, a marker's segment, the plate's calibration, or mass that lies far "
-        "outside the markers.",
-        "Look at the skeleton and the residuals first, then at the plates' use and calibration.",
+        "Masses cannot be negative. Parameters with this constraint fit clearly worse than unconstrained ones. This "
+        "points to an earlier error: a joint, the segment of a marker, the plate calibration, or mass far outside the "
+        "markers.",
+        "Check the skeleton and the residuals first, then the use and calibration of the plates.",
+        "identify-dim",
+        "Relative increase of the cost from unconstrained to physically consistent parameters; limit 0.05.",
     ),
     "held-out-worse": Explanation(
         ("caution",),
         "No better than a table",
-        "Each repetition was predicted by a model that was fitted to the others. For the quantities that are named, "
-        "a body from a table that knows height and mass alone predicts them as well or better. The individual model is "
-        "then not worth its name there: what joints, markers, skin, or limbs that move by themselves leave unexplained "
-        "is larger than what this person differs from the table. The error within the fit does not show that.",
-        "Look at the residuals of the markers, and for arms or a head that move: a limb outside the chain is not "
-        "modelled, so keep the arms still against the trunk. A slower movement asks less of the chain. For what is "
-        "named, use the table's values.",
+        "Each repetition was predicted by a model fitted to the others. For the named quantities, the reference body "
+        "from a table, which needs only height and mass, predicts as well or better. The individual model has no "
+        "advantage there: errors from joints, markers, skin or unmodelled limbs are larger than the differences "
+        "between this person and the table. The error within the fit does not show this.",
+        "Check the marker residuals, and whether arms or head move: limbs outside the chain are not modelled, so keep "
+        "the arms still against the trunk. A slower movement is easier to model. For the named quantities, use the "
+        "table values.",
+        "identify-dim",
+        "rms error on held-out repetitions, divided by that of the table's body; limit 1.",
     ),
     "held-out-far": Explanation(
         ("caution",),
-        "The model does not carry over to other repetitions",
-        "Each repetition was predicted by a model that was fitted to the others, and is off by far more than the fit "
-        "to all of them. Either the parameters follow what is particular to single repetitions, because few of them "
-        "tell many parameters, or one repetition differs from the rest: a step, a hand on the knee, a marker lost.",
-        "Record more repetitions, or leave the odd one out with `window:`. Believe the error on the held-out "
-        "repetitions, not the one within the fit.",
+        "The model does not generalise to other repetitions",
+        "Each repetition was predicted by a model fitted to the others. These predictions have much larger errors than "
+        "the fit to all repetitions. Either there are too few repetitions for so many parameters, which then fit "
+        "details of single repetitions, or one repetition differs: a step, a hand on the knee, a lost marker.",
+        "Record more repetitions, or exclude the different one with `window:`. Trust the error on held-out "
+        "repetitions, not the error within the fit.",
+        "identify-dim",
+        "rms error on held-out repetitions, divided by that within the fit; limit 1.5.",
     ),
     "parameters-weak": Explanation(
         ("caution",),
         "Some base parameters are weakly known",
-        "Their standard deviation is above a fifth of their size: the movement hardly shows them. Above their whole "
-        "size they count as not identifiable. The others, and the wrench that all of them predict for this movement, "
-        "hold.",
-        "Use them with their intervals, or record the movement that the reason names: it is computed from this trial's "
-        "own regressor (docs/reading-the-dynamics.md).",
+        "Their standard deviation exceeds a fifth of their size: the movement hardly excites them. Above their whole "
+        "size they count as not identifiable. The other parameters are valid, and so is the wrench that all of them "
+        "together predict for this movement.",
+        "Use them with their intervals, or record the movement named in the reason. It was computed from the regressor "
+        "of this trial (docs/reading-the-dynamics.md).",
+        "identify-dim",
+        "Number of base parameters with a standard deviation above 20 % of their size. Above 100 % a parameter is not "
+        "identifiable.",
     ),
     "mass-contradiction": Explanation(
         ("caution",),
         "Two masses disagree",
-        "The mass that was identified and the subject's as given differ by more than scales do. One of them is wrong, "
-        "and every force with it if it is the plates'.",
-        "Check the plates' calibration and zero, what else stands on them, whether one carries the chair, and the mass "
-        "in the trial file.",
+        "The identified mass and the given mass of the subject differ by more than the errors of scales. One is wrong. "
+        "If it is that of the plates, every force is wrong too.",
+        "Check the calibration and zero of the plates, other loads on them, whether one carries the chair, and the "
+        "mass in the trial file.",
+        "identify-dim",
+        "Standing mass, kg; at most 5 % from `subject: {mass}`.",
     ),
     "mass-unchecked": Explanation(
         ("caution",),
         "The mass is not checked",
-        "A chair or a support that carries a part of the body shows when the identified mass is held against the "
-        "standing one. Here nobody is shown to stand, and no mass was given.",
+        "Comparing the identified mass with the standing mass reveals a chair or support that carries part of the "
+        "body. Here no standing was found, and no mass was given.",
         "Give `subject: {mass: …}`, or record some quiet standing; for a movement from a chair set "
         "`protocol: sit-to-stand`.",
+        "identify-dim",
+        "Neither the standing mass nor `subject: {mass}` is known.",
     ),
     "load-shared": Explanation(
         ("caution",),
-        "The body moves with less mass than it stands with",
-        "The mass that was identified is not the one that the plates show in standing. Most often a chair, or a hand "
-        "on a support, carried a part of the body in samples that were identified on, and all parameters are wrong "
-        "with it.",
+        "The identified mass differs from the standing mass",
+        "The identified mass is not the one that the plates measure during standing. Most often a chair, or a hand on "
+        "a support, carried part of the body in samples used for identification. All parameters are then wrong.",
         "For a movement from a chair set `protocol: sit-to-stand`; otherwise give a `window:` without the support.",
+        "identify-dim",
+        "Identified mass, kg; at most 5 % from the standing mass.",
     ),
     "components-short": Explanation(
         ("caution",),
-        "The fitted components do not tell everything",
-        "Base parameters from a part of the wrench decide what that part feels. Other components, the centre of "
-        "pressure and some torques depend on parameters that stay open, so they are left empty. A joint inside one "
-        "body of measured poses, as between pelvis and trunk, has no torque, whichever components are fitted.",
-        "Fit at least Fy and tauz: they give all torques but the one inside a body.",
+        "The fitted components do not determine everything",
+        "A fit to part of the wrench determines only the parameters that this part depends on. Other components, the "
+        "centre of pressure and some torques depend on further parameters, so they are left empty. A joint within "
+        "one body of the measured poses, as between pelvis and trunk, has no torque for any choice of components.",
+        "Fit at least Fy and tauz: they give all torques except those within a body.",
+        "identify-dim",
+        "Rows of the regressor outside the row space of `identify-dim: {components}`.",
     ),
     "reference-assumed": Explanation(
         ("ok",),
-        "The reference body rests on assumptions",
-        "Height or mass were not given, so the allometric body that the results are compared with uses values from the "
-        "recording itself. On the pinned chain the identified parameters depend on it only with `identify-dim: "
-        "{reference_pulls: true}`. On measured poses it is the mean of a loose prior: the table of base parameters "
-        "shows the prior's share.",
+        "Assumptions in the reference body",
+        "Height, mass or sex was not given. The allometric reference body uses values from the recording or the mean "
+        "table instead. With the pinned chain, the identified parameters depend on it only if `identify-dim: "
+        "{reference_pulls: true}` is set. With measured poses, it is the mean of a loose prior; the table of base "
+        "parameters shows the share of the prior.",
         "Give `subject: {height: …, mass: …, sex: …}`.",
+        "identify-dim",
+        "`subject:` lacks height, mass or sex.",
     ),
     "no-reference": Explanation(
         ("ok",),
         "No reference body",
-        "There is no allometric body to compare with. On the pinned chain the identified parameters do not depend on "
-        "one; on measured poses the loose prior shares the mass evenly between the bodies instead.",
-        "Give `subject:`; the tables describe people of four or five segments only.",
+        "There is no allometric body to compare with. With the pinned chain, the identified parameters do not depend "
+        "on one; with measured poses, the loose prior divides the mass evenly between the bodies instead.",
+        "Give `subject:`. The tables describe only people of four or five segments.",
+        "identify-dim",
+        "No table has a body with this number of segments, or mass or height is unknown.",
     ),
     "cone-unproven": Explanation(
         ("caution",),
-        "The grid took the cone's place",
-        "The exact set of bodies that can exist was asked for, and the solver's answer there failed the check of "
-        "optimality. The parameters are those of point masses on the grid, which are as possible and fit as well or "
-        "slightly worse.",
-        "Set `identify-dim: {consistency: grid}`, or look at the skeleton: joints in one place or units "
-        "that are off make such problems.",
+        "Grid parameters were used instead of the cone",
+        "The exact cone of physically consistent bodies was requested, but the solver's solution failed the "
+        "optimality check. The parameters are those of point masses on the grid, which are also physically consistent "
+        "and fit equally well or slightly worse.",
+        "Set `identify-dim: {consistency: grid}`, or check the skeleton: coinciding joints or wrong units cause such "
+        "problems.",
+        "identify-dim",
+        "Optimality gap (KKT) of the solution in the cone; limit 1e-6.",
     ),
     "solver-unproven": Explanation(
         ("caution",),
-        "The parameters may not be the best ones",
-        "No solver's answer passed the check of optimality. The one that came closest was taken; the reason says how "
-        "far its cost may be above the least one.",
-        "Look at the skeleton and the units. If they are right, a coarser `identify-dim: {grid: …}` is easier.",
+        "The parameters may not be optimal",
+        "No solver's solution passed the optimality check. The best one was used; the reason says by how much its cost "
+        "may exceed the minimum.",
+        "Check the skeleton and the units. If they are right, try a coarser `identify-dim: {grid: …}`.",
+        "identify-dim",
+        "Optimality gap (KKT) of the best solution; limit 1e-6.",
     ),
     "solver-fallback": Explanation(
         ("ok",),
-        "The second solver's answer was taken",
-        "The first solver's point masses failed the check of optimality. A second one was asked, whose answer passed "
-        "it: the result is as good as ever.",
+        "The second solver was used",
+        "The point masses of the first solver failed the optimality check. Those of the second solver passed it, so "
+        "the result is fully valid.",
         "Nothing.",
+        "identify-dim",
+        "The optimality gap of the first solver's solution is above 1e-6.",
     ),
 }
+"""Explanation of each code."""

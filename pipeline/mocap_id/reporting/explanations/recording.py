@@ -1,4 +1,4 @@
-"""What a recording's file, plane and marker labels give rise to."""
+"""Explanations of reasons about the recording: file, plane, marker labels, force plates and encoder."""
 
 from __future__ import annotations
 
@@ -9,126 +9,165 @@ from mocap_id.reporting.explanations.explanation import Explanation
 RECORDING: Mapping[str, Explanation] = {
     "recording-oddity": Explanation(
         ("ok",),
-        "Something odd in the file",
-        "The file contradicts itself or its format in a way that could be read around, as the message says.",
-        "Compare with what you know of the recording; `mocap-id inspect FILE` shows all that the file holds.",
+        "Inconsistency in the file",
+        "The file contradicts itself or its format, but it could still be read. The message gives the details.",
+        "Compare with what you know of the recording; `mocap-id inspect FILE` shows the contents of the file.",
+        "planarise",
+        "The reader of the file reports it.",
     ),
     "window-proposed": Explanation(
         ("ok",),
-        "Only a part of the recording was used",
-        "People walk on and off. The longest part in which markers stay put was taken, because a chain needs a base.",
+        "Only part of the recording was used",
+        "People walk into and out of the volume. The longest part with still markers was used, because the chain needs "
+        "a fixed base.",
         "Give `window: [from, to]`, in seconds of the recording's clock, to choose another part.",
+        "planarise",
+        "No `window:` is given, and markers are still in only part of the recording.",
     ),
     "facing-unsure": Explanation(
         ("ok",),
-        "Which way the person faces is unsure",
-        "A plane has two sides. If the wrong one was taken, x, every angle, Fx, the moment and the centre of pressure "
-        "have the other sign; sizes do not change.",
-        "Compare the skeleton with the person; if it is mirrored, give `planarise: {facing: +x}`.",
+        "The facing direction is uncertain",
+        "The plane of motion can be seen from two sides. If the wrong one was chosen, x, all angles, Fx, the moment "
+        "and the centre of pressure have the opposite sign; their magnitudes are right.",
+        "Compare the skeleton with the person. If it is mirrored, set `planarise: {facing: +x}`.",
+        "planarise",
+        "The sign that distinguishes front from back is within the noise.",
     ),
     "upside-down": Explanation(
         ("caution",),
         "The chain hangs below its base",
-        "The moving segments are lower than the markers that stay still. For a person that means a wrong vertical "
-        "axis, and then gravity, forces and mass are wrong too. A robot may hang.",
-        "Set `planarise: {vertical: …}`, or ignore this for a chain that really hangs.",
+        "The moving segments are below the still markers. For a person this means a wrong vertical axis, and gravity, "
+        "forces and mass are wrong too. A robot may really hang.",
+        "Set `planarise: {vertical: …}`. If the chain really hangs, ignore this.",
+        "segment",
+        "The mean height of the moving markers is below that of the base.",
     ),
     "marker-swap": Explanation(
         ("caution", "ok"),
-        "Two markers carry each other's label",
-        "Two trajectories exchange their places at once, and the distances to the markers around them hold only if the "
-        "labels are exchanged too. The labels that the file begins with count as right. Left as they are (caution), "
-        "swapped markers spoil the segments, the joints and everything after them; exchanged back (note), they do no "
-        "harm.",
-        "Compare the frames that are named with the cameras' own software and relabel there, or give `planarise: "
-        "{repair_swaps: true}`. Your file is never changed.",
+        "Swapped marker labels",
+        "Two trajectories exchange places at once, and the distances to the markers around them are preserved only if "
+        "the labels are exchanged too. The labels at the start of the file are taken as correct. Unrepaired swaps "
+        "(caution) corrupt the segments, the joints and all later results; repaired swaps (note) are harmless.",
+        "Check the named frames in the camera software and relabel there, or set `planarise: {repair_swaps: true}`. "
+        "Your file is never changed.",
+        "segment",
+        "Two trajectories jump at once by 8 to 15 mm or more; only their exchange preserves distances to neighbours.",
     ),
     "bursts": Explanation(
         ("ok",),
         "Markers jump",
-        "Some samples jump away from their marker's track and back within 0.4 s: a wrong reconstruction, not a "
-        "movement. They are left out before the segments are sought.",
-        "Nothing, if they are few. Otherwise look at that marker in the cameras' own software.",
+        "Some samples jump away from the marker's trajectory and back within 0.4 s. Such a jump is a reconstruction "
+        "error, not a movement. These samples are excluded before the segments are found.",
+        "Nothing, if they are few. Otherwise inspect the marker in the camera software.",
+        "segment",
+        "A sample jumps by 12 mm or more, and by 4 times the usual change between samples, and returns.",
     ),
     "plate-unit-assumed": Explanation(
         ("caution",),
         "The unit of a force plate was assumed",
-        "The file does not say in which unit the plate under the feet measures, so that of the format's custom was "
-        "taken: N, and the file's unit of length. If it is another, every force, mass or moment is wrong by a constant "
-        "factor, and nothing else shows it.",
-        "Compare the mass in the report with the person's. Then give `planarise: {force_unit: …, moment_unit: …}`, "
-        "which also settles the matter where the assumption is right.",
+        "The file does not state the unit of the plate under the feet. The usual unit of the format was assumed: N, "
+        "and the length unit of the file. If this is wrong, every force, mass and moment has the wrong scale, and no "
+        "other check shows it.",
+        "Compare the mass in the report with the person's. Then set `planarise: {force_unit: …, moment_unit: …}`, "
+        "also to confirm a correct assumption.",
+        "planarise",
+        "The file declares no unit of force or moment.",
     ),
     "plate-misplaced": Explanation(
         ("caution",),
-        "A force plate is not where the file has it",
-        "The ground can only push, so its force acts under the feet. Held against the markers on the feet that stand "
-        "still, it acts beside them: the plate's place in the cameras' axes is wrong. The centre of pressure, tauz and "
-        "every parameter are off with it; forces and mass are not.",
-        "Measure the plate's corners anew, with markers on them, and correct them in the file; look at ORIGIN and at "
-        "the units of the moments too.",
+        "A force plate is not where the file places it",
+        "The ground can only push, so its force acts under the feet. Compared with the markers on the standing feet, "
+        "it acts beside them: the position of the plate in the camera axes is wrong. The centre of pressure, tauz and "
+        "all parameters are affected; force and mass are not.",
+        "Measure the plate corners again, with markers on them, and correct them in the file. Also check ORIGIN and "
+        "the units of the moments.",
+        "planarise",
+        "Distance of the centre of pressure from the standing foot's markers, m; limit 0.05 m plus the uncertainty of "
+        "their positions.",
     ),
     "plate-height": Explanation(
         ("caution",),
-        "A force plate's surface is not where the feet stand",
-        "The markers on the feet are below the plate's surface, or far above it. The moment about the surface is off "
-        "by the error of the height times the horizontal force.",
-        "Measure the heights of the plate's corners anew. Where only markers high above the feet stay still, ignore "
+        "Wrong height of a force plate",
+        "The markers on the feet are below the plate surface, or far above it. The moment about the surface is wrong "
+        "by the height error times the horizontal force.",
+        "Measure the heights of the plate corners again. If the only still markers are high above the feet, ignore "
         "this.",
+        "planarise",
+        "Height of the lowest foot marker above the surface, m; limits 0.008 below, 0.12 above.",
     ),
     "plate-tilted": Explanation(
         ("caution", "ok"),
         "A force plate is tilted",
-        "Who stands still is carried by a vertical force. Here the measured one leans, or the corners incline the "
-        "plate without a stance that would show whether it is: a part of the weight then counts as horizontal force, "
-        "12 N in a person of 70 kg for each degree. A plate that is inclined and says so is no error, and a note.",
-        "Level the plate, zero it without load, and measure its corners anew. The lean tells of all the feet's plates "
-        "together: of two, one may be tilted twice as much.",
+        "The ground reaction force on a person who stands still is vertical. Here the measured force leans, or the "
+        "corners describe a tilted plate and no standing phase shows whether it is. Part of the weight then appears as "
+        "horizontal force: 12 N per degree for a person of 70 kg. A plate that is correctly described as tilted is not "
+        "an error, only a note.",
+        "Level the plate, zero it without load, and measure its corners again. The lean is that of all plates under "
+        "the feet together: of two plates, one may be tilted by twice as much.",
+        "planarise",
+        "Inclination of the corners, degrees; limit 1.5. Or of the force while standing, degrees; limit 2.",
     ),
     "plate-turned": Explanation(
         ("caution",),
-        "A force plate is turned about the vertical",
-        "The horizontal force is the body's mass times its acceleration, which the cameras see. The two point in "
-        "different directions: the plate is turned, by half a turn most often, or its horizontal channels have the "
-        "wrong sign. Fx and tauz are then of another sign or another axis, and no parameter holds.",
-        "Look at the order of the corners (+x+y, −x+y, −x−y, +x−y in the plate's axes) and at the channels' signs.",
+        "A force plate is rotated about the vertical axis",
+        "The horizontal force equals the body's mass times its horizontal acceleration, which the cameras measure. The "
+        "two point in different directions: the plate is rotated, usually by half a turn, or its horizontal channels "
+        "have the wrong sign. Fx and tauz then have the wrong sign or axis, and no parameter is valid.",
+        "Check the order of the corners (+x+y, −x+y, −x−y, +x−y in the plate's axes) and the signs of the channels.",
+        "planarise",
+        "Angle about the vertical between the horizontal force and the mean marker acceleration, degrees; limit 30, or "
+        "90 for the plate of one foot.",
     ),
     "plate-saturated": Explanation(
         ("caution",),
-        "A force plate is at the end of its range",
-        "A channel sits at the converter's limit, or is held at an extreme that it never passes. The force was larger. "
-        "Such samples are left out, and they are those in which the movement is strongest: parameters are known less "
-        "well, and the mass only if the person's weight is within the range.",
-        "Choose a larger range of the plate's amplifier and record again.",
+        "A force plate is saturated",
+        "A channel is at the limit of the converter, or stays at an extreme value that it never exceeds. The true "
+        "force was larger. These samples, which are those of the strongest movement, are excluded. The parameters are "
+        "therefore less certain, and the mass is known only if the person's weight is within the range.",
+        "Choose a larger range on the plate's amplifier and record again.",
+        "planarise",
+        "Share of samples at the limit of a channel's range; limit 0.",
     ),
     "plate-short": Explanation(
         ("caution", "ok"),
-        "Forces and markers are not equally long",
-        "The forces begin later than the markers or end before them. Without a force there is nothing to identify "
-        "from; the kinematics use all frames.",
-        "Export both whole. If they are of two recordings, the clock offset and every parameter are meaningless.",
+        "Forces and markers have different lengths",
+        "The forces begin later than the markers or end earlier. Frames without force cannot be used for "
+        "identification; the kinematics use all frames.",
+        "Export both in full. If they are from two recordings, the clock offset and all parameters are meaningless.",
+        "planarise",
+        "Share of frames without force; a caution above 0.05.",
     ),
     "plate-dropout": Explanation(
         ("caution",),
         "A force plate lost its signal",
-        "The plates read nothing, or next to it, while the person stands upright and is not in the air. These frames "
-        "are left out as if they had not been measured.",
-        "Look at the plate's signal and its cable, or at a step beside the plate; leave that part out with `window:`.",
+        "The plates read almost nothing while the person stands upright and is not in the air. These frames are "
+        "treated as not measured.",
+        "Check the plate's signal and cable, or whether the person stepped off the plate. Exclude that part with "
+        "`window:`.",
+        "planarise",
+        "Share of frames in intervals of 0.6 s or longer in which the plates carry less than a fifth of their usual "
+        "load; limit 0.",
     ),
     "encoder-disagrees": Explanation(
         ("caution",),
-        "The encoder and the cameras tell different movements",
-        "A robot's encoder and the cameras look at the same joint, so that sense, zero and clock aside their angles "
-        "agree to the noise. Here they do not. The states, unless `ukf-smooth: {method: encoder}` asks for it, are "
-        "those of the cameras; which of the two is wrong is not known.",
-        "Look whether the record is of this trial and of the joint that moves, and whether anything gives between "
-        "encoder and link.",
+        "The encoder and the cameras disagree",
+        "The encoder and the cameras measure the same joint. After correction of sense, zero and clock, their angles "
+        "should agree to within the noise; here they do not. The states are those of the cameras unless `ukf-smooth: "
+        "{method: encoder}` is set. It is not known which of the two is wrong.",
+        "Check that the encoder record belongs to this trial and to the joint that moves, and that there is no play "
+        "between the encoder and the link.",
+        "ukf-smooth",
+        "r² of the camera angle against the encoder angle, after correction of sense, zero and clock; limit 0.999.",
     ),
     "encoder-weak": Explanation(
         ("caution",),
-        "The encoder's clock or sense is not certain",
-        "They are found from the one movement that encoder and cameras both saw, and it does not tell them well. What "
-        "compares the two, the torque above all, suffers; states from the cameras do not.",
-        "Let the joint rest, then swing widely and fast; or set the clocks to each other beforehand.",
+        "The clock or sense of the encoder is uncertain",
+        "Both are estimated from the movement that encoder and cameras recorded, which does not determine them well. "
+        "Comparisons between the two, especially of torque, suffer; states from the cameras do not.",
+        "Let the joint rest, then move it far and fast; or synchronise the clocks before the recording.",
+        "ukf-smooth",
+        "The opposite sense fits nearly as well, or the clock offset is at `ukf-smooth: {encoder_offset_limit_s}`, or "
+        "its standard deviation, s, is above the limit 0.001.",
     ),
 }
+"""Explanation of each code."""

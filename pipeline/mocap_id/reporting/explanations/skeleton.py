@@ -1,4 +1,4 @@
-"""What finding the segments, their joints and the joint states gives rise to."""
+"""Explanations of reasons about segments, joints and joint states."""
 
 from __future__ import annotations
 
@@ -10,96 +10,128 @@ SKELETON: Mapping[str, Explanation] = {
     "no-fixed-base": Explanation(
         ("refused",),
         "No fixed base",
-        "The method measures everything from a segment that stays on the ground. In this recording nothing does: "
-        "people walk, jump, or step during the part that was used.",
-        "Give a `window:` in which the feet stay put, or record such a part with markers on the feet or the plate.",
+        "The method needs a base segment that stays still on the ground. In this recording nothing does: the person "
+        "walks, jumps or steps during the part that was used.",
+        "Give a `window:` in which the feet stay still, or record such a part with markers on the feet or the plate.",
+        "segment",
+        "rms movement of the second stillest marker, m; limit `segment: {still_limit_m}`.",
     ),
     "no-motion": Explanation(
         ("refused",),
         "No joint moves",
-        "A joint is found by its motion. Nothing here turns enough to place one, so there are no segments, states or "
-        "inertial parameters; the mass and the centre of pressure that the plates show still hold.",
-        "Record a movement that bends every joint of interest by 15° or more; a static pose is no substitute.",
+        "Joints are located by their motion. No joint here turns enough, so there are no segments, joint states or "
+        "inertial parameters. The mass and the centre of pressure measured by the plates are still valid.",
+        "Record a movement that bends every joint of interest by at least 15°. A static pose is not enough.",
+        "segment",
+        "Every marker stays within `segment: {still_limit_m}`, or no two moving markers form a rigid body.",
     ),
     "no-chain": Explanation(
         ("refused",),
-        "No chain on the base",
-        "Bodies move, but none of them turns about a point that is fixed to the base within the limits, so no serial "
-        "chain can be built.",
-        "Check that the base carries markers, that the window holds one movement only, and that the motion is planar.",
+        "No chain attached to the base",
+        "There are moving bodies, but none rotates about a point of the base within the limits, so no serial chain can "
+        "be built.",
+        "Check that the base carries markers, that the window holds only one movement, and that the motion is planar.",
+        "segment",
+        "Residual of the best joint on the base, m; limit `segment: {max_joint_residual_m}`. Residual of its body, m; "
+        "limit `segment: {max_body_residual_m}`. Its arc, degrees; limit `segment: {min_arc_deg}`. Or there is no "
+        "chain of `segment: {count}` segments.",
     ),
     "not-planar": Explanation(
         ("refused", "caution"),
-        "The motion leaves its plane",
-        "The chain is planar: motion across the plane is not modelled. A little of it (caution) makes angles and "
-        "lengths those of the projection, with lengths somewhat short; much of it (refused) leaves nothing to fit.",
-        "Leave out the part that turns, steps or leans sideways (`window:`), or record the movement facing one way.",
+        "The motion leaves the plane",
+        "The model is planar; motion out of the plane is not modelled. If the share is small (caution), angles and "
+        "lengths are those of the projection, and lengths are slightly too short. If it is large (refused), no chain "
+        "is fitted.",
+        "Exclude turning, stepping or leaning sideways (`window:`), or record the movement facing in one direction.",
+        "segment",
+        "Share of the chain's motion that is out of the plane; limits `segment: {planarity_caution}` and "
+        "`segment: {planarity_limit}`.",
     ),
     "segments-unsure": Explanation(
         ("caution",),
-        "The segments are doubtful",
-        "The confidence is the chance, 0 to 1, that count and assignment of the segments are right. Below 0.5 they are "
-        "more likely wrong, and with them every number that follows. Evidence takes it down: a segment that could be "
-        "left out at little cost, moving markers on no segment, a still marker that might as well be on the other side "
-        "of the first joint, a first joint that is no fixed point, still markers that hardly stand out, another number "
-        "of segments that fits about as well; the report shows what each takes off. The same code tells of left and "
-        "right that turn differently, where one segment stands for both.",
-        "Compare the skeleton with the person, and read in the report which other segments were weighed up and why "
-        "they lost. If it is right, the numbers hold. If it is wrong, say what you know under `segment:`: the `count`, "
-        "markers that are `together` on one segment or `apart` on different ones, markers to `ignore`. `names` renames "
-        "the segments, and `joint_markers` name markers about a joint, which place its centre.",
+        "The segments are uncertain",
+        "The confidence is the probability, 0 to 1, that the number of segments and the assignment of markers are "
+        "right. Below 0.5 they are more likely wrong, and so is every later result. It is reduced by: a segment that "
+        "could be omitted at little cost; moving markers without a segment; a still marker that may belong to the "
+        "other side of the first joint; a first joint that is not a fixed point; still markers that are hardly stiller "
+        "than the others; another number of segments that fits almost as well. The report shows the effect of each. "
+        "The same code reports that left and right turn differently although one segment represents both.",
+        "Compare the skeleton with the person, and read in the report which other segmentations were considered and "
+        "why they were rejected. If the skeleton is right, the numbers are valid. If it is wrong, say what you know "
+        "under `segment:`: the `count`, markers that are `together` on one segment or `apart` on different segments, "
+        "and markers to `ignore`. `names` renames the segments, and `joint_markers` lists markers around a joint, "
+        "which help to locate its centre.",
+        "segment",
+        "Confidence, 0 to 1; limit 0.5. Or the angle between left and right, degrees rms; limit "
+        "`segment: {asymmetry_deg}`.",
     ),
     "too-few-frames": Explanation(
         ("refused",),
         "Too few frames",
-        "The joints are fitted to frames that show at least two markers of every segment, and there are not enough.",
-        "Use a longer `window:`, or fill the gaps of the segment that is seen least.",
+        "The joints are fitted to frames in which at least two markers of every segment are visible. There are too few "
+        "such frames.",
+        "Use a longer `window:`, or fill the gaps of the segment that is visible least.",
+        "fit-joints",
+        "Frames with at least two visible markers on every segment; at least 10 per joint.",
     ),
     "estimator": Explanation(
         ("caution",),
-        "Joints fitted for comparison",
-        "The configuration asks for an estimator that is kept to be compared with. On the whole its joints lie further "
-        "off than those of the whole chain's fit (docs/link-by-link.md), and so does what follows from them.",
-        "Leave `fit-joints: {estimator: …}` away, unless the comparison is what you want.",
+        "A joint estimator for comparison was used",
+        "The configured estimator is provided for comparison only. Its joint centres, and all results that depend on "
+        "them, are on the whole less accurate than those of the fit of the whole chain (docs/measured/accuracy.md).",
+        "Remove `fit-joints: {estimator: …}` unless you want the comparison.",
+        "fit-joints",
+        "`fit-joints: {estimator}` is not the default.",
     ),
     "joint-markers": Explanation(
         ("ok",),
-        "Markers pull a joint's centre",
-        "Markers that `segment: {joint_markers: …}` names draw the centre of their joint towards their middle (3.15), "
-        "with the weight λ_A (3.16). That helps where skin has slipped over a joint that turns little, and spoils a "
-        "centre that the motion places well. The standard deviation does not say how far their middle is from the "
-        "joint.",
-        "Compare with a run without `joint_markers`; `fit-joints: {lambda_a: …}` sets the weight. Leave them away for "
-        "a joint that turns by much.",
+        "Markers pull a joint centre",
+        "The markers in `segment: {joint_markers: …}` pull the centre of their joint towards their mean position "
+        "(3.15), with weight λ_A (3.16). This helps when skin slides over a joint that turns little, and harms when "
+        "the motion locates the centre well. The standard deviation does not include the distance of their mean from "
+        "the joint.",
+        "Compare with a run without `joint_markers`; `fit-joints: {lambda_a: …}` sets the weight. Remove them for a "
+        "joint that turns far.",
+        "fit-joints",
+        "`segment: {joint_markers}` lists markers; the value is λ_A.",
     ),
     "small-arc": Explanation(
         ("caution",),
-        "A joint hardly turned",
-        "Skin that slips over the bone looks like a joint that lies elsewhere, the more so the less the joint turns. "
-        "The centre may be off by more than its standard deviation says, and with it the lengths on either side.",
-        "Use or record a movement with more of this joint in it; a deep squat serves ankle, knee and hip.",
+        "A joint turned through a small angle",
+        "Skin that slides over the bone shifts the joint centre, and more so for a small rotation. The error of "
+        "the centre may exceed its standard deviation, and so may the errors of the lengths on either side.",
+        "Use or record a movement that turns this joint farther; a deep squat suits ankle, knee and hip.",
+        "fit-joints",
+        "Arc of the joint (2.5 to 97.5 % of its angles), degrees; limit `fit-joints: {small_arc_deg}`.",
     ),
     "joint-uncertain": Explanation(
         ("caution",),
         "A joint centre is uncertain",
-        "The markers on either side do not determine the centre well: they are few, close together, noisy or rarely "
-        "seen. Lengths and angles that rest on it carry the same uncertainty.",
+        "The markers on either side of the joint do not determine its centre well: they are few, close together, noisy "
+        "or rarely visible. Lengths and angles that depend on this centre have the same uncertainty.",
         "Spread more markers over the two segments, or use a longer part of the recording.",
+        "fit-joints",
+        "Standard deviation of the centre, m; limit `fit-joints: {large_sd_m}`.",
     ),
     "gap": Explanation(
         ("caution",),
-        "A joint was out of sight for long",
-        "While no marker tells the angle of a joint its uncertainty grows; beyond the limit no value is given, and "
-        "nothing is identified from that stretch or near it. Shorter gaps are bridged and shaded in the figure.",
-        "Fill or re-label the missing markers, or leave the stretch out with `window:`.",
+        "Long gap in a joint angle",
+        "While no marker shows the joint angle, its uncertainty grows. Beyond the limit no value is given, and samples "
+        "in or near that interval are not used for identification. Shorter gaps are bridged and shaded in the figure.",
+        "Fill or re-label the missing markers, or exclude the interval with `window:`.",
+        "ukf-smooth",
+        "Time with a standard deviation of the angle above `ukf-smooth: {angle_sd_limit}`, s.",
     ),
     "states-method": Explanation(
         ("caution",),
-        "States estimated for comparison",
-        "The configuration asks for a way to the joint states that is kept to be compared with. On the whole its "
-        "velocities and accelerations lie further off than those of the filter and its smoother "
-        "(docs/states-compared.md), and so do the inertial parameters. The low-pass and the spline know no standard "
-        "deviations: those of the states, and of the wrench and torques that rest on them, are missing.",
-        "Leave `ukf-smooth: {method: …}` away, unless the comparison is what you want.",
+        "A state estimator for comparison was used",
+        "The configured method for the joint states is provided for comparison only. Its velocities and accelerations "
+        "are on the whole less accurate than those of the filter and smoother (docs/measured/accuracy.md), and so are "
+        "the inertial parameters. The low-pass filter and the spline give no standard deviations for the states, so "
+        "those of the wrench and torques that depend on them are missing too.",
+        "Remove `ukf-smooth: {method: …}` unless you want the comparison.",
+        "ukf-smooth",
+        "`ukf-smooth: {method}` is not the default.",
     ),
 }
+"""Explanation of each code."""

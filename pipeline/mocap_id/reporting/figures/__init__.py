@@ -1,4 +1,4 @@
-"""The report's figures, one file each: a figure, or a sentence that says why there is none."""
+"""Figures of the report, one module each; a function returns a figure, or a sentence on why there is none."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from mocap_id.reporting.figures import (
     states,
     wrench,
 )
-from mocap_id.reporting.figures.moved import caption
-from mocap_id.reporting.material import Material
+from mocap_id.reporting.figures.captions import caption
+from mocap_id.reporting.report_data import ReportData
 
-SHOWN: Mapping[str, Callable[[Material], Figure | str]] = {
-    "skeleton": skeleton.shown,
-    "recovery": recovery.shown,
-    "states": states.shown,
-    "repetitions": repetitions.shown,
-    "phases": phases.shown,
-    "residuals": residuals.shown,
-    "wrench": wrench.shown,
-    "parameters": parameters.shown,
-    "point_masses": point_masses.shown,
+FIGURE_FUNCTIONS: Mapping[str, Callable[[ReportData], Figure | str]] = {
+    "skeleton": skeleton.draw,
+    "recovery": recovery.draw,
+    "states": states.draw,
+    "repetitions": repetitions.draw,
+    "phases": phases.draw,
+    "residuals": residuals.draw,
+    "wrench": wrench.draw,
+    "parameters": parameters.draw,
+    "point_masses": point_masses.draw,
 }
 
 
-def drawings(material: Material) -> Drawings:
-    """Every figure of :data:`mocap_id.reporting.contents.FIGURES`."""
-    made = (Drawing(one.name, one.title, caption(one, material), SHOWN[one.name](material)) for one in FIGURES)
-    return Drawings(style.printable(material.trial), tuple(made))
+def drawings(data: ReportData) -> Drawings:
+    """Return all figures of :data:`mocap_id.reporting.contents.FIGURES`."""
+    made = (Drawing(one.name, one.title, caption(one, data), FIGURE_FUNCTIONS[one.name](data)) for one in FIGURES)
+    return Drawings(style.printable(data.trial), tuple(made))

@@ -1,4 +1,4 @@
-"""Wrench, centre of pressure and joint torques, averaged over the repetitions on their own time."""
+"""Wrench, centre of pressure and joint torques over normalised time, averaged over the repetitions."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
-from mocap_id.reporting.material import Material
+from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 
-SPAN = "share of the repetition (%)"
+SPAN = "time in the repetition (%)"
 _WRENCH = (("Fx", "Fx (N)"), ("Fy", "Fy (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
 _COP_TAIL = 0.02
 _SOURCES: tuple[tuple[str, str, Dash, str], ...] = (
@@ -20,27 +20,27 @@ _SOURCES: tuple[tuple[str, str, Dash, str], ...] = (
 )
 
 
-def shown(material: Material) -> Figure | str:
-    """Four panels of the wrench, one of the torques; mean and one standard deviation over whole repetitions."""
-    table = material.table("phases.parquet")
+def draw(data: ReportData) -> Figure | str:
+    """Draw four panels of the wrench and one of the torques: mean and one standard deviation."""
+    table = data.table("phases.parquet")
     if table is None:
-        return f"No averages over repetitions: {material.why_missing('phases.parquet')}."
-    names = material.skeleton.joints if material.skeleton is not None else ()
+        return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
+    names = data.skeleton.joints if data.skeleton is not None else ()
     wrench = tuple(_panel(table, name, label) for name, label in _WRENCH)
     torques = tuple(
         item
         for k, name in enumerate(names, start=1)
-        for item in _curve(table, f"tau_{k}", style.colour(k), "-", f"torque: {style.printable(name, 14)}")
+        for item in _curve(table, f"tau_{k}", style.colour(k), "-", f"{style.printable(name, 14)} torque")
     )
     if not torques and not any(panel.items for panel in wrench):
-        why = material.facts("phases.parquet").get("why") or "neither forces nor torques are known"
+        why = data.facts("phases.parquet").get("why") or "forces and torques are unknown"
         return f"No averages over repetitions: {style.printable(why)}."
     last = Panel(torques, "joint torques (N·m)", SPAN, x_range=(0, 100), linked=True)
     return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
 
 
 def averaged(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, standard deviation and percent of a quantity over whole repetitions; empty where it is not there."""
+    """Return mean, standard deviation and percent of a quantity over complete repetitions; empty if missing."""
     own = (table["quantity"] == quantity) & (table["span"] == "repetition")
     mean, sd, percent = table.stack(["mean", "sd", "percent"])[own].T
     return mean, sd, percent

@@ -1,4 +1,4 @@
-"""How each joint was found: arcs in the frame of the segment before, a rigid body about it (figures 5.2, 6.3)."""
+"""How each joint was found: marker arcs in the previous segment, and the rigid segment (figures 5.2, 6.3)."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.kinematics.circle import fit_circles
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, in_lines
-from mocap_id.reporting.material import Material
-from mocap_id.reporting.tracks import tracks
-from mocap_id.reporting.views import Skeleton
+from mocap_id.reporting.markers import positions_at
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.store.views import Skeleton
 
 _MOMENTS = 150
 _COLUMNS = 4
 
 
-def shown(material: Material) -> Figure | str:
-    """A column a joint: its segment's markers as seen from the segment before, and below from their own."""
-    skeleton, motion, planar = material.skeleton, material.motion, material.long("planar.parquet")
+def draw(data: ReportData) -> Figure | str:
+    """Draw one column per joint: its segment's markers in the previous segment, and below in their own."""
+    skeleton, motion, planar = data.skeleton, data.motion, data.long("planar.parquet")
     if skeleton is None or motion is None or planar is None or not len(motion.time):
-        return f"No joint to show: {material.why_missing('chain.h5')}."
+        return f"No joint to show: {data.why_missing('chain.h5')}."
     sample = np.unique(np.linspace(0, len(motion.time) - 1, _MOMENTS).round().astype(np.int64))
-    measured = tracks(planar, motion.time[sample], skeleton.markers)  # (K, M, 2)
+    measured = positions_at(planar, motion.time[sample], skeleton.markers)  # (K, M, 2)
     angle, origin = segment_poses(motion.angles[sample], skeleton.centres)
     before, itself = [], []
     for j in range(len(skeleton.joints)):
@@ -36,18 +36,18 @@ def shown(material: Material) -> Figure | str:
 
 
 def _from_before(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
-    """Markers (K, M, 2) about the joint, and the middles of their own circles as far as these lie near by."""
+    """Return markers (K, M, 2) about the joint, and the centres of their own circles if near the joint."""
     circles = fit_circles(points[..., 0] + 1j * points[..., 1])
     centre = circles.centre[np.isfinite(circles.residual)]
     near = centre[np.abs(centre - complex(*skeleton.centres[j])) < _reach(points, skeleton.centres[j])]
-    middles = Points(near.real, near.imag, style.INK, "middle of a marker's own circle", "+", 5.0)
-    title = f"{style.printable(skeleton.joints[j], 14)}, seen from {style.printable(skeleton.segments[j], 14)}"
-    items = (_tracks(points, style.colour(j + 1)), middles, _joint(skeleton.centres[j]))
+    centres_near = Points(near.real, near.imag, style.INK, "circle centre of one marker", "+", 5.0)
+    title = f"{style.printable(skeleton.joints[j], 14)} in frame of {style.printable(skeleton.segments[j], 14)}"
+    items = (_tracks(points, style.colour(j + 1)), centres_near, _joint(skeleton.centres[j]))
     return Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8)
 
 
 def _from_itself(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
-    """What the rigid body leaves over about its markers, and the joints on it."""
+    """Return the markers in the frame of their own segment, and the joints on it."""
     local = skeleton.local[skeleton.marker_segment == j + 1]
     ends = [np.zeros(2), *skeleton.centres[j + 1 : j + 2]]
     items: tuple[Item, ...] = (
@@ -55,12 +55,12 @@ def _from_itself(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
         Points(local[:, 0], local[:, 1], style.INK, "marker of the chain", "ring", 4.0),
         *(_joint(end) for end in ends),
     )
-    title = f"{style.printable(skeleton.segments[j + 1], 14)}, seen from itself"
+    title = f"{style.printable(skeleton.segments[j + 1], 14)} in own frame"
     return Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8)
 
 
 def _tracks(points: FloatArray, colour: str) -> Line:
-    """One line for all markers, lifted between them."""
+    """Return one line for all markers, interrupted between them."""
     broken = np.concatenate([points, np.full_like(points[:1], np.nan)])
     x, y = broken.swapaxes(0, 1).reshape(-1, 2).T
     return Line(x, y, colour, width=1.0, opacity=0.8)
@@ -71,6 +71,6 @@ def _joint(centre: FloatArray) -> Points:
 
 
 def _reach(points: FloatArray, centre: FloatArray) -> float:
-    """The markers' farthest distance from the joint: a circle's middle beyond it would only shrink the drawing."""
+    """Return the farthest marker distance from the joint; circle centres beyond it would shrink the drawing."""
     distance = np.linalg.norm(points - centre, axis=-1)
     return float(np.nanmax(distance, initial=0.0))

@@ -1,4 +1,4 @@
-"""Joint angles of every repetition on one common time (figure 6.5)."""
+"""Joint angles of all repetitions over normalised time (figure 6.5)."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, Rule, in_lines
 from mocap_id.reporting.figures.phases import SPAN, averaged
-from mocap_id.reporting.material import Material
-from mocap_id.reporting.views import Motion
+from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
+from mocap_id.store.views import JointStates
 
 _COLUMNS = 3
 _GRID = np.linspace(0.0, 1.0, 101)
 
 
-def shown(material: Material) -> Figure | str:
-    """A panel per joint: each repetition thin, their mean thick, one standard deviation as a band."""
-    motion, events = material.motion, material.table("events.parquet")
+def draw(data: ReportData) -> Figure | str:
+    """Draw one panel per joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
+    motion, events = data.motion, data.table("events.parquet")
     bounds = np.zeros((0, 2)) if events is None else whole_repetitions(events)
     if motion is None or events is None or not motion.mean.size or not len(bounds):
-        why = "none was found" if events is not None else material.why_missing("events.parquet")
+        why = "none were found" if events is not None else data.why_missing("events.parquet")
         return f"No repetitions to compare: {why}."
-    curves = np.degrees(on_common_time(motion, bounds))  # (R, 101, n)
-    names = material.skeleton.joints if material.skeleton is not None else ()
+    curves = np.degrees(on_normalised_time(motion, bounds))  # (R, 101, n)
+    names = data.skeleton.joints if data.skeleton is not None else ()
     panels = []
     for j in range(curves.shape[2]):
-        items = [*_curves(curves[..., j], style.colour(j + 1)), *_other(material, j + 1), *_seat_off(events)]
+        items = [*_curves(curves[..., j], style.colour(j + 1)), *_other(data, j + 1), *_seat_off(events)]
         name = style.printable(names[j], 20) if j < len(names) else f"joint {j + 1}"
         panels.append(Panel(tuple(items), name, SPAN, "angle (deg)", x_range=(0, 100), linked=True, height=2.4))
     return Figure(in_lines(tuple(panels), _COLUMNS))
 
 
 def whole_repetitions(events: Table) -> FloatArray:
-    """Start and end of the repetitions that have both, (R, 2), s."""
+    """Return start and end of the repetitions that have both, (R, 2), s."""
     bounds = events.stack(["start", "end"])
-    whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false where either is unknown
+    whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false if either is unknown
     return whole
 
 
-def on_common_time(motion: Motion, bounds: FloatArray) -> FloatArray:
-    """The angles at 0, 1, … 100 % of each repetition, (R, 101, n), rad; NaN where bridged or outside the states."""
+def on_normalised_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
+    """Return the angles at 0, 1 … 100 % of each repetition, (R, 101, n), rad; NaN where bridged or unknown."""
     at = bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * _GRID  # (R, 101)
     nearest = np.searchsorted(motion.time, at).clip(0, len(motion.time) - 1)
     curves = np.stack([np.interp(at, motion.time, angle, np.nan, np.nan) for angle in motion.angles.T], axis=-1)
@@ -49,7 +49,7 @@ def on_common_time(motion: Motion, bounds: FloatArray) -> FloatArray:
 
 
 def _curves(curves: FloatArray, colour: str) -> list[Item]:
-    """Every repetition (R, 101), their mean and one standard deviation; one line, lifted between repetitions."""
+    """Return all repetitions (R, 101) as one interrupted line, their mean and one standard deviation."""
     percent = 100 * _GRID
     count = np.isfinite(curves).sum(axis=0)
     mean = np.nansum(curves, axis=0) / np.where(count > 0, count, np.nan)
@@ -59,9 +59,9 @@ def _curves(curves: FloatArray, colour: str) -> list[Item]:
     return [each, Band(percent, mean - spread, mean + spread, colour, 0.2), Line(percent, mean, colour, width=1.8)]
 
 
-def _other(material: Material, joint: int) -> list[Item]:
-    """Another system's angle of the joint, as given, where the trial has one."""
-    table = material.table("phases.parquet")
+def _other(data: ReportData, joint: int) -> list[Item]:
+    """Return the joint angle from another system, if the trial has one."""
+    table = data.table("phases.parquet")
     if table is None:
         return []
     mean, sd, percent = averaged(table, f"theta_{joint}_other")
@@ -73,7 +73,7 @@ def _other(material: Material, joint: int) -> list[Item]:
 
 
 def _seat_off(events: Table) -> list[Item]:
-    """Mean share of the repetition at which the chair is released, dotted."""
+    """Return a dotted line at the mean seat-off."""
     start, seat_off, end = events.stack(["start", "seat_off", "end"]).T
     share = (seat_off - start) / np.where(end > start, end - start, np.nan)
     share = share[np.isfinite(share)]

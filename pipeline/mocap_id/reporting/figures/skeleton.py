@@ -1,4 +1,4 @@
-"""The recovered chain over the markers at two moments (figure 6.2, left)."""
+"""Recovered chain over the markers at two instants (figure 6.2, left)."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, Text
-from mocap_id.reporting.material import Material
-from mocap_id.reporting.views import Motion, Skeleton
+from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import LongTable, Table
+from mocap_id.store.views import JointStates, Skeleton
 
 ALONG, UP = "x, along the motion (m)", "y, up (m)"
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A sample worth drawing."""
+    """A sample to draw, with its name."""
 
     name: str
     sample: int
 
 
-def shown(material: Material) -> Figure | str:
-    """Stick figure, joint centres, markers as measured and as predicted, side by side for two postures."""
-    skeleton, motion, planar = material.skeleton, material.motion, material.long("planar.parquet")
-    moments = () if motion is None else two_moments(motion, material.table("events.parquet"))
+def draw(data: ReportData) -> Figure | str:
+    """Draw stick figure, joint centres, and measured and predicted markers, for two postures side by side."""
+    skeleton, motion, planar = data.skeleton, data.motion, data.long("planar.parquet")
+    moments = () if motion is None else two_moments(motion, data.table("events.parquet"))
     if skeleton is None or motion is None or not moments:
-        return _markers_alone(material, planar)
+        return _markers_alone(data, planar)
     found = []
     for moment in moments:
         time = float(motion.time[moment.sample])
         items = (
             *_markers(planar, time, skeleton, filled=True),
-            *_markers(material.long("markers.parquet"), time, skeleton, filled=False),
+            *_markers(data.long("markers.parquet"), time, skeleton, filled=False),
             *_sticks(skeleton, motion.angles[moment.sample]),
         )
         found.append((f"{moment.name}, {time:.2f} s", items))
@@ -47,11 +47,11 @@ def shown(material: Material) -> Figure | str:
     )
 
 
-def two_moments(motion: Motion, events: Table | None) -> tuple[Moment, ...]:
-    """The two postures to show: seated and standing where a repetition has both, else the two extremes of the motion.
+def two_moments(motion: JointStates, events: Table | None) -> tuple[Moment, ...]:
+    """Choose two postures: before the rise and standing, or else the two extremes of the motion.
 
-    The extremes are the farthest samples along the first principal component of the angles, among those where every
-    joint was observed. None where no sample has every angle.
+    The extremes are the farthest samples along the first principal component of the angles, among samples with every
+    joint observed. Empty if no sample has all angles.
     """
     known = ~np.isnan(motion.angles.sum(axis=1))
     seen = known & (motion.observed.sum(axis=1) == motion.observed.shape[1])
@@ -72,7 +72,7 @@ def two_moments(motion: Motion, events: Table | None) -> tuple[Moment, ...]:
 
 
 def _markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
-    """Markers at the frame nearest to this time, coloured by segment: dots where measured, rings where predicted."""
+    """Return the markers in the frame nearest to this time, coloured by segment: dots if measured, else rings."""
     if table is None or not table.length:
         return []
     frame = int(np.abs(table.time - time).argmin())
@@ -92,7 +92,7 @@ def _markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *,
 
 
 def _sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
-    """One line per moving segment, from its joint to the next (the last one to the middle of its markers)."""
+    """Return one line per moving segment, from its joint to the next; the last ends at its marker centroid."""
     angle, origin = segment_poses(angles, skeleton.centres)
     points = np.vstack([origin[1:], origin[-1] + rotate(angle[-1], skeleton.tip)])
     items: list[Item] = []
@@ -106,7 +106,7 @@ def _sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
 
 
 def _common(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of x and y that show everything in every panel, with a margin."""
+    """Return common ranges of x and y for all panels, with a margin."""
     drawn = [item for items in found for item in items if isinstance(item, (Line, Points))]
     ranges = []
     for axis in ("x", "y"):
@@ -116,11 +116,11 @@ def _common(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, float], tuple
     return ranges[0], ranges[1]
 
 
-def _markers_alone(material: Material, planar: LongTable | None) -> Figure | str:
-    """Without a chain: the markers of the middle frame, so that the reader sees what the recording holds."""
+def _markers_alone(data: ReportData, planar: LongTable | None) -> Figure | str:
+    """Draw the markers of the middle frame, for a recording without a chain."""
     if planar is None or not planar.length:
-        return f"No markers to draw: {material.why_missing('planar.parquet')}."
+        return f"No markers to draw: {data.why_missing('planar.parquet')}."
     time = float(planar.time[len(planar.time) // 2])
-    title = f"markers as measured, {time:.2f} s: no chain was recovered"
+    title = f"measured markers at {time:.2f} s; no chain was recovered"
     items = tuple(_markers(planar, time, None, filled=True))
     return Figure(((Panel(items, title, ALONG, UP, equal=True, height=4.2),),))

@@ -1,49 +1,49 @@
-"""The ground's wrench and the centre of pressure: measured, modelled, by the reference (figure 6.7)."""
+"""Ground reaction wrench and centre of pressure: measured, model and reference (figure 6.7)."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mocap_id.reporting import style
-from mocap_id.reporting.decimation import band, envelope
+from mocap_id.reporting.downsampling import band, envelope
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
 from mocap_id.reporting.figures.states import shades
-from mocap_id.reporting.material import Material
 from mocap_id.reporting.numbers import NORMAL_95
+from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 
-_ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy, upwards (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
+_ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy, up (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
 _SOURCES: tuple[tuple[str, str, Dash, float, str], ...] = (
     ("", style.MEASURED, "-", 0.9, "measured"),
     ("_reference", style.REFERENCE, "--", 1.1, "allometric reference"),
     ("_model", style.MODEL, "-", 1.1, "identified model"),
 )
-_COP_TAIL = 0.005  # a centre of pressure under a light foot may shoot off to anywhere
+_COP_TAIL = 0.005  # outliers of the centre of pressure at low load
 
 
-def shown(material: Material) -> Figure | str:
-    """Four rows over time; before the identification only what the plates measured."""
-    rows = panels(material, height=1.75)
+def draw(data: ReportData) -> Figure | str:
+    """Draw four rows over time; without an identification, only the measurement."""
+    rows = panels(data, height=1.75)
     if not any(isinstance(item, Line) for row in rows for item in row.items):
-        why = material.facts("wrench.parquet").get("why") or material.why_missing("wrench.parquet")
-        return f"No contact wrench: {style.printable(why)}."
+        why = data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet")
+        return f"No ground reaction wrench: {style.printable(why)}."
     return Figure(tuple((row,) for row in rows))
 
 
-def panels(material: Material, height: float) -> tuple[Panel, ...]:
-    """One for each component; none where there is no table."""
-    table = forces(material)
+def panels(data: ReportData, height: float) -> tuple[Panel, ...]:
+    """Return one panel per component; none without measured forces."""
+    table = forces(data)
     return () if table is None else tuple(_panel(table, name, label, height) for name, label in _ROWS)
 
 
-def forces(material: Material) -> Table | None:
-    """The wrench with the model's, or before the identification what the plates measured."""
-    found = material.table("dynamics.parquet")
-    return material.table("wrench.parquet") if found is None else found
+def forces(data: ReportData) -> Table | None:
+    """Return measured and modelled wrench, or without an identification the measured wrench alone."""
+    found = data.table("dynamics.parquet")
+    return data.table("wrench.parquet") if found is None else found
 
 
 def _panel(table: Table, name: str, label: str, height: float) -> Panel:
-    """One component: the fit's samples shaded, the model with its band, the reference, the measurement."""
+    """Return one component: samples of the fit shaded, model with its band, reference and measurement."""
     time = table["time"]
     known = {
         suffix: table[name + suffix]

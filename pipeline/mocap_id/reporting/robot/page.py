@@ -1,67 +1,69 @@
-"""``robot.html`` for people, and the same tables in Markdown for pages such as docs/robot.md."""
+"""``robot.html``, and the same tables in Markdown for pages such as docs/robot.md."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from mocap_id.reporting import style
-from mocap_id.reporting.cohort.page import told
-from mocap_id.reporting.embedding import embedded
-from mocap_id.reporting.figure import Drawings
-from mocap_id.reporting.page import environment
-from mocap_id.reporting.robot import tables
-from mocap_id.reporting.robot.material import RobotMaterial
+from mocap_id.reporting.results.page import ResultPage, ResultSection
+from mocap_id.reporting.results.trial_entries import headline
+from mocap_id.reporting.robot.figures import robot_figures
+from mocap_id.reporting.robot.page_data import RobotStudyData
+from mocap_id.reporting.robot.tables import overview, thesis_table
 from mocap_id.reporting.tables import Grid
 
 LEGEND = (
     "Mean (standard deviation): of values over the trials of a cell, of errors over all their samples. P: states from "
     "the cameras; R: states from the robot's encoder; Ref.: the reference parameters on the same states. States are "
-    "held against the truth where it is known, else against the encoder. The thesis's rows stand below ours; ? is what "
-    "cannot be read in it. A cell without a row of the thesis (the fast shoulder) is beyond what it measured."
+    "compared with the truth if it is known, else with the encoder. The thesis's rows are below ours; ? is a number "
+    "that cannot be read in it. The thesis did not measure the cells without a row of its own (the fast shoulder)."
+)
+_FOOTER = (
+    "The same numbers in SI units are in the CSV and Parquet files beside this page, which validation.json describes."
 )
 
 
-def page(material: RobotMaterial, figures: Drawings) -> bytes:
-    """The page as UTF-8."""
-    through = sum(trial.fate in ("ok", "caution") for trial in material.trials)
-    html = (
-        environment()
-        .get_template("robot.html.j2")
-        .render(
-            study=style.printable(material.study),
-            product=material.product,
-            level="ok" if through == len(material.trials) else "caution",
-            headline=f"{through} of {len(material.trials)} trials went through",
-            lead=_lead(material),
-            legend=LEGEND,
-            overview=tables.overview(material),
-            grids=[tables.table(shown) for shown in material.tables],
-            figures=figures,
-            embedded=embedded(figures),
-            trials=[told(trial) for trial in material.trials],
-        )
-    )
-    return html.encode("utf-8")
+def robot_page(data: RobotStudyData) -> bytes:
+    """Return the page as UTF-8."""
+    figures = robot_figures(data)
+    first, *tables = _grids(data)
+    return ResultPage(
+        name=data.study,
+        headline=headline(data.trials),
+        lead=_lead(data),
+        command="validate robot",
+        level="ok" if all(trial.passed for trial in data.trials) else "caution",
+        sections=(
+            ResultSection("trials", "Trials", (first,)),
+            ResultSection("tables", "Tables", tuple(tables), text=(LEGEND,)),
+            ResultSection("figures", "Figures", figures=tuple(one.name for one in figures.all)),
+        ),
+        trials=data.trials,
+        figures=figures,
+        footer=_FOOTER,
+    ).render()
 
 
-def _lead(material: RobotMaterial) -> str:
-    against = set(material.overview["against"]) - {""}
+def _grids(data: RobotStudyData) -> list[Grid]:
+    return [overview(data.overview), *(thesis_table(*table) for table in data.tables)]
+
+
+def _lead(data: RobotStudyData) -> str:
+    against = set(data.overview["against"]) - {""}
     if "truth" in against:
         return "Simulated trials: the exact truth is known, and errors are against it."
     if "encoder" in against:
-        return "No truth is known: the cameras' states are held against the encoder's, and R has nothing to be held to."
-    return "Neither a truth nor an encoder is known: nothing tells how far off the states are."
+        return "The truth is not known: the cameras' states are compared with the encoder's, and R with nothing."
+    return "Neither truth nor encoder is known, so the errors of the states are not known either."
 
 
-def markdown(material: RobotMaterial, figures: Mapping[str, str]) -> str:
-    """Tables, and links to figures (title to file), for a page in Markdown."""
-    grids = [tables.overview(material), *(tables.table(shown) for shown in material.tables)]
-    parts = [LEGEND, *("\n".join(_table(grid)) for grid in grids if grid.rows)]
+def markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
+    """Return the tables, and links to figures (title to file), in Markdown."""
+    parts = [LEGEND, *("\n".join(_markdown_table(grid)) for grid in _grids(data) if grid.rows)]
     parts += [f"![{name}]({file})" for name, file in figures.items()]
     return "\n\n".join(parts) + "\n"
 
 
-def _table(grid: Grid) -> Iterator[str]:
+def _markdown_table(grid: Grid) -> Iterator[str]:
     yield f"**{grid.caption}**"
     yield ""
     yield "| " + " | ".join(grid.head) + " |"

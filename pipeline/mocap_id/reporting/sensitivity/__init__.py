@@ -1,1 +1,1 @@
-"""What a trial tolerates, as a page and a figure: `material` is what they are made from."""
+"""The page and the tornado diagram of a sensitivity study."""

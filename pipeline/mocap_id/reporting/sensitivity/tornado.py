@@ -1,4 +1,4 @@
-"""The tornado: for each parameter, how far each kind of error moves it, level by level."""
+"""The tornado diagram: how much each level of each kind of error changes each parameter."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Figure, Key, Panel, Rule, Spans, in_lines
-from mocap_id.reporting.sensitivity.material import ParameterEntry, SensitivityMaterial
+from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
 
 CAPTION = (
-    "A panel for each parameter, a row for each kind of error, the worst at the top. The bars of one row are the "
-    "levels that were tried, the worst the palest and widest, over all joints or components; the grey band is what is "
-    "tolerated. Linear up to 1 %, logarithmic beyond; bars end at 300 %, and so does what could not be identified any "
-    "more."
+    "A panel for each parameter, a row for each kind of error, the worst at the top. The bars of a row are the levels "
+    "that were tried, over all joints or components; the worst level is the palest and widest bar. The grey band is "
+    "the tolerated change. The scale is linear up to 1 % and logarithmic beyond. Bars end at 300 %, also those of "
+    "parameters that could no longer be identified."
 )
 _LIMIT = 300.0  # %: bars end here
-_LINEAR = 0.6  # decades that the linear part, up to 1 %, takes
+_LINEAR = 0.6  # width of the linear part, up to 1 %, in decades
 _TICKS = (-100.0, -10.0, -1.0, 0.0, 1.0, 10.0, 100.0)
 _COLUMNS = 3
 _ROW, _HEAD = 0.15, 0.7  # inches
@@ -26,51 +26,51 @@ _WITHIN, _NOTICED, _SILENT = style.FAINT, style.BLUE, style.VERMILLION
 _LEGEND = (
     Key(_WITHIN, "tolerated"),
     Key(_NOTICED, "too much, and the verdict says so"),
-    Key(_SILENT, "too much, and nothing says so"),
+    Key(_SILENT, "too much, and the verdict does not say so"),
 )
 
 
-def drawing(material: SensitivityMaterial) -> Drawing:
-    """The figure with its title and caption."""
-    return Drawing("tornado", "How far each kind of error moves each parameter", CAPTION, shown(material))
+def drawing(data: SensitivityData) -> Drawing:
+    """Return the figure with title and caption."""
+    return Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw(data))
 
 
-def shown(material: SensitivityMaterial) -> Figure | str:
-    """A panel a parameter, a row a kind, the worst at the top; nested bars for the levels, the worst palest."""
-    kinds = _order(material)
-    if not material.parameters or not kinds:
-        return "No parameter is known that could move."
-    panels = tuple(_panel(material, parameter, kinds) for parameter in material.parameters)
+def draw(data: SensitivityData) -> Figure | str:
+    """Return a panel for each parameter, or why there is no figure."""
+    kinds = _order(data)
+    if not data.parameters or not kinds:
+        return "No parameter is known that could change."
+    panels = tuple(_panel(data, parameter, kinds) for parameter in data.parameters)
     return Figure(in_lines(panels, _COLUMNS))
 
 
 def place(percent: float) -> float:
-    """Where a change stands on the axis: linear up to 1 %, logarithmic beyond."""
+    """Return the place of a change on the axis: linear up to 1 %, logarithmic beyond."""
     size = abs(percent)
     return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
 
 
-def _order(material: SensitivityMaterial) -> list[str]:
-    """Kinds, the one that moves any parameter most first."""
-    counted = {parameter.name for parameter in material.parameters}
-    responses = material.tables["responses"]
+def _order(data: SensitivityData) -> list[str]:
+    """Kinds by their largest change of any parameter, the largest first."""
+    counted = {parameter.name for parameter in data.parameters}
+    responses = data.tables["responses"]
     worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
     return [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]
 
 
-def _panel(material: SensitivityMaterial, parameter: ParameterEntry, kinds: Sequence[str]) -> Panel:
-    responses, perturbations = material.tables["responses"], material.tables["perturbations"]
+def _panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str]) -> Panel:
+    responses, perturbations = data.tables["responses"], data.tables["perturbations"]
     own = responses[responses["parameter"] == parameter.name]
     raised = perturbations.set_index("perturbation")["raised"] != ""
     own = own.assign(noticed=own["perturbation"].map(raised).to_numpy() | own["value"].isna().to_numpy())
-    allowed = place(100 * parameter.allowed(material.share))
+    tolerated = place(100 * parameter.tolerated(data.tolerance))
     found = [(row, *bar) for row, kind in enumerate(kinds) for bar in _bars(own[own["kind"] == kind])]
     numbers = [[row, place(low), place(high), shade] for row, low, high, shade, _ in found]
     rows, lows, highs, shades = np.array(numbers, dtype=np.float64).reshape(-1, 4).T
-    names = tuple(style.printable(material.titles[kind], 30) for kind in kinds)
+    names = tuple(style.printable(data.titles[kind], 30) for kind in kinds)
     items = (
         *_LEGEND,
-        Spans(np.array([-allowed]), np.array([allowed]), style.GRID),
+        Spans(np.array([-tolerated]), np.array([tolerated]), style.GRID),
         Bars(
             rows,
             lows,
@@ -94,9 +94,9 @@ def _panel(material: SensitivityMaterial, parameter: ParameterEntry, kinds: Sequ
 
 
 def _bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
-    """One kind's bars of one parameter: of each size of the level the stretch from its least to its largest change.
+    """Bars of one kind for one parameter, the widest first: lowest and highest change in %, opacity and colour.
 
-    Lowest and highest change in %, opacity and colour, the widest first.
+    There is a bar for each absolute level, from its lowest to its highest change.
     """
     spans = []
     for _, group in changes.groupby(changes["level"].abs()):

@@ -1,7 +1,7 @@
 "use strict";
 // Draws the page's figures with Plotly: each panel is a plot of its own, placed by the page's style.
 const Charts = (() => {
-  const PER_INCH = 104, SCALE = 1.33; // pixels of an inch on paper, and of a point
+  const PER_INCH = 104, SCALE = 1.33; // pixels per inch on paper, and per point
   const DASHES = { "-": "solid", "--": "dash", "-.": "dashdot", ":": "dot" };
   const SYMBOLS = {
     dot: "circle", ring: "circle-open", x: "x-thin", "+": "cross-thin", "|": "line-ns", diamond: "diamond-open", square: "square",
@@ -9,10 +9,10 @@ const Charts = (() => {
   const GLYPHS = { dot: "●", ring: "○", x: "×", "+": "+", "|": "|", diamond: "◇", square: "■" };
   const INK = "#1b1c1f", GRID = "#d3d4d8", PAPER = "#f5f5f7", FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 
-  const plain = (words) => words.replaceAll("&", "&amp;").replaceAll("<", "&lt;"); // Plotly reads marks in its texts
-  const numbers = (held) => {
-    if (!held) return [];
-    const bytes = Uint8Array.from(atob(held.f4), (char) => char.charCodeAt(0));
+  const plain = (words) => words.replaceAll("&", "&amp;").replaceAll("<", "&lt;"); // Plotly interprets HTML tags in texts
+  const numbers = (packed) => {
+    if (!packed) return [];
+    const bytes = Uint8Array.from(atob(packed.f4), (char) => char.charCodeAt(0));
     return Array.from(new Float32Array(bytes.buffer), (value) => (Number.isFinite(value) ? value : null));
   };
   const faded = (colour, opacity) => {
@@ -21,12 +21,12 @@ const Charts = (() => {
   };
   const shades = (scale) => ({ colorscale: "Cividis", cmin: scale.low, cmax: scale.high });
 
-  const told = (panel, label, names) => { // what stands at the mouse
+  const hoverText = (panel, label, names) => {
     const where = panel.rows ? "%{x:.4~g}" : panel.linked ? "%{y:.4~g}" : "%{x:.4~g}, %{y:.4~g}";
     return `${names ? "%{text}: " : ""}${where} ${plain(label ?? "").replaceAll("%{", "% {")}<extra></extra>`;
   };
 
-  const outline = (x, low, high) => { // each known stretch of a band as a closed path
+  const outline = (x, low, high) => { // each known interval of a band as a closed path
     const xs = [], ys = [];
     for (let start = 0, end; start < x.length; start = end + 1) {
       for (end = start; end < x.length && low[end] !== null && high[end] !== null;) end += 1;
@@ -37,12 +37,12 @@ const Charts = (() => {
     return { x: xs, y: ys };
   };
 
-  // An item as traces and shapes of Plotly.
+  // Plotly traces and shapes for each kind of item.
   const drawn = {
     Line: (item, panel) => ({
       mode: "lines", x: numbers(item.x), y: numbers(item.y), opacity: item.opacity ?? 1, name: plain(item.label ?? ""),
       line: { color: item.colour, width: SCALE * (item.width ?? 1.1), dash: DASHES[item.dash ?? "-"] },
-      hovertemplate: told(panel, item.label),
+      hovertemplate: hoverText(panel, item.label),
     }),
     Band: (item) => ({
       ...outline(numbers(item.x), numbers(item.low), numbers(item.high)),
@@ -55,12 +55,12 @@ const Charts = (() => {
       return {
         mode: "markers", x: numbers(item.x), y: numbers(item.y), name: plain(item.label ?? ""), cliponaxis: false,
         marker: { color: item.colour, symbol: SYMBOLS[symbol], size, line: stroke }, error_x: half ?? { visible: false },
-        text: (item.names ?? []).map(plain), hovertemplate: told(panel, item.label, item.names),
+        text: (item.names ?? []).map(plain), hovertemplate: hoverText(panel, item.label, item.names),
       };
     },
     Heat: (item, panel, scale) => ({
       mode: "markers", x: numbers(item.x), y: numbers(item.y), hovertemplate: "%{marker.color:.3~g}<extra></extra>",
-      marker: { // an edge of ink: the darkest shade is seen on a dark page too
+      marker: { // an edge keeps the darkest shade visible on a dark page
         color: numbers(item.value), symbol: "square", size: SCALE * (item.size ?? 4.5), line: { color: INK, width: 0.7 }, ...shades(scale),
       },
     }),
@@ -95,7 +95,7 @@ const Charts = (() => {
     title: { text: plain(title ?? ""), standoff: 6, font: { size: 12 } }, gridcolor: GRID, zeroline: false, showline: true,
     linecolor: INK, hoverformat: ".4~g", spikecolor: "#6b6e75", spikethickness: 1, ticks: "outside", ticklen: 3, tickcolor: INK, nticks: 7, ...(range ? { range } : {}),
   });
-  const layout = (panel, wide, names) => { // names: pixels that the names of rows take, 0 where they are not repeated
+  const layout = (panel, wide, names) => { // names: width of the row names in pixels, 0 to omit them
     const x = axis(panel.x, panel.x_range), y = axis(panel.y, panel.y_range);
     Object.assign(x, { nticks: Math.max(3, Math.min(8, Math.round(wide / 60))), tickangle: 0 });
     if (panel.x_ticks) Object.assign(x, { tickvals: panel.x_ticks.map(([at]) => at), ticktext: panel.x_ticks.map(([, words]) => plain(words)) });
@@ -115,11 +115,11 @@ const Charts = (() => {
       shapes: panel.items.flatMap((item) => shaped[item.is]?.(item) ?? []),
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: INK, family: FONT, size: 11 },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: "#6b6e75", activecolor: "#0072b2" },
-      dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // a finger scrolls the page
+      dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // on touch screens, dragging scrolls the page
     };
   };
   const CONFIG = {
-    displaylogo: false, responsive: true, showTips: false, displayModeBar: true, // the page's style shows it
+    displaylogo: false, responsive: true, showTips: false, displayModeBar: true, // shown by the page's style sheet
     modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
   };
 
@@ -129,7 +129,7 @@ const Charts = (() => {
     made.textContent = words;
     return made;
   };
-  const legend = (figure, plots) => { // each name once; a click hides what goes by it, another shows it
+  const legend = (figure, plots) => { // one entry per name; a click hides or shows its curves
     const list = element("ul", "legend"), items = figure.lines.flat().flatMap((panel) => panel.items).filter((item) => item.label);
     for (const item of new Map(items.toReversed().map((one) => [one.label, one])).values()) {
       const entry = element("li", ""), key = element("button", ""), mark = element("span", "mark", item.is === "Line" ? "" : GLYPHS[item.is === "Key" ? "square" : item.symbol ?? "dot"]);
@@ -158,7 +158,7 @@ const Charts = (() => {
     made.append(element("span", "", `${scale.low.toPrecision(2)}`), element("i", ""), element("span", "", `${scale.high.toPrecision(2)} ${scale.label}`));
     return made;
   };
-  const linked = (plots) => { // who zooms one axis of time zooms them all
+  const linked = (plots) => { // zooming one time axis zooms all
     let busy = false;
     for (const plot of plots) {
       plot.on("plotly_relayout", async (change) => {
@@ -172,7 +172,7 @@ const Charts = (() => {
     }
   };
 
-  // Draw a figure into an element; gives the plots of its panels, in order.
+  // Draw a figure into an element and return the plots of its panels in order.
   const draw = async (into, figure) => {
     const cells = figure.lines.map((line) => {
       const row = element("div", "line");
@@ -190,7 +190,7 @@ const Charts = (() => {
     const panels = figure.lines.flat(), pen = document.createElement("canvas").getContext("2d");
     pen.font = `11px ${FONT}`;
     const longest = Math.max(0, ...panels.flatMap((panel) => panel.rows ?? []).map((name) => pen.measureText(name).width));
-    const names = panels.some((panel) => panel.linked) ? 62 : 14 + longest; // curves stand under each other
+    const names = panels.some((panel) => panel.linked) ? 62 : 14 + longest; // align the time axes
     const plots = [];
     for (const { panel, cell, plot } of cells.flat()) {
       const named = cell.offsetLeft === cell.parentElement.firstElementChild.offsetLeft;
@@ -208,8 +208,8 @@ const Charts = (() => {
 })();
 
 (async () => {
-  const held = JSON.parse(document.getElementById("figure-data").textContent);
-  for (const one of held.all) {
+  const drawings = JSON.parse(document.getElementById("figure-data").textContent);
+  for (const one of drawings.all) {
     const into = document.querySelector(`[data-figure="${one.name}"]`);
     if (!into) continue;
     into.replaceChildren();

@@ -1,5 +1,5 @@
 "use strict";
-// What the player adds to the page's charts and to the browser's own slider: which moment is shown.
+// Player: shows the frame selected by the slider, in addition to the page's charts.
 (async () => {
   const part = (name) => document.getElementById(`player-${name}`);
   const { figure, curves, ...frames } = JSON.parse(part("data").textContent);

@@ -1,4 +1,4 @@
-"""fit-joints: centres, marker coordinates and lengths of the whole chain."""
+"""fit-joints: joint centres, marker coordinates and segment lengths of the whole chain."""
 
 from __future__ import annotations
 
@@ -6,27 +6,25 @@ from typing import Literal
 
 from pydantic import Field
 
+from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.lineup import LINEUP
 
 
 class FitJointsSettings(Settings):
-    """How much is looked at, and when a joint is called weak."""
+    """Estimator, number of frames, and limits for cautions about joints."""
 
     estimator: Literal["bundle", "rigid-body", "circle"] = Field(
         "bundle",
-        description="the whole chain; to compare with: bodies pair by pair, or the thesis's circles link by link",
+        description="the whole chain; for comparison: pairs of rigid bodies, or the circles of the thesis",
     )
-    frames: int = Field(400, ge=50, description="frames fitted, evenly along the way that the markers travel")
-    lambda_a: float = Field(
-        0.01, gt=0, description="weight of the markers about a joint that `segment: joint_markers` names (3.16)"
-    )
-    small_arc_deg: float = Field(10.0, ge=0, description="a joint that turns less is reported as weak, degrees")
-    large_sd_m: float = Field(0.02, gt=0, description="a centre less certain than this is reported, m")
+    frames: int = Field(400, ge=50, description="number of frames fitted, evenly along the path of the markers")
+    lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")
+    small_arc_deg: float = Field(10.0, ge=0, description="smallest rotation of a joint without a caution, degrees")
+    large_sd_m: float = Field(0.02, gt=0, description="largest standard deviation of a centre without a caution, m")
 
 
 def _function(context: Context) -> Outputs:
-    from mocap_id.stages.fit_joints.function import fit_joints  # noqa: PLC0415  whoever runs it loads its libraries
+    from mocap_id.stages.fit_joints.function import fit_joints  # noqa: PLC0415  loads its libraries only when run
 
     return fit_joints(context)
 
@@ -39,5 +37,5 @@ STAGE = Stage(
     uses=(),
     settings=FitJointsSettings,
     function=_function,
-    help=LINEUP["fit-joints"],
+    help=STAGE_HELP["fit-joints"],
 )

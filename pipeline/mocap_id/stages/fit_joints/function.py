@@ -1,4 +1,4 @@
-"""fit-joints: centres, marker coordinates and lengths of the whole chain."""
+"""Function of the stage fit-joints: fits joint centres, marker coordinates and lengths of the whole chain."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, ComplexArray, IntArray, as_xy
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, frames_along_motion
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
+from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 
 def fit_joints(context: Context) -> Outputs:
-    """Fit the chain to the markers of its segments."""
+    """Return chain.h5."""
     settings: FitJointsSettings = context.settings
-    view, segments = PlanarView(context.long("planar.parquet")), context.table("segments.parquet")
+    view, segments = Trajectories(context.long("planar.parquet")), context.table("segments.parquet")
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     points, own = view.plane(), _columns(view, labels)
@@ -37,7 +37,7 @@ def fit_joints(context: Context) -> Outputs:
         "joints": {
             "name": np.array(joint_names, dtype=object),
             "parent": np.arange(len(fit.centres)),
-            "centre": _xy(fit.centres),
+            "centre": as_xy(fit.centres),
             "covariance": fit.covariance,
             "arc": fit.arcs,
         },
@@ -49,7 +49,7 @@ def fit_joints(context: Context) -> Outputs:
         "markers": {
             "name": np.array(labels, dtype=object),
             "segment": segment,
-            "local": _xy(fit.local),
+            "local": as_xy(fit.local),
             "residual": fit.residual,
         },
     }
@@ -62,15 +62,15 @@ def fit_joints(context: Context) -> Outputs:
     return (Tree(CHAIN, data, facts, reasons),)
 
 
-def _columns(view: PlanarView, labels: list[str]) -> IntArray:
+def _columns(view: Trajectories, labels: list[str]) -> IntArray:
     return np.array([view.labels.index(label) for label in labels], dtype=np.int64)
 
 
 def _shown(points: ComplexArray, own: IntArray, segment: IntArray) -> BoolArray:
-    """(F,) frames that show two markers or more, by their columns, of every moving segment."""
-    seen = np.isfinite(points)
+    """Return whether each frame (F,) shows at least two markers of every moving segment."""
+    visible = np.isfinite(points)
     moving = [own[segment == k] for k in range(1, segment.max() + 1)]
-    return np.asarray(np.all([seen[:, markers].sum(axis=1) >= 2 for markers in moving], axis=0))
+    return np.asarray(np.all([visible[:, markers].sum(axis=1) >= 2 for markers in moving], axis=0))
 
 
 def _estimate(
@@ -79,31 +79,31 @@ def _estimate(
     if settings.estimator == "bundle":
         return fit_chain(points, segment, auxiliary, settings.lambda_a)
     if auxiliary:
-        raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` uses none")
+        raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` cannot use them")
     return fit_links(points, segment, settings.estimator)
 
 
 def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """A caution where the chain is not the one that the program would give by itself."""
+    """Return a caution if the estimator is not the default."""
     if settings.estimator == "bundle":
         return ()
     spread = "; its joints and lengths have no standard deviations" if settings.estimator == "circle" else ""
     return (
         Reason(
             "estimator",
-            f"the joints are fitted by `{settings.estimator}`, which is there to be compared with{spread}. Leave "
-            "`fit-joints: {estimator: …}` away for the fit of the whole chain.",
+            f"the joints are fitted by `{settings.estimator}`, which is only for comparison{spread}. Remove "
+            "`fit-joints: {estimator: …}` to fit the whole chain.",
         ),
     )
 
 
 def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """A note of each joint that markers pull."""
+    """Return a note for each joint whose centre is attracted by markers."""
     return tuple(
         Reason(
             "joint-markers",
-            f"the centre of the {name} is pulled towards the middle of {', '.join(about)} (λ_A = "
-            f"{settings.lambda_a:g}); its standard deviation does not say how far that is from the joint.",
+            f"the centre of the {name} is attracted to the mean of {', '.join(about)} (λ_A = {settings.lambda_a:g}); "
+            "its standard deviation does not include the distance between this mean and the joint.",
             settings.lambda_a,
             level="ok",
         )
@@ -111,13 +111,8 @@ def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tupl
     )
 
 
-def _xy(points: ComplexArray) -> FloatArray:
-    """(K, 2) real coordinates."""
-    return np.stack([points.real, points.imag], axis=1)
-
-
 def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """A caution for every joint that turned too little, or whose centre is uncertain."""
+    """Return a caution for every joint that turns too little or whose centre is uncertain."""
     reasons = []
     for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):
         sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
@@ -125,8 +120,8 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
             reasons.append(
                 Reason(
                     "small-arc",
-                    f"the {name} turned by {arc:.1f}° only: skin that slips by 2 mm shifts its centre by "
-                    f"{2 / np.radians(arc):.0f} mm unseen. A movement with more of it would place it better.",
+                    f"the {name} turns by only {arc:.1f}°: skin motion of 2 mm then shifts its centre by "
+                    f"{2 / np.radians(arc):.0f} mm unnoticed. Record a movement in which it turns more.",
                     float(arc),
                     settings.small_arc_deg,
                 )
@@ -135,7 +130,7 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
             reasons.append(
                 Reason(
                     "joint-uncertain",
-                    f"the centre of the {name} is known to {1e3 * sd:.0f} mm only (standard deviation).",
+                    f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm.",
                     sd,
                     settings.large_sd_m,
                 )

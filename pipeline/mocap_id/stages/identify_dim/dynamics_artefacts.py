@@ -1,4 +1,4 @@
-"""dynamics.parquet and dynamics.h5, from what was found or from what could not be."""
+"""Contents of dynamics.parquet and dynamics.h5, with or without an identification."""
 
 from __future__ import annotations
 
@@ -9,58 +9,60 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.base import BaseSet, base_names, base_units, full_names, structural_base
+from mocap_id.design.recommendation import Recommendations
+from mocap_id.dynamics.base_parameters import BaseSet, base_names, base_units, full_names, structural_base
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.chain_parameters import ChainMap
 from mocap_id.dynamics.comparison import compare
-from mocap_id.dynamics.consistent import Solution
+from mocap_id.dynamics.consistency import ConsistentSolution
 from mocap_id.dynamics.excitation import Excitation
-from mocap_id.dynamics.fold import Fold
-from mocap_id.dynamics.grid import PointGrid
-from mocap_id.dynamics.identify import Identification
-from mocap_id.dynamics.predict import Prediction
-from mocap_id.dynamics.prepare import Prepared, Recorded, arcs
-from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.prediction import Prediction
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, arcs
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
-from mocap_id.protocols.sit_to_stand import Contact
+from mocap_id.protocols.chair_contact import Contact
 from mocap_id.stages.identify_dim import validation
-from mocap_id.stages.identify_dim.rivals import Rivals, rival_facts
+from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_facts
 from mocap_id.stages.identify_dim.segment_fit import filtered_measured
 from mocap_id.stages.identify_dim.validation import SERIES, Validation
 
 
 @dataclass(frozen=True)
-class Identified:
-    """Everything that a successful identification puts into its artefacts.
+class IdentifiedDynamics:
+    """Results of an identification, for its artefacts.
 
-    ``prepared``, ``found`` and ``rivals`` belong to the motion that was used; ``chain``, ``in_chain`` and
-    ``chain_reference`` to the chain and its parameters. With the pinned chain they are the same.
+    ``prepared``, ``found`` and ``references`` belong to the motion used; ``chain``, ``in_chain`` and
+    ``chain_reference`` to the pinned chain. If the chain is used, they are the same.
     """
 
-    prepared: Prepared
+    prepared: PreparedTrial
     found: Identification
-    chain: Prepared
+    chain: PreparedTrial
     in_chain: Identification
-    told: Excitation
+    excitation: Excitation
+    recommendations: Recommendations
     model: Prediction
     grid: PointGrid
-    rivals: Rivals
+    references: ReferenceBodies
     chain_reference: FloatArray
     contact: Contact | None
     validation: Validation
     cop_threshold: float
     prior_share: FloatArray
-    folded: Fold | None = None
+    chain_map: ChainMap | None = None
 
     @property
     def measured_poses(self) -> bool:
-        """The bodies' own poses were used."""
+        """Whether measured poses were used."""
         return self.prepared.prior is not None
 
 
-def dynamics_columns(result: Identified) -> dict[str, Any]:
-    """dynamics.parquet: the ground's measured wrench, clock and constant error of Fx taken out, beside the models'."""
+def dynamics_columns(result: IdentifiedDynamics) -> dict[str, Any]:
+    """Return the columns of dynamics.parquet: measured wrench, corrected for clock and bias of Fx, and the models'."""
     prepared, model, threshold = result.prepared, result.model, result.cop_threshold
     measured, external = _measured(result), prepared.elsewhere(result.found.fit.offset)
-    reference = prepared.regressor @ result.rivals.chosen.parameters - external
+    reference = prepared.regressor @ result.references.chosen.parameters - external
     columns = {"time": prepared.recorded.time}
     columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold))
     columns |= _wrench_columns(model.wrench, model.cop, "_model")
@@ -75,16 +77,16 @@ def dynamics_columns(result: Identified) -> dict[str, Any]:
     return columns | {"in_fit": result.found.fit.in_fit}
 
 
-def empty_columns(recorded: Recorded, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
-    """dynamics.parquet without a model: the wrench as the plate's clock stamped it, the reference's, the rest NaN.
+def empty_columns(recorded: TrialData, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
+    """Return dynamics.parquet without a model: uncorrected wrench, wrench of the reference body, everything else NaN.
 
     Parameters
     ----------
-    recorded : Recorded
+    recorded : TrialData
     reference : (T, 3) array
-        What the allometric body would do; NaN where none applies.
+        Wrench of the allometric body; NaN if none applies.
     cop_threshold : float
-        N.
+        Vertical force up to which there is no centre of pressure, N.
     """
     absent = np.full((len(recorded.time), 3), np.nan)
     columns = {"time": recorded.time}
@@ -98,16 +100,16 @@ def empty_columns(recorded: Recorded, reference: FloatArray, cop_threshold: floa
     return columns | {"in_fit": np.zeros(len(absent), dtype=np.bool_)}
 
 
-def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
-    """dynamics.h5."""
+def dynamics_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
+    """Return the nodes of dynamics.h5."""
     found, chain, centres = result.found, result.in_chain, result.prepared.recorded.centres
     return {
         "base": _base(result.chain.base, centres, chain.base, chain.covariance)
         | {
-            "verdict": np.array(result.told.verdict, dtype=object),
-            "excitation": result.told.own,
-            "own_share": result.told.share,
-            "relative_sd": result.told.relative_sd,
+            "verdict": np.array(result.excitation.verdict, dtype=object),
+            "excitation": result.excitation.own,
+            "own_share": result.excitation.share,
+            "relative_sd": result.excitation.relative_sd,
             "prior_share": result.prior_share,
         },
         "full": {
@@ -117,7 +119,7 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
         },
         "bodies": {
             "value": found.full,
-            "reference": result.rivals.chosen.parameters,
+            "reference": result.references.chosen.parameters,
             "covariance": _full_covariance(result),
         },
         "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.masses},
@@ -125,17 +127,17 @@ def dynamics_data(result: Identified) -> dict[str, dict[str, Any]]:
     }
 
 
-def _held_out(result: Identified) -> dict[str, FloatArray]:
-    """What the folds found, as base parameters of the chain."""
+def _held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
+    """Return the parameters of the cross-validation folds as base parameters of the chain."""
     data = validation.data(result.validation, result.found.fit.base)
-    if result.folded is None or not len(data["base"]):
-        return data | {"base": np.zeros((0, len(result.in_chain.base))) if result.folded else data["base"]}
-    full = np.array([result.folded.chain(each) for each in data["base"]])
+    if result.chain_map is None or not len(data["base"]):
+        return data | {"base": np.zeros((0, len(result.in_chain.base))) if result.chain_map else data["base"]}
+    full = np.array([result.chain_map.chain(each) for each in data["base"]])
     return data | {"base": full @ result.chain.base.regrouping.T}
 
 
-def _full_covariance(result: Identified) -> FloatArray:
-    """Covariance (4K, 4K) of the bodies' full parameters; NaN for the pinned chain, which has none."""
+def _full_covariance(result: IdentifiedDynamics) -> FloatArray:
+    """Return the covariance (4K, 4K) of the bodies' full parameters; NaN for the pinned chain."""
     found = result.found
     return found.covariance if result.measured_poses else np.full((len(found.full), len(found.full)), np.nan)
 
@@ -143,13 +145,13 @@ def _full_covariance(result: Identified) -> FloatArray:
 def empty_data(
     centres: FloatArray, grid: PointGrid, mass: float | None, reference: FloatArray
 ) -> dict[str, dict[str, Any]]:
-    """dynamics.h5 with every value NaN but the mass, the first base parameter, and the reference, where known."""
+    """Return dynamics.h5 with only the mass (first base parameter) and the reference; everything else is NaN."""
     base = structural_base(centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if mass is None else mass
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
-        "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _untold_base(value),
+        "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _base_without_fit(value),
         "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
         "bodies": {"value": full, "reference": reference, "covariance": np.full((len(full), len(full)), np.nan)},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
@@ -157,10 +159,10 @@ def empty_data(
     }
 
 
-def advice_facts(told: Excitation, joints: Sequence[str]) -> list[dict[str, Any]]:
-    """JSON rows: for each base parameter the movement that would tell most more of it, nulls where none would.
+def advice_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> list[dict[str, Any]]:
+    """Return JSON rows: for each base parameter the best change of the movement, nulls where none helps.
 
-    No rows where every parameter is known.
+    Empty if every parameter is known.
     """
     return [
         {
@@ -168,14 +170,14 @@ def advice_facts(told: Excitation, joints: Sequence[str]) -> list[dict[str, Any]
             "change": None if one is None else one.change,
             "joint": None if one is None or one.joint is None else joints[one.joint],
             "sd_ratio": None if one is None else one.ratio,
-            "text": None if one is None else one.said(joints).removesuffix(","),
+            "text": None if one is None else one.describe(joints).removesuffix(","),
         }
-        for name, one in zip(told.names, told.advice, strict=bool(told.advice))
+        for name, one in zip(result.excitation.names, result.recommendations, strict=bool(result.recommendations))
     ]
 
 
-def _untold_base(value: FloatArray) -> dict[str, Any]:
-    """What stands beside base parameters (b,) that were not fitted: only the mass can be known, from the plates."""
+def _base_without_fit(value: FloatArray) -> dict[str, Any]:
+    """Return the columns beside base parameters (b,) that were not fitted; only the mass can be known."""
     absent = np.full(len(value), np.nan)
     return {
         "verdict": np.array(["known" if np.isfinite(each) else "not identifiable" for each in value], dtype=object),
@@ -186,8 +188,8 @@ def _untold_base(value: FloatArray) -> dict[str, Any]:
     }
 
 
-def dynamics_facts(result: Identified, joints: Sequence[str]) -> dict[str, Any]:
-    """What summary.json says of the fit, over its samples; ``joints`` are their names."""
+def dynamics_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[str, Any]:
+    """Return facts about the fit over its samples; ``joints`` are the names of the joints."""
     found, fit, prepared = result.found, result.found.fit, result.prepared
     samples: BoolArray = fit.in_fit
     threshold, elsewhere = result.cop_threshold, prepared.elsewhere(fit.offset)
@@ -205,46 +207,46 @@ def dynamics_facts(result: Identified, joints: Sequence[str]) -> dict[str, Any]:
         "wrench": {name: None if one is None else asdict(one) for name, one in compared.wrench.items()},
         "cop_rms_m": compared.cop_rms,
         "samples": int(samples.sum()),
-        "reference_table": result.rivals.chosen.table,
-        "rivals": rival_facts(result.rivals, rows, measured, samples, threshold, external=elsewhere),
+        "reference_table": result.references.chosen.table,
+        "rivals": reference_facts(result.references, rows, measured, samples, threshold, external=elsewhere),
         "held_out": validation.facts(
             result.validation,
             of_model,
-            rows @ result.rivals.chosen.parameters - elsewhere,
+            rows @ result.references.chosen.parameters - elsewhere,
             measured,
             threshold,
             filtered=result.measured_poses,
         ),
         "consistency": found.solution.consistency,
         "solver": _solver(found.solution),
-        "reference_pulls": found.pulled,
+        "reference_pulls": found.uses_reference,
         "cutoff_hz": prepared.lowpass.cutoff,
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
-        "untold": list(result.model.untold),
-        "why": _why_untold(result),
+        "untold": list(result.model.undetermined),
+        "why": _why_undetermined(result),
         "arc_deg": np.degrees(arcs(prepared.recorded.q, samples)).tolist(),
         "contact": None if result.contact is None else _contact(result.contact),
-        "advice": advice_facts(result.told, joints),
+        "advice": advice_facts(result, joints),
     }
 
 
 def unknown_facts(
-    why: str, recorded: Recorded, bodies: Rivals, free: BoolArray, *, cop_threshold: float, gravity: float
+    why: str, recorded: TrialData, bodies: ReferenceBodies, free: BoolArray, *, cop_threshold: float, gravity: float
 ) -> tuple[FloatArray, dict[str, Any]]:
-    """The reference's wrench (T, 3) of a trial whose parameters stay unknown, and its facts.
+    """Return the reference body's wrench (T, 3) and the facts of a trial without an identification.
 
-    The rivals are compared over the samples on which only the ground touches the body.
+    Reference bodies are compared over the samples without contact to the chair.
     """
     regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, gravity)
     facts = empty_facts(why) | {
         "reference_table": bodies.chosen.table,
-        "rivals": rival_facts(bodies, regressor, recorded.wrench, free, cop_threshold, external=recorded.elsewhere),
+        "rivals": reference_facts(bodies, regressor, recorded.wrench, free, cop_threshold, external=recorded.elsewhere),
     }
     return regressor @ bodies.chosen.parameters - recorded.elsewhere, facts
 
 
 def empty_facts(why: str | None) -> dict[str, Any]:
-    """Facts of dynamics.h5 where nothing is known, and why."""
+    """Return the facts of dynamics.h5 without an identification, and why there is none."""
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
@@ -254,32 +256,32 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     return {**dict.fromkeys(keys), "why": why}
 
 
-def components_short(result: Identified) -> list[str]:
-    """Columns of the model that are NaN because the fitted components of the wrench do not tell them."""
+def components_short(result: IdentifiedDynamics) -> list[str]:
+    """Return the columns of the model that the fitted components of the wrench do not determine (NaN)."""
     within = _inside_one_body(result)
-    return [name for name in result.model.untold if name not in within]
+    return [name for name in result.model.undetermined if name not in within]
 
 
-def _why_untold(result: Identified) -> str | None:
+def _why_undetermined(result: IdentifiedDynamics) -> str | None:
     short = ", ".join(components_short(result))
     if not short:
         return None
-    return f"the fitted components of the wrench do not tell {short}: see `identify-dim: {{components: …}}`"
+    return f"the fitted components of the wrench do not determine {short}: see `identify-dim: {{components: …}}`"
 
 
-def _inside_one_body(result: Identified) -> set[str]:
-    """Names of the torques of joints whose two sides are one body."""
+def _inside_one_body(result: IdentifiedDynamics) -> set[str]:
+    """Return the torque columns of joints inside one body."""
     joint = result.prepared.motion.joint
     return {f"tau_{j + 1}" for j in range(joint.shape[1]) if not np.isfinite(joint[:, j]).any()}
 
 
-def _measured(result: Identified) -> FloatArray:
-    """The ground's wrench (T, 3) at the corrected clock, less the plates' constant error of Fx."""
+def _measured(result: IdentifiedDynamics) -> FloatArray:
+    """Return the ground's wrench (T, 3) with the clock offset corrected and the bias of Fx removed."""
     bias = np.array([result.found.plate_bias or 0.0, 0.0, 0.0])
     return np.asarray(result.prepared.ground(result.found.fit.offset) - bias)
 
 
-def _solver(solution: Solution) -> dict[str, Any]:
+def _solver(solution: ConsistentSolution) -> dict[str, Any]:
     answer = solution.answer
     return {
         "name": answer.solver,
@@ -288,7 +290,7 @@ def _solver(solution: Solution) -> dict[str, Any]:
         "kkt": answer.optimality.excess,
         "proven": answer.optimality.proven,
         **asdict(answer.optimality),
-        "asked": solution.asked,
+        "asked": solution.requested,
         "price_of_consistency": solution.price,
     }
 

@@ -1,4 +1,4 @@
-"""The torque that a robot tells of its joint beside the one that the identified model has there."""
+"""Comparison of the model's joint torque with the torque in a robot's encoder file."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.clock import SampledWrench
+from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.stages.base import Context
 
 
 def torque_facts(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[str, Any] | None:
-    """Model less encoder at the encoder's own times, in the plane's sense; None where either is missing.
+    """Return the difference between model and encoder at the encoder's times; None if either is missing.
 
-    The model's torque is smooth, so it is brought to the times of the rough one, by ukf-smooth's clock offset.
+    The model's torque is interpolated, because it is smooth; the clock offset is that of ukf-smooth.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ def torque_facts(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[s
     matched, log = context.table("encoder.parquet").facts, recording.read_encoder(file)
     if matched.get("why") is not None or log.torque is None:
         return None
-    told = matched["sign"] * log.torque
+    measured = matched["sign"] * log.torque
     model = SampledWrench.of(dynamics["time"], dynamics["tau_1"][:, None])
-    off = model(log.time + matched["clock_offset_s"])[:, 0] - told
+    off = model(log.time + matched["clock_offset_s"])[:, 0] - measured
     both = np.isfinite(off)
-    if np.count_nonzero(both) < 2 or not np.ptp(told[both]) > 0.0:
+    if np.count_nonzero(both) < 2 or not np.ptp(measured[both]) > 0.0:
         return None
     return {
         "bias": float(np.mean(off[both])),
         "sd": float(np.std(off[both])),
-        "r2": 1.0 - float(np.mean(off[both] ** 2)) / float(np.var(told[both])),
+        "r2": 1.0 - float(np.mean(off[both] ** 2)) / float(np.var(measured[both])),
         "samples": int(np.count_nonzero(both)),
     }

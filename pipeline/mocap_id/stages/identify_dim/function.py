@@ -1,69 +1,94 @@
-"""identify-dim: base parameters, clock offset, predicted wrench and torques; repetitions, their events and averages."""
+"""Function of the stage identify-dim: identifies the dynamics and describes the repetitions."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
+from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.cautions import find_cautions
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
-from mocap_id.dynamics.grid import PointGrid
-from mocap_id.dynamics.identify import Identification
-from mocap_id.dynamics.judge import judge
-from mocap_id.dynamics.predict import chain_noise, predict
-from mocap_id.dynamics.prepare import Prepared, Recorded
+from mocap_id.dynamics.identification import Identification, identify
+from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
-from mocap_id.stages.identify_dim import surroundings, validation
 from mocap_id.stages.identify_dim.encoder_torque import torque_facts
-from mocap_id.stages.identify_dim.motion_reasons import motion_reasons
-from mocap_id.stages.identify_dim.pins import pinned_facts
-from mocap_id.stages.identify_dim.reading import Reading, fit_chain, gap_facts, joint_names, read_trial
+from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
+from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import averages
-from mocap_id.stages.identify_dim.rivals import Rivals, rivals
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import events_table, missing_force, sit_to_stand_events
-from mocap_id.stages.identify_dim.unknown import Unknown
+from mocap_id.stages.identify_dim.trial_data import joint_names, read_kinematic_error
+from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, gap_facts, read_inputs
+from mocap_id.stages.identify_dim.wrench_checks import gain_facts, sensor_cautions
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
 
 
 def identify_dim(context: Context) -> Outputs:
-    """Identify the inertial parameters from the states and the plates' wrench."""
-    read = read_trial(context)
-    shown: Prepared | None = None
-    if read.prepared is None or read.unknown is not None:
-        assert read.unknown is not None
-        table, tree = _nothing(context, read.recorded, read.grid, read.unknown, read.movement)
+    """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet."""
+    inputs = read_inputs(context)
+    prepared = inputs.prepared
+    if prepared is None or inputs.obstacle is not None:
+        assert inputs.obstacle is not None
+        table, tree = _without_identification(context, inputs, inputs.obstacle)
     else:
-        table, tree, shown = _identified(context, read, read.prepared)
-    events = _events(context, read.recorded, shown or read.prepared, read.movement, table)
+        table, tree, prepared = _with_identification(context, inputs, prepared)
+    events = _events(context, inputs, prepared, table)
     return events, table, tree, averages(context, events, table)
 
 
-def identification(context: Context) -> tuple[Prepared, Movement, Identification] | Unknown:
-    """The trial made ready, its movement and its identification, from which the artefacts are made.
+def identification(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:
+    """Return the prepared trial, its movement and the identification behind the artefacts.
 
-    On the pinned chain, and for a trial on measured poses with the base parameters that these gave.
+    All are of the pinned chain; with measured poses, the identification has the chain parameters that follow from them.
     """
-    read = read_trial(context)
-    if read.prepared is None or read.unknown is not None:
-        assert read.unknown is not None
-        return read.unknown
-    bodies = rivals(context, read.prepared.recorded, read.movement)
-    found = fit_chain(context, read.prepared, read.movement, read.grid, bodies)
-    if read.bodies:
-        found = fit_segments(context, read.bodies, read.prepared, read.movement, pinned=found, tables=bodies).in_chain
-    return read.prepared, read.movement, found
+    inputs = read_inputs(context)
+    if inputs.prepared is None or inputs.obstacle is not None:
+        assert inputs.obstacle is not None
+        return inputs.obstacle
+    references = reference_bodies(context, inputs.prepared.recorded, inputs.movement)
+    found, segments = _fit(context, inputs, inputs.prepared, references)
+    return inputs.prepared, inputs.movement, found if segments is None else segments.in_chain
 
 
-def _events(
-    context: Context, recorded: Recorded, prepared: Prepared | None, movement: Movement, dynamics: Table
-) -> Table:
-    """events.parquet, with what the protocol tells beside the events."""
+def fit_chain(
+    context: Context, prepared: PreparedTrial, movement: Movement, grid: PointGrid, references: ReferenceBodies
+) -> Identification:
+    """Identify the pinned chain."""
+    settings: IdentifyDimSettings = context.settings
+    return identify(
+        prepared,
+        movement.free,
+        grid,
+        references.chosen.parameters,
+        read_kinematic_error(context),
+        consistency=settings.consistency or "grid",
+        reference_sd=settings.reference_sd,
+        reference_pulls=settings.reference_pulls,
+    )
+
+
+def _fit(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial, references: ReferenceBodies
+) -> tuple[Identification, SegmentFit | None]:
+    """Return the identification of the pinned chain and, if measured poses are used, that of the bodies."""
+    found = fit_chain(context, prepared, inputs.movement, inputs.grid, references)
+    if not inputs.body_sets:
+        return found, None
+    return found, fit_segments(context, inputs.body_sets, prepared, inputs.movement, pinned=found, tables=references)
+
+
+def _events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
+    """Return events.parquet, with details by the protocol."""
+    movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
         return events_table(movement.repetitions)
     return sit_to_stand_events(
@@ -76,139 +101,134 @@ def _events(
     )
 
 
-def _identified(context: Context, read: Reading, prepared: Prepared) -> tuple[Table, Tree, Prepared]:
-    bodies, movement, threshold = (
-        rivals(context, prepared.recorded, read.movement),
-        read.movement,
-        _cop_threshold(context),
-    )
-    found = fit_chain(context, prepared, movement, read.grid, bodies)
-    if not read.bodies:
-        result = _of_chain(context, read, prepared, found, bodies)
-        more: dict[str, Any] = {}
+def _with_identification(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial
+) -> tuple[Table, Tree, PreparedTrial]:
+    """Return dynamics.parquet, dynamics.h5 and the prepared trial of the motion used."""
+    movement, threshold = inputs.movement, _cop_threshold(context)
+    references = reference_bodies(context, prepared.recorded, movement)
+    found, segments = _fit(context, inputs, prepared, references)
+    motion = inputs.motion_facts
+    if segments is None:
+        result = _of_chain(context, inputs, prepared, found, references)
     else:
-        segments = fit_segments(context, read.bodies, prepared, movement, pinned=found, tables=bodies)
-        result = _of_bodies(context, read, prepared, segments, threshold)
-        more = segments.facts | {"joints": gap_facts(segments.bodies, joint_names(context))}
+        result = _of_bodies(context, inputs, prepared, segments)
+        motion = motion | segments.facts | {"joints": gap_facts(segments.bodies, joint_names(context))}
     columns = artefacts.dynamics_columns(result)
     facts = artefacts.dynamics_facts(result, joint_names(context)) | {
-        "external": surroundings.facts(prepared, found.fit),
+        "external": gain_facts(prepared, found.fit),
         "torque": torque_facts(context, columns),
-        "motion": read.joints | more,
+        "motion": motion,
     }
-    if read.bodies:
+    if segments is not None:
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
-    judged = (*_judgement(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
-    reasons = (*movement.reasons, *bodies.chosen.reasons, *judged)
-    return (
-        Table(DYNAMICS_TABLE, columns),
-        Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons),
-        result.prepared,
-    )
+    cautions = (*_cautions(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
+    reasons = (*movement.reasons, *references.chosen.reasons, *cautions)
+    tree = Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+    return Table(DYNAMICS_TABLE, columns), tree, result.prepared
 
 
 def _of_chain(
-    context: Context, read: Reading, prepared: Prepared, found: Identification, bodies: Rivals
-) -> artefacts.Identified:
-    q, threshold = prepared.recorded.q, _cop_threshold(context)
-    noise = chain_noise(prepared, found, read.chain.correlation(q, _snap(context, q.shape[1])), read.centre_sd)
-    model = predict(prepared, found, noise, threshold)
-    return artefacts.Identified(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial, found: Identification, references: ReferenceBodies
+) -> artefacts.IdentifiedDynamics:
+    q, threshold, chain = prepared.recorded.q, _cop_threshold(context), inputs.chain
+    snap = _snap(context, q.shape[1])
+    correlation = acceleration_correlation(q, chain.centres, chain.marker_segment, chain.local, snap)
+    model = predict(prepared, found, chain_noise(prepared, found, correlation, inputs.centre_sd), threshold)
+    excited = excitation(prepared, found, weak_share(context))
+    return artefacts.IdentifiedDynamics(
         prepared=prepared,
         found=found,
         chain=prepared,
         in_chain=found,
-        told=excitation(prepared, found, weak_share(context)),
+        excitation=excited,
+        recommendations=recommend_where_needed(prepared, found, excited),
         model=model,
-        grid=read.grid,
-        rivals=bodies,
-        chain_reference=bodies.chosen.parameters,
-        contact=read.movement.contact,
-        validation=validation.validate(prepared, read.movement, found, model.wrench),
+        grid=inputs.grid,
+        references=references,
+        chain_reference=references.chosen.parameters,
+        contact=inputs.movement.contact,
+        validation=validation.validate(prepared, inputs.movement, found, model.wrench),
         cop_threshold=threshold,
-        prior_share=np.full(len(found.base), np.nan if found.pulled else 0.0),
+        prior_share=np.full(len(found.base), np.nan if found.uses_reference else 0.0),
     )
 
 
 def _of_bodies(
-    context: Context, read: Reading, prepared: Prepared, segments: SegmentFit, threshold: float
-) -> artefacts.Identified:
-    model = predict(segments.prepared, segments.found, segments.noise(), threshold)
-    return artefacts.Identified(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial, segments: SegmentFit
+) -> artefacts.IdentifiedDynamics:
+    threshold = _cop_threshold(context)
+    excited = excitation(prepared, segments.in_chain, weak_share(context))
+    return artefacts.IdentifiedDynamics(
         prepared=segments.prepared,
         found=segments.found,
         chain=prepared,
         in_chain=segments.in_chain,
-        told=excitation(prepared, segments.in_chain, weak_share(context)),
-        model=model,
+        excitation=excited,
+        recommendations=recommend_where_needed(prepared, segments.in_chain, excited),
+        model=predict(segments.prepared, segments.found, segments.noise(), threshold),
         grid=segments.grid,
-        rivals=segments.rivals,
+        references=segments.references,
         chain_reference=segments.chain_reference,
-        contact=read.movement.contact,
+        contact=inputs.movement.contact,
         validation=segments.validation,
         cop_threshold=threshold,
         prior_share=segments.prior_share,
-        folded=segments.folded,
+        chain_map=segments.chain_map,
     )
 
 
 def weak_share(context: Context) -> float:
-    """Standard deviation by size above which a parameter is weak: a robot's are wanted to per cents."""
+    """Return the relative standard deviation above which a parameter is weak; smaller for a robot."""
     given: float | None = context.settings.weak_share
     return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
 
 
-def _judgement(context: Context, result: artefacts.Identified) -> tuple[Reason, ...]:
-    """What to know before believing the numbers, what the fitted components leave open included."""
+def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[Reason, ...]:
+    """Return cautions about the identification, and about what the fitted components leave undetermined."""
     facts = context.table("wrench.parquet").facts
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
-    reasons = judge(
-        result.prepared, result.found, result.told, given=given, standing=standing, joints=joint_names(context)
+    recommended = recommendation_text(result.excitation, result.recommendations, joint_names(context))
+    reasons = find_cautions(
+        result.prepared, result.found, result.excitation, recommended, given=given, standing=standing
     )
-    reasons += surroundings.doubts(result.chain, result.in_chain.fit)
+    reasons += sensor_cautions(result.chain, result.in_chain.fit)
     if short := artefacts.components_short(result):
-        open_ = Reason(
+        undetermined = Reason(
             "components-short",
-            f"fitted to {', '.join(context.settings.components)} alone, the base parameters do not tell "
-            f"{', '.join(short)}: no values are given for these; fit Fy and tauz at least "
-            "(`identify-dim: {components: [Fy, tauz]}`)",
+            f"the fitted components {', '.join(context.settings.components)} do not determine {', '.join(short)}, so "
+            "no values are given for these; fit at least Fy and tauz (`identify-dim: {components: [Fy, tauz]}`)",
         )
-        reasons = (*reasons, open_)
+        reasons = (*reasons, undetermined)
     if context.trial.protocol == "free" and standing is None and given is None:
         unchecked = Reason(
             "mass-unchecked",
-            "the identified mass could not be held against that of the person standing "
-            f"({facts.get('why') or 'the plates do not show it'}) nor against `subject: {{mass: …}}`: if a chair or a "
-            "support carries a part of the body, the parameters are wrong and nothing shows it",
+            "the identified mass could not be compared with the mass of the standing person "
+            f"({facts.get('why') or 'the plates do not show it'}) nor with `subject: {{mass: …}}`: if a chair or a "
+            "support carries part of the body, the parameters are wrong without further notice",
         )
         reasons = (*reasons, unchecked)
     return reasons
 
 
 def _cop_threshold(context: Context) -> float:
-    """Vertical force up to which there is no centre of pressure, N: the one that planarise went by."""
+    """Return the vertical force up to which there is no centre of pressure, N, as used in planarise."""
     return float(context.table("wrench.parquet").facts["cop_threshold_N"])
 
 
 def _snap(context: Context, joints: int) -> FloatArray:
-    """Standard deviation of each joint's process noise (n,), rad/s⁴."""
+    """Return the standard deviation of each joint's process noise (n,), rad/s⁴."""
     return np.broadcast_to(np.asarray(context.table("states.parquet").facts["sigma_v"], dtype=np.float64), (joints,))
 
 
-def _nothing(
-    context: Context, recorded: Recorded, grid: PointGrid, unknown: Unknown, movement: Movement
-) -> tuple[Table, Tree]:
-    """The artefacts of a trial whose parameters stay unknown."""
-    bodies, threshold = rivals(context, recorded, movement), _cop_threshold(context)
+def _without_identification(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
+    """Return dynamics.parquet and dynamics.h5 of a trial whose parameters are unknown."""
+    recorded, movement, threshold = inputs.recorded, inputs.movement, _cop_threshold(context)
+    references = reference_bodies(context, recorded, movement)
     reference, facts = artefacts.unknown_facts(
-        unknown.why,
-        recorded,
-        bodies,
-        movement.free,
-        cop_threshold=threshold,
-        gravity=context.settings.gravity,
+        obstacle.why, recorded, references, movement.free, cop_threshold=threshold, gravity=context.settings.gravity
     )
     columns = artefacts.empty_columns(recorded, reference, threshold)
-    data = artefacts.empty_data(recorded.centres, grid, unknown.mass, bodies.chosen.parameters)
-    reasons = (*movement.reasons, *bodies.chosen.reasons, Reason(unknown.code, unknown.why))
+    data = artefacts.empty_data(recorded.centres, inputs.grid, obstacle.mass, references.chosen.parameters)
+    reasons = (*movement.reasons, *references.chosen.reasons, Reason(obstacle.code, obstacle.why))
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)

@@ -1,4 +1,4 @@
-"""The bodies of the dynamics on their own measured poses: which joints give way, cut-offs, prior, the way back."""
+"""Bodies of the dynamics with their own measured poses, from poses.parquet, and the prior of their parameters."""
 
 from __future__ import annotations
 
@@ -9,62 +9,68 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.bands import Bands
-from mocap_id.dynamics.fold import gather, relative
-from mocap_id.dynamics.grid import PointGrid, segment_grid
-from mocap_id.dynamics.loose_prior import BodyPrior, even_prior, table_prior, without_others
+from mocap_id.dynamics.body_prior import BodyPrior, even_prior, split_torso, table_prior
+from mocap_id.dynamics.chain_parameters import merge_segments, relative_pose
+from mocap_id.dynamics.cutoffs import Cutoffs
 from mocap_id.dynamics.lowpass import known
-from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, Gap, bridged, gaps, measured_motion, pinned
-from mocap_id.dynamics.prepare import FitSettings, Prepared, Recorded, prepare
+from mocap_id.dynamics.measured_motion import (
+    USUAL,
+    BodyPoses,
+    JointGap,
+    close_gaps,
+    fill_gaps,
+    measure_gaps,
+    measured_motion,
+)
+from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.kinematics.cluster_poses import LEAST_MARKERS
+from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim.validation import spans
 from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
-_OFTEN = 0.8  # of the samples: a body that is seen less would leave too few to identify on
+_OFTEN = 0.8  # share of the samples in which a body must be visible, to leave enough samples for the fit
 
 
 @dataclass(frozen=True)
 class MeasuredBodies:
-    """Bodies with their poses, ready to be used.
+    """Bodies and their poses.
 
     Parameters
     ----------
     names : tuple of str
     poses : BodyPoses
-        Short gaps bridged; pinned at the joints that hold.
+        With short gaps bridged, and pinned at the joints that do not give way.
     observed : (T,) bool array
-        Samples on which every pose was measured.
-    gap : dict of int to Gap
-        By the joint, from 0.
+        Samples in which every pose was measured.
+    gap : dict of int to JointGap
+        Gap at each joint between two bodies; joints count from 0.
     markers : tuple of mapping
-        Of each body: label to place in its frame, m.
+        For each body, the places of its markers in its frame by label, m.
     residual : tuple of float
-        rms distance of each body's markers from their places, m.
+        rms distance of each body's markers from these places, m.
     used : tuple of int
-        Their places in poses.parquet, from 0.
+        Indices of the bodies in poses.parquet, from 0.
     """
 
     names: tuple[str, ...]
     poses: BodyPoses
     observed: BoolArray
-    gap: dict[int, Gap]
+    gap: dict[int, JointGap]
     markers: tuple[dict[str, list[float]], ...]
     residual: tuple[float, ...]
     used: tuple[int, ...]
 
     @property
     def loosest(self) -> float:
-        """Largest acceleration of a joint's gap, m/s²."""
+        """Largest acceleration of a gap, m/s²."""
         return max((gap.acceleration for gap in self.gap.values() if np.isfinite(gap.acceleration)), default=0.0)
 
-    def recorded(self, recorded: Recorded, bands: Bands) -> Recorded:
-        """The trial with the bodies' motion in the place of the chain's."""
-        return replace(recorded, measured=measured_motion(self.poses, bands), observed=self.observed)
-
     def grid(self, points: tuple[int, int]) -> PointGrid:
-        """Point masses over each body's joints and markers."""
+        """Return point masses around the joints and markers of each body."""
         count = len(self.names)
         body = np.repeat(np.arange(count), [len(each) for each in self.markers])
         local = np.array([place for each in self.markers for place in each.values()])
@@ -74,56 +80,58 @@ class MeasuredBodies:
         return segment_grid(ends, body, local, points)
 
 
-def measured_bodies(context: Context, recorded: Recorded) -> tuple[MeasuredBodies, ...]:
-    """The bodies of poses.parquet, in every way to count them; none where a segment of the chain has no pose.
+def measured_bodies(context: Context, recorded: TrialData) -> tuple[MeasuredBodies, ...]:
+    """Return the bodies of poses.parquet for every way to divide the person; empty if a segment has no pose.
 
-    A body of several segments can take their place: pelvis and trunk count as two or as one.
+    Pelvis and trunk may be two bodies or one.
     """
     table = context.table("poses.parquet")
-    every = [k for k in range(len(table.facts["bodies"])) if _often_seen(table, k, recorded)]
+    every = [k for k in range(len(table.facts["bodies"])) if _often_visible(table, k, recorded)]
     many = [k for k in every if len(table.facts["bodies"][k]["segments"]) > 1]
     single = [k for k in every if k not in many]
     ways = [single, *([k for k in every if not _part_of(table.facts["bodies"], k, whole)] for whole in many)]
-    return tuple(made_ready(read_bodies(table, recorded.centres, way)) for way in ways if _whole(table, recorded, way))
+    return tuple(
+        bridge_and_pin(read_bodies(table, recorded.centres, way)) for way in ways if _complete(table, recorded, way)
+    )
 
 
-def _often_seen(table: Table, body: int, recorded: Recorded) -> bool:
-    """Whether a body's pose is known in most of the samples in which the chain's states are."""
+def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
+    """Whether a body's pose is known in most of the samples in which the chain's states are known."""
     states = known(recorded.ddq)
-    seen = table[f"markers_{body + 1}"][states] >= LEAST_MARKERS
-    return bool(len(seen)) and float(np.mean(seen)) >= _OFTEN
+    visible = table[f"markers_{body + 1}"][states] >= LEAST_MARKERS
+    return bool(len(visible)) and float(np.mean(visible)) >= _OFTEN
 
 
 def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:
-    """Whether a body is a part of the whole one."""
+    """Whether a body is a part of another one."""
     own = bodies[body]["segments"]
     return body != whole and bool(own) and set(own) <= set(bodies[whole]["segments"])
 
 
-def _whole(table: Table, recorded: Recorded, used: Sequence[int]) -> bool:
+def _complete(table: Table, recorded: TrialData, used: Sequence[int]) -> bool:
     """Whether every segment of the chain is in one of the bodies."""
     segments = {segment for k in used for segment in table.facts["bodies"][k]["segments"]}
     return segments == set(range(len(recorded.centres) + 1))
 
 
-def made_ready(bodies: MeasuredBodies) -> MeasuredBodies:
-    """The bodies with short gaps bridged and the joints that hold pinned."""
-    poses, observed = bridged(bodies.poses)
-    gap = gaps(poses, np.ones(len(poses.time), dtype=bool))
-    held = [joint for joint, each in gap.items() if each.pinned]
-    return replace(bodies, poses=pinned(poses, held), observed=observed, gap=gap)
+def bridge_and_pin(bodies: MeasuredBodies) -> MeasuredBodies:
+    """Return the bodies with short gaps in time bridged, pinned at the joints that do not give way."""
+    poses, observed = fill_gaps(bodies.poses)
+    gap = measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
+    pinned = [joint for joint, each in gap.items() if each.pinned]
+    return replace(bodies, poses=close_gaps(poses, pinned), observed=observed, gap=gap)
 
 
 def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> MeasuredBodies:
-    """Bodies of poses.parquet as they were measured: gaps neither bridged nor pinned.
+    """Return bodies of poses.parquet as measured, neither bridged nor pinned.
 
     Parameters
     ----------
     table : Table
     centres : (n, 2) array
-        Joint centres in the segment before, m.
+        Joint centres in the previous segment, m.
     used : sequence of int
-        The bodies to take, which together hold every segment of the chain once.
+        Indices of the bodies, which together contain every segment of the chain once.
     """
     bodies = [table.facts["bodies"][k] for k in used]
     owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
@@ -154,41 +162,43 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     )
 
 
-def loose_prior(
-    bodies: MeasuredBodies, q: FloatArray, samples: BoolArray, table: ReferenceBody, mass: float
+def make_body_prior(
+    bodies: MeasuredBodies, q: FloatArray, movement: Movement, table: ReferenceBody, mass: float
 ) -> BodyPrior:
-    """The prior of the bodies: around the table's body where one applies, else around an even share of the mass.
+    """Return the prior of the bodies: around the reference body if one applies, else around equal masses.
 
     Parameters
     ----------
     bodies : MeasuredBodies
     q : (T, n) array
-        The chain's angles, rad.
-    samples : (T,) bool array
-        Samples that give the bodies' mean place.
+        Joint angles of the chain, rad.
+    movement : Movement
+        Its usable samples give the mean places of the bodies.
     table : ReferenceBody
-        On the chain; NaN where none applies.
+        Reference body on the chain; NaN if none applies.
     mass : float
-        Of the whole body, kg.
+        Mass of the person, kg.
     """
-    poses, reference = bodies.poses, table.parameters
+    poses, reference, samples = bodies.poses, table.parameters, movement.free
+    times = np.array(spans(movement))
     if not np.isfinite(reference).all():
-        return even_prior(mass, poses.centroid)
+        return replace(even_prior(mass, poses.centroid), spans=times)
     of_segment = reference.reshape(-1, 4)
     mean = np.zeros((len(bodies.names), 4))
     for body in range(len(bodies.names)):
         own = np.flatnonzero(poses.body == body)
         if len(own):
-            mean[body] = gather(poses.centres, q, samples, own) @ of_segment[own].reshape(-1)
+            mean[body] = merge_segments(poses.centres, q, samples, own) @ of_segment[own].reshape(-1)
     last = int(poses.body[-1])
     for body in np.setdiff1d(np.arange(len(bodies.names)), poses.body):
-        mean[last], mean[body] = without_others(mean[last], *relative(poses, int(body), last, samples), mass)
+        mean[last], mean[body] = split_torso(mean[last], *relative_pose(poses, int(body), last, samples), mass)
     free = int(poses.body.max()) + 1 < len(bodies.names)
-    return table_prior(mean.reshape(-1), str(table.table), others=free)
+    return replace(table_prior(mean.reshape(-1), str(table.table), others=free), spans=times)
 
 
-def with_prior(
-    bodies: MeasuredBodies, recorded: Recorded, settings: FitSettings, prior: BodyPrior, bands: Bands = USUAL
-) -> Prepared:
-    """The trial made ready on the bodies' motion."""
-    return prepare(bodies.recorded(recorded, bands), settings, prior)
+def prepare_bodies(
+    bodies: MeasuredBodies, recorded: TrialData, settings: FitSettings, prior: BodyPrior, cutoffs: Cutoffs = USUAL
+) -> PreparedTrial:
+    """Prepare a trial with the motion of the bodies instead of the chain's."""
+    moved = replace(recorded, measured=measured_motion(bodies.poses, cutoffs), observed=bodies.observed)
+    return prepare(moved, settings, prior)

@@ -1,4 +1,4 @@
-"""events.parquet: the repetitions' events; of a sit-to-stand also what else is told of each, and the test's times."""
+"""Events of the repetitions, and details of a sit-to-stand: events.parquet."""
 
 from __future__ import annotations
 
@@ -9,60 +9,59 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.prepare import Prepared, Recorded
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.attempts import Attempt, failed_attempts
-from mocap_id.protocols.five_times import ASKED, FiveTimes, five_times
+from mocap_id.protocols.five_times import REQUIRED_RISES, FiveTimes, five_times
 from mocap_id.protocols.load_share import PHASES, LoadShare, load_share, sides
-from mocap_id.protocols.mid_rise import held, reached
 from mocap_id.protocols.movement import Movement, facing
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.published_times import PUBLISHED
 from mocap_id.protocols.remarks import reasons, with_remark
 from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise import Rise
-from mocap_id.protocols.seat_off import past_share, where_models_meet
-from mocap_id.protocols.support import unexplained
+from mocap_id.protocols.rise_details import RiseDetails, greatest_height, paused_time
+from mocap_id.protocols.seat_off import model_agreement_time, share_crossing_time
+from mocap_id.protocols.support import unexplained_support
 from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, RISE
 
 
 def sit_to_stand_events(
     plates: Table,
-    recorded: Recorded,
+    recorded: TrialData,
     movement: Movement,
     missing: Sequence[FloatArray],
     *,
     share: float,
     seat_measured: bool,
 ) -> Table:
-    """The table with its facts and reasons.
+    """Return events.parquet of a sit-to-stand.
 
     Parameters
     ----------
     plates : Table
         wrench.parquet.
-    recorded : Recorded
+    recorded : TrialData
     movement : Movement
         With a posture.
     missing : sequence of (T,) arrays
-        Vertical force that a body model expects of the ground, less the ground's, N, by each clock that may be right;
-        empty where no model applies. Support is what all of them show.
+        Vertical force that a body model expects from the ground minus the measured force, N, for each clock that may
+        be right; empty without a model. A support must appear in all of them.
     share : float
-        Of the standing weight, for seat-off by the thesis's rule.
+        Share of the standing weight, for seat-off by the rule of the thesis.
     seat_measured : bool
-        The chair's force is measured, and not among what is missing.
+        Whether the chair's force is measured and therefore not part of ``missing``.
     """
     assert movement.posture is not None
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
     vertical = recorded.wrench[:, 1] / weight
-    tried = failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
+    attempts = failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
     shared = _shared(plates, recorded, posture, movement)
     rises = tuple(
         replace(
             _rise(k, recorded.time, movement, vertical, share),
-            attempts=_before(k, repetitions, tried),
+            attempts=_attempts_before(k, repetitions, attempts),
             left_seated=float(shared.phases["seated"][k]),
             left_rising=float(shared.phases["rising"][k]),
             left_standing=float(shared.phases["standing"][k]),
@@ -74,7 +73,7 @@ def sit_to_stand_events(
             replace(
                 rise,
                 support=min(
-                    unexplained(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
+                    unexplained_support(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
                     for force in missing
                 ),
             )
@@ -82,53 +81,52 @@ def sit_to_stand_events(
         )
     facts = {
         "five_times": _timed(five_times(repetitions, rises, chair=chair)),
-        "attempts": [_attempt(attempt) for attempt in tried],
-        "load_share": _told(shared),
+        "attempts": [_attempt(attempt) for attempt in attempts],
+        "load_share": _load_facts(shared),
     }
-    return Table(EVENTS, _columns(repetitions, rises), facts, reasons(repetitions, rises, tried, posture))
+    return Table(EVENTS, _columns(repetitions, rises), facts, reasons(repetitions, rises, attempts, posture))
 
 
-def _before(k: int, repetitions: Sequence[Repetition], tried: Sequence[Attempt]) -> int:
-    """How many attempts failed between the stand before repetition ``k`` and its own."""
+def _attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
+    """Return the number of failed attempts between the previous stand and that of repetition ``k``."""
     since = repetitions[k - 1].stand if k else -np.inf
-    return sum(since < attempt.time < repetitions[k].stand for attempt in tried)
+    return sum(since < attempt.time < repetitions[k].stand for attempt in attempts)
 
 
-def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, share: float) -> Rise:
-    """What is told of repetition ``k`` from posture, contact and the vertical force over the weight."""
+def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, share: float) -> RiseDetails:
+    """Return details of repetition ``k`` from posture, contact and vertical force as a share of the weight."""
     assert movement.posture is not None
     each, contact = movement.repetitions[k], movement.contact
     chair = contact is not None and contact.chair is True
-    return Rise(
-        seat_off_72=past_share(time, vertical, share, each) if chair else float("nan"),
-        seat_off_model=float("nan") if contact is None else where_models_meet(time, contact.shown, each),
-        reached=reached(time, movement.posture, each),
-        held=held(time, movement.posture, each),
+    return RiseDetails(
+        seat_off_72=share_crossing_time(time, vertical, share, each) if chair else float("nan"),
+        seat_off_model=float("nan") if contact is None else model_agreement_time(time, contact.above_noise, each),
+        reached=greatest_height(time, movement.posture, each),
+        held=paused_time(time, movement.posture, each),
     )
 
 
 def events_table(repetitions: Sequence[Repetition]) -> Table:
-    """events.parquet of any other movement: one row a repetition."""
-    return Table(EVENTS, _side_by_side([asdict(each) for each in repetitions], EVENTS.columns))
+    """Return events.parquet of any other movement, one row for each repetition."""
+    return Table(EVENTS, _as_columns([asdict(each) for each in repetitions], EVENTS.columns))
 
 
-def _columns(repetitions: Sequence[Repetition], rises: Sequence[Rise]) -> dict[str, Any]:
+def _columns(repetitions: Sequence[Repetition], rises: Sequence[RiseDetails]) -> dict[str, Any]:
     rows = [{**asdict(with_remark(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
-    return _side_by_side(rows, (*EVENTS.columns, *RISE))
+    return _as_columns(rows, (*EVENTS.columns, *RISE))
 
 
-def _side_by_side(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
-    """Columns from rows."""
+def _as_columns(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
     kinds = [object if column.dtype == "str" else column.dtype for column in columns]
     names = [column.name for column in columns]
     return {name: np.array([row[name] for row in rows], dtype=kind) for name, kind in zip(names, kinds, strict=True)}
 
 
-def missing_force(prepared: Prepared | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
-    """What the allometric body, else the model, expects of the ground less the ground's force, (T,) N each.
+def missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
+    """Return the vertical force that a body model expects from the ground minus the measured force, (T,) N.
 
-    By the clock that the identification found, and by the plates' own: a clock that was found wrong makes a force seem
-    to be missing where it changes fast. Nothing without a plate or a model.
+    The model is the allometric body or, without one, the identified model. There is one array with the estimated clock
+    offset and one without it, because a wrong offset would look like a missing force. Empty without a plate or model.
     """
     if prepared is None:
         return ()
@@ -140,7 +138,7 @@ def missing_force(prepared: Prepared | None, columns: Mapping[str, FloatArray]) 
     return ()
 
 
-def _shared(plates: Table, recorded: Recorded, posture: Posture, movement: Movement) -> LoadShare:
+def _shared(plates: Table, recorded: TrialData, posture: Posture, movement: Movement) -> LoadShare:
     nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
     feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
     across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
@@ -155,8 +153,8 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, (int, float)) else float("nan")
 
 
-def _told(shared: LoadShare) -> dict[str, Any]:
-    """JSON of the load share: means and standard deviations over the repetitions."""
+def _load_facts(shared: LoadShare) -> dict[str, Any]:
+    """Return JSON of the load share: means and standard deviations over the repetitions."""
     return {
         "left_plate": shared.left_plate,
         "right_plate": shared.right_plate,
@@ -176,7 +174,7 @@ def _over(values: Sequence[float] | FloatArray) -> dict[str, float | None]:
 
 def _timed(found: FiveTimes) -> dict[str, Any]:
     return {
-        "asked": ASKED,
+        "asked": REQUIRED_RISES,
         "repetitions": found.repetitions,
         "to_fifth_stand_s": found.to_fifth_stand,
         "to_fifth_seat_contact_s": found.to_fifth_seat_contact,

@@ -1,4 +1,4 @@
-"""What a trial's repetitions, predicted by models that did not see them, say of its model: facts, columns, reasons."""
+"""Cross-validation over the repetitions of a trial: columns, facts and reasons."""
 
 from __future__ import annotations
 
@@ -9,65 +9,65 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.folds import parts
-from mocap_id.dynamics.held_out import HeldOut, hold_out
-from mocap_id.dynamics.identify import Identification
-from mocap_id.dynamics.predict import Agreement, agreement
-from mocap_id.dynamics.prepare import Prepared
-from mocap_id.dynamics.pressure import centre_of_pressure
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import Agreement, agreement
+from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.left_out_samples import number_parts
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.verdict import Reason
 
 SERIES = (*WRENCH_COMPONENTS, "cop_x")
-"""What is compared, in the order of the columns of `dynamics.parquet`."""
+"""Compared quantities, in the order of the columns of `dynamics.parquet`."""
 _JUDGED = ("Fy", "tauz", "cop_x")
-_FAR = 1.5  # times the error within the fit: what fewer than three independent observations a parameter would give
-_NORMAL = 1.96  # standard deviations that hold 95 % of a normal distribution
-_NOTICEABLE = 1e-4  # of the measured variance: with less the model is as good as exact, far or not
+_FAR = 1.5  # times the error within the fit; expected with fewer than three independent observations a parameter
+_NORMAL = 1.96  # standard deviations that contain 95 % of a normal distribution
+_NOTICEABLE = 1e-4  # share of the measured variance; with a smaller error the model is practically exact
 
 
 @dataclass(frozen=True)
 class Validation:
-    """A trial's model beside models that were fitted without the repetition in question.
+    """Predictions of each repetition by models that were fitted without it.
 
     Parameters
     ----------
     repetitions : int
-    held_out : HeldOut or None
-        None where nothing could be left out.
+    held_out : LeftOutPrediction or None
+        None if no repetition could be left out.
     why : str or None
-        Why not.
+        Reason in that case.
     """
 
     repetitions: int
-    held_out: HeldOut | None
+    held_out: LeftOutPrediction | None
     why: str | None
 
 
-def validate(prepared: Prepared, movement: Movement, found: Identification, model: FloatArray) -> Validation:
+def validate(prepared: PreparedTrial, movement: Movement, found: Identification, model: FloatArray) -> Validation:
     """Leave each repetition out in turn and predict it.
 
     Parameters
     ----------
-    prepared : Prepared
+    prepared : PreparedTrial
     movement : Movement
     found : Identification
     model : (T, 3) array
-        Wrench of the whole fit's model; what it does not tell, NaN throughout, the others do not either.
+        Wrench of the model of the whole fit; a component that is NaN throughout is not predicted.
     """
     found_spans = spans(movement)
     if len(found_spans) < 2:
         many = "no repetition was found" if not found_spans else "only one repetition was found"
         return Validation(len(found_spans), None, f"{many}, and at least two are needed to predict one from the others")
-    part = parts(prepared.recorded.time, np.array(found_spans))
-    held = hold_out(prepared, movement.free, found.fit, part, found.refit)
-    if held is None:
-        why = "whichever repetitions are left out, the others do not determine the parameters"
+    part = number_parts(prepared.recorded.time, np.array(found_spans))
+    left_out = predict_left_out(prepared, movement.free, found.fit, part, found.refit)
+    if left_out is None:
+        why = "no subset of the repetitions determines the parameters"
         return Validation(len(found_spans), None, why)
-    told = np.isfinite(model).any(axis=0)
-    return Validation(len(found_spans), replace(held, wrench=np.where(told, held.wrench, np.nan)), None)
+    determined = np.isfinite(model).any(axis=0)
+    return Validation(len(found_spans), replace(left_out, wrench=np.where(determined, left_out.wrench, np.nan)), None)
 
 
 def facts(
@@ -79,50 +79,50 @@ def facts(
     *,
     filtered: bool = False,
 ) -> dict[str, Any]:
-    """Errors on held-out repetitions, beside those of the whole fit and of the reference on the same samples.
+    """Return errors on left-out repetitions, and those of the whole fit and the reference on the same samples.
 
     Parameters
     ----------
     validation : Validation
     model, reference, measured : (T, 3) arrays
-        N and N·m; the measured wrench at the whole fit's clock and less its plate bias.
+        N and N·m; the measured wrench with clock offset and plate bias of the whole fit corrected.
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
     filtered : bool
-        These arrays went through the fit's low-pass, and so do the predictions; ``unfiltered`` is then added.
+        The arrays are filtered by the fit's low-pass; the predictions are too, and ``unfiltered`` is added.
     """
-    held = validation.held_out
-    if held is None:
+    left_out = validation.held_out
+    if left_out is None:
         nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s", "inside"))
         return {"repetitions": validation.repetitions, **nothing, "why": validation.why}
 
     def compared(wrench: FloatArray, with_: FloatArray) -> dict[str, Any]:
-        errors = _errors(wrench, with_, held.samples, threshold)
+        errors = _errors(wrench, with_, left_out.samples, threshold)
         return {name: None if error is None else asdict(error) for name, error in errors.items()}
 
-    predicted = (held.filtered, held.filtered_measured) if filtered else (held.wrench, held.measured)
+    predicted = (left_out.filtered, left_out.filtered_measured) if filtered else (left_out.wrench, left_out.measured)
     return {
         "repetitions": validation.repetitions,
-        "folds": len(held.base),
-        "samples": int(held.samples.sum()),
+        "folds": len(left_out.base),
+        "samples": int(left_out.samples.sum()),
         "model": compared(*predicted),
-        "unfiltered": compared(held.wrench, held.measured) if filtered else None,
+        "unfiltered": compared(left_out.wrench, left_out.measured) if filtered else None,
         "in_sample": compared(model, measured),
-        "reference": compared(reference, measured) if np.isfinite(reference[held.samples]).any() else None,
-        "clock_offset_s": held.offset.tolist(),
-        "inside": _inside(held, threshold) if filtered else None,
+        "reference": compared(reference, measured) if np.isfinite(reference[left_out.samples]).any() else None,
+        "clock_offset_s": left_out.offset.tolist(),
+        "inside": _inside(left_out, threshold) if filtered else None,
         "why": None,
     }
 
 
-def _inside(held: HeldOut, threshold: float) -> dict[str, float] | None:
-    """Share of the left-out samples inside 95 % intervals whose size comes from the other repetitions."""
-    off = held.filtered - held.filtered_measured
-    cop = centre_of_pressure(held.filtered, threshold) - centre_of_pressure(held.filtered_measured, threshold)
+def _inside(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] | None:
+    """Return the share of left-out samples inside 95 % intervals whose size comes from the other repetitions."""
+    off = left_out.filtered - left_out.filtered_measured
+    cop = centre_of_pressure(left_out.filtered, threshold) - centre_of_pressure(left_out.filtered_measured, threshold)
     series = np.column_stack([off, cop])
     within = np.full(series.shape, np.nan)
-    for k in np.unique(held.part[held.samples]):
-        own, others = held.samples & (held.part == k), held.samples & (held.part != k)
+    for k in np.unique(left_out.part[left_out.samples]):
+        own, others = left_out.samples & (left_out.part == k), left_out.samples & (left_out.part != k)
         if others.any():
             sd = np.sqrt(np.nanmean(series[others] ** 2, axis=0))
             within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= _NORMAL * sd, np.nan)
@@ -132,21 +132,21 @@ def _inside(held: HeldOut, threshold: float) -> dict[str, float] | None:
 
 
 def wrench(validation: Validation, samples: int) -> FloatArray:
-    """The predictions (T, 3) for `dynamics.parquet`; NaN where there are none."""
-    held = validation.held_out
-    return np.full((samples, 3), np.nan) if held is None else held.wrench
+    """Return the predictions (T, 3) for `dynamics.parquet`; NaN where there are none."""
+    left_out = validation.held_out
+    return np.full((samples, 3), np.nan) if left_out is None else left_out.wrench
 
 
 def data(validation: Validation, base: int) -> dict[str, FloatArray]:
-    """The folds' parameters for `dynamics.h5`; no rows where there are none."""
-    held = validation.held_out
-    if held is None:
+    """Return the parameters of the folds for `dynamics.h5`; no rows without folds."""
+    left_out = validation.held_out
+    if left_out is None:
         return {"base": np.zeros((0, base)), "clock_offset": np.zeros(0)}
-    return {"base": held.base, "clock_offset": held.offset}
+    return {"base": left_out.base, "clock_offset": left_out.offset}
 
 
 def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """What the facts of :func:`facts` say against the model."""
+    """Return cautions about the model, from the facts of :func:`facts`."""
     if found["model"] is None:
         return ()
     own, within, table = ({k: _rms(found[name], k) for k in SERIES} for name in ("model", "in_sample", "reference"))
@@ -158,10 +158,10 @@ def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
         out.append(
             Reason(
                 "held-out-worse",
-                "repetitions that the model was not fitted to are predicted no better than by the body from tables, "
-                f"which knows height and mass alone: the error is {_times(worse)} the table's. This recording does not "
-                "support an individual model of these: markers, joints or limbs that move by themselves leave more "
-                "error than the individual differs from the table",
+                "left-out repetitions are predicted no better than by the reference body, made from height and mass: "
+                f"the error is {_times(worse)} that of the reference. This recording does not support an individual "
+                "model of these quantities: marker errors, loose joints or unmodelled limbs cause larger errors than "
+                "the difference between the person and the reference",
                 value=max(worse.values()),
                 limit=1.0,
             )
@@ -170,8 +170,8 @@ def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
         out.append(
             Reason(
                 "held-out-far",
-                f"repetitions that the model was not fitted to are predicted much worse than those that it was: "
-                f"{_times(far)} the error within the fit. The parameters follow what is particular to each repetition",
+                f"left-out repetitions are predicted much worse than fitted ones: {_times(far)} the error within the "
+                "fit. The parameters depend on peculiarities of single repetitions",
                 value=max(far.values()),
                 limit=_FAR,
             )
@@ -180,12 +180,12 @@ def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
 
 
 def spans(movement: Movement) -> list[tuple[float, float]]:
-    """First and last event of every repetition that has any, s."""
+    """Return first and last event of every repetition that has any, s."""
     return [span for span in map(_span, movement.repetitions) if span is not None]
 
 
 def _span(repetition: Repetition) -> tuple[float, float] | None:
-    """First and last event of a repetition, s; None where it has no known one."""
+    """Return first and last event of a repetition, s; None without a known event."""
     events = (repetition.start, repetition.seat_off, repetition.stand, repetition.seat_on, repetition.end)
     known = [time for time in events if np.isfinite(time)]
     return (min(known), max(known)) if known else None
@@ -200,7 +200,7 @@ def _errors(
 
 
 def _rms(errors: Mapping[str, Any] | None, name: str) -> float:
-    """NaN where it is unknown: comparisons with it are false."""
+    """Return the rms error; NaN if unknown, so that comparisons with it are false."""
     error = None if errors is None else errors[name]
     return float("nan") if error is None else float(np.hypot(error["bias"], error["sd"]))
 

@@ -1,4 +1,4 @@
-"""planarise: the recording → marker trajectories and the ground's wrench in the plane of motion."""
+"""planarise: from the recording to marker trajectories and the ground's wrench in the plane of motion."""
 
 from __future__ import annotations
 
@@ -6,43 +6,44 @@ from typing import Literal
 
 from pydantic import Field
 
+from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.lineup import LINEUP
 
 
 class PlanariseSettings(Settings):
-    """How the recording is read and turned into its plane."""
+    """Units and axes of the recording, and choice of the plane."""
 
     units: Literal["mm", "cm", "m", "in"] | None = Field(
-        None, description="length unit of the markers, where the file does not declare it or declares it wrong"
+        None, description="length unit of the markers, if the file does not declare it or is wrong"
     )
     vertical: Literal["X", "Y", "Z", "-X", "-Y", "-Z"] | None = Field(
-        None, description="the file's axis that points up; found from the force plates or the file where not given"
+        None, description="axis of the file that points up; found from the force plates or the file if not given"
     )
     force_unit: Literal["N", "kN", "mN", "lbf", "kgf"] | None = Field(
-        None, description="unit of the plates' force channels, where the file does not declare it or declares it wrong"
+        None, description="unit of the plates' force channels, if the file does not declare it or is wrong"
     )
     moment_unit: Literal["Nm", "Nmm", "Ncm", "kNm", "lbf.ft", "lbf.in", "kgf.m"] | None = Field(
-        None, description="unit of the plates' moment channels, where the file does not declare it or declares it wrong"
+        None, description="unit of the plates' moment channels, if the file does not declare it or is wrong"
     )
     facing: Literal["-x", "+x"] = Field(
-        "-x", description="way along the plane's x that the subject should face; +x turns the plane around"
+        "-x", description="direction along the plane's x that the subject faces; +x turns the plane around"
     )
     yaw_deg: float | None = Field(
-        None, ge=-180, le=180, description="angle of the plane's x from the lab's X, degrees; fitted where not given"
+        None, ge=-180, le=180, description="angle of the plane's x from the lab's X, degrees; fitted if not given"
     )
-    ignore: tuple[str, ...] = Field((), description="markers to leave out, as names or patterns such as 'L*WR*'")
-    repair_swaps: bool = Field(False, description="exchange markers back that carry each other's label for a while")
+    ignore: tuple[str, ...] = Field((), description="markers to leave out, as labels or patterns such as 'L*WR*'")
+    repair_swaps: bool = Field(False, description="correct markers whose labels are swapped for a while")
     cop_threshold_N: float = Field(  # noqa: N815
-        20.0, gt=0, description="vertical force under which there is no centre of pressure, N"
+        20.0, gt=0, description="vertical force below which there is no centre of pressure, N"
     )
     seat_zero: Literal["standing", "none"] = Field(
-        "standing", description="what a chair's own plate reads without the person: as the person stands, or nothing"
+        "standing",
+        description="reading of the chair's plate without the person: measured while the person stands, or 0",
     )
 
 
 def _function(context: Context) -> Outputs:
-    from mocap_id.stages.planarise.function import planarise  # noqa: PLC0415  whoever runs it loads its libraries
+    from mocap_id.stages.planarise.function import planarise  # noqa: PLC0415  loads its libraries only when run
 
     return planarise(context)
 
@@ -55,5 +56,5 @@ STAGE = Stage(
     uses=("recording", "protocol", "window", "plates", "external"),
     settings=PlanariseSettings,
     function=_function,
-    help=LINEUP["planarise"],
+    help=STAGE_HELP["planarise"],
 )

@@ -1,4 +1,4 @@
-"""What else than the ground acts on the body, as planarise reads it: a chair on its own plate, other force sensors."""
+"""ExternalWrenches wrenches on the body other than the ground's: a chair on its own plate, and force sensors."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import known
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.geometry.plane import PlaneFrame
-from mocap_id.plates import PlateChoice, ZeroRule, doubtful, empty_chair
-from mocap_id.recording import Look, PlateSamples, Recording
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.plates import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
+from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.stages.base import ExternalForce
-from mocap_id.stages.marker_names import columns
+from mocap_id.stages.marker_names import marker_columns
 from mocap_id.verdict import Reason
 
 COMPONENTS = ("Fx", "Fy", "tauz")
-"""Of a wrench in the plane."""
+"""Components of a wrench in the plane."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Columns for wrench.parquet, rows for its fact ``external``, what to know, and the force upwards as looked at."""
+class ExternalWrenches:
+    """Columns and fact ``external`` of wrench.parquet, reasons, and the vertical force at the thinned frames."""
 
     columns: dict[str, FloatArray] = field(default_factory=dict)
     facts: tuple[dict[str, Any], ...] = ()
     reasons: tuple[Reason, ...] = ()
     vertical: FloatArray | float = 0.0
 
-    def __add__(self, other: Measured) -> Measured:
-        return Measured(
+    def __add__(self, other: ExternalWrenches) -> ExternalWrenches:
+        return ExternalWrenches(
             self.columns | other.columns,
             self.facts + other.facts,
             self.reasons + other.reasons,
@@ -42,32 +42,34 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """The frames that are used: labels, positions (F, M, 3) in the lab, times (F,), a look at them; the plane."""
+class UsedFrames:
+    """The frames used: labels, positions (F, M, 3) in the lab, times (F,), the thinned frames, and the plane."""
 
     labels: Sequence[str]
     positions: FloatArray
     time: FloatArray
-    look: Look
+    thinned: ThinnedFrames
     frame: PlaneFrame
 
 
 def summed(samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame) -> tuple[FloatArray, BoolArray]:
-    """Wrench (F, 3) of some plates together in the plane, and where (F,) all of them are known."""
+    """Return the sum of some plates' wrenches in the plane (F, 3), and where (F,) all of them are known."""
     each = [frame.wrench_to_plane(samples[index].force, samples[index].moment) for index in plates]
     return sum(each[1:], each[0]), np.logical_and.reduce([samples[index].ok for index in plates], axis=0)
 
 
-def measure_seat(seen: Seen, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule) -> Measured:
-    """The chair's wrench on the body, from the plates under it."""
-    look = seen.look
-    doubts = doubtful(look.samples, choice, look.positions)
+def measure_seat(
+    used: UsedFrames, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule
+) -> ExternalWrenches:
+    """Return the chair's wrench on the body, from the plates under the chair."""
+    thinned = used.thinned
+    doubts = find_contradictions(thinned.samples, choice, thinned.positions)
     reasons = [_doubtful(index, choice, why) for index, why in doubts.items()]
-    plates = [index for index in choice.indexes("seat") if index not in doubts]
+    plates = [index for index in choice.indices("seat") if index not in doubts]
     if not plates:
-        return Measured(reasons=tuple(reasons))
-    wrench, ok = summed(samples, plates, seen.frame)
-    empty = empty_chair(*summed(look.samples, plates, seen.frame), look.positions, look.rate, zero)
+        return ExternalWrenches(reasons=tuple(reasons))
+    wrench, ok = summed(samples, plates, used.frame)
+    empty = measure_empty_chair(*summed(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero)
     if empty.reading is None:
         reasons.append(_zero_unknown())
     else:
@@ -81,38 +83,38 @@ def measure_seat(seen: Seen, samples: Sequence[PlateSamples], choice: PlateChoic
         "zero": None if empty.reading is None else _by_component(empty.reading),
         "zero_sd": None if empty.spread is None else _by_component(empty.spread),
     }
-    return Measured(_columns(wrench, "seat"), (fact,), tuple(reasons))
+    return ExternalWrenches(_columns(wrench, "seat"), (fact,), tuple(reasons))
 
 
-def measure_sensors(seen: Seen, sensors: Sequence[ExternalForce], source: Recording) -> Measured:
-    """The wrenches of the sensors that the configuration names.
+def measure_sensors(used: UsedFrames, sensors: Sequence[ExternalForce], source: Recording) -> ExternalWrenches:
+    """Return the wrenches of the sensors in the configuration.
 
     Raises
     ------
     ConfigError
-        A force acts at a marker that is not there.
+        The marker at which a force acts does not exist.
     RecordingError
         A sensor's file is unusable or shares no time with the recording.
     """
-    each = [_sensor(number, sensor, seen, source) for number, sensor in enumerate(sensors, start=1)]
-    return sum(each, Measured())
+    each = [_sensor(number, sensor, used, source) for number, sensor in enumerate(sensors, start=1)]
+    return sum(each, ExternalWrenches())
 
 
-def _sensor(number: int, sensor: ExternalForce, seen: Seen, source: Recording) -> Measured:
+def _sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Recording) -> ExternalWrenches:
     log = recording.read_force_log(sensor.file)
     turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
     ok = known(np.hstack([log.force, log.moment]))
     start = log.start + sensor.clock_offset_s
     plate = recording.Plate(0, "sensor", None, log.force @ turn.T, log.moment @ turn.T, ok, log.rate, start)
-    sampled = recording.decimate(plate, seen.time, source.rate)
+    sampled = recording.decimate(plate, used.time, source.rate)
     if not sampled.ok.any():
         raise RecordingError(
-            f"{sensor.file}: has no sample in {seen.time[0]:g} to {seen.time[-1]:g} s, the recording's frames; "
-            f"it runs from {start:g} to {log.end + sensor.clock_offset_s:g} s on the recording's clock (with "
-            f"`clock_offset_s: {sensor.clock_offset_s:g}`): look at `time_s` and the offset"
+            f"{sensor.file}: no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
+            f"recording; it runs from {start:g} to {log.end + sensor.clock_offset_s:g} s on the same clock (with "
+            f"`clock_offset_s: {sensor.clock_offset_s:g}`): check `time_s` and the offset"
         )
-    moment = sampled.moment + np.cross(_point(sensor, seen, source), sampled.force)
-    wrench = seen.frame.wrench_to_plane(sampled.force, moment)
+    moment = sampled.moment + np.cross(_point(sensor, used, source), sampled.force)
+    wrench = used.frame.wrench_to_plane(sampled.force, moment)
     wrench[~known(wrench)] = np.nan
     fact = {
         "name": sensor.name,
@@ -123,18 +125,18 @@ def _sensor(number: int, sensor: ExternalForce, seen: Seen, source: Recording) -
         "rate_hz": log.rate,
         "known_fraction": float(known(wrench).mean()),
     }
-    vertical = recording.decimate(plate, seen.look.time, seen.look.rate).force[:, 2]
-    return Measured(_columns(wrench, f"external_{number}"), (fact,), (), vertical)
+    vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
+    return ExternalWrenches(_columns(wrench, f"external_{number}"), (fact,), (), vertical)
 
 
-def _point(sensor: ExternalForce, seen: Seen, source: Recording) -> FloatArray:
-    """Where the force acts, (F, 3) or (3,), lab axes with Z up, m."""
+def _point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatArray:
+    """Return the point of application, (F, 3) or (3,), lab axes with Z up, m."""
     if not isinstance(sensor.at, str):
         return np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
-    found = columns(seen.labels, (sensor.at,), f"external: {sensor.name}: at")
+    found = marker_columns(used.labels, (sensor.at,), f"external: {sensor.name}: at")
     if len(found) > 1:
-        raise ConfigError(f"external: {sensor.name}: at: {sensor.at} means {len(found)} markers, expected one")
-    return seen.positions[:, found[0]]
+        raise ConfigError(f"external: {sensor.name}: at: {sensor.at} matches {len(found)} markers, expected one")
+    return used.positions[:, found[0]]
 
 
 def _columns(wrench: FloatArray, suffix: str) -> dict[str, FloatArray]:
@@ -147,16 +149,16 @@ def _by_component(wrench: FloatArray) -> dict[str, float]:
 
 def _doubtful(index: int, choice: PlateChoice, why: str) -> Reason:
     if choice.uses[index] == "seat":
-        advice = "that is no chair's; its wrench was left out. Look at `plates: {feet: …, seat: …}`: are they swapped?"
+        advice = "a chair does not do this; its wrench was left out. Are they swapped in `plates: {feet: …, seat: …}`?"
     else:
-        advice = "it looks like a chair's, and was added to the feet's; if a chair stands on it, name it under `seat:`"
+        advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
     return Reason("plates-doubtful", f"plate {index + 1}, named as the {choice.uses[index]}'s, {why}: {advice}")
 
 
 def _zero_unknown() -> Reason:
     return Reason(
         "seat-zero-unknown",
-        "nobody stands in these frames, so what the chair's plate reads without the person is unknown; its reading was "
-        "taken as it is, and the chair's weight counts as the person's. If the plate was zeroed with the chair on it, "
-        "say so: `planarise: {seat_zero: none}`",
+        "the person never stands in these frames, so the reading of the empty chair's plate is unknown. It was not "
+        "corrected, and the chair's weight counts as the person's. If the plate was zeroed with the chair on "
+        "it, set `planarise: {seat_zero: none}`",
     )

@@ -1,4 +1,4 @@
-"""planarise: the recording → marker trajectories and the ground's wrench in the plane of motion."""
+"""Function of the stage planarise: reads the recording and expresses it in the plane of motion."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray, chunks
+from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.geometry.plane import PlaneFrame
+from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import find_bursts, fit_plane, propose_window
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, standing_mass
-from mocap_id.plates.dropout import dropped_out
-from mocap_id.recording import Look, PlateSamples, Recording
-from mocap_id.recording.posture import Facing, facing, upright
+from mocap_id.plates.dropout import find_dropouts
+from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
+from mocap_id.recording.marker_posture import Facing, facing, upright
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.marker_names import columns
-from mocap_id.stages.planarise import PlanariseSettings, plate_losses, plate_registration, swapped
+from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.planarise import PlanariseSettings, label_swaps, plate_losses, plate_registration
 from mocap_id.stages.planarise.external_wrenches import (
     COMPONENTS,
-    Measured,
-    Seen,
+    ExternalWrenches,
+    UsedFrames,
     measure_seat,
     measure_sensors,
     summed,
@@ -35,7 +35,7 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class _Part:
-    """The frames and markers that are used: positions (F, M, 3) in the lab, m."""
+    """The frames and markers used: positions (F, M, 3) in the lab, m."""
 
     source: Recording
     first: int
@@ -50,7 +50,7 @@ class _Part:
 
 
 def planarise(context: Context) -> Outputs:
-    """Read the recording and express it in the plane of motion."""
+    """Return planar.parquet and wrench.parquet."""
     settings: PlanariseSettings = context.settings
     files = context.trial.recording
     source = recording.read(
@@ -63,17 +63,21 @@ def planarise(context: Context) -> Outputs:
     )
     part = _part(source, context.trial.window, settings.ignore)
     frames = source.frames[part.first : part.stop]
-    swaps = swapped.check(
+    swaps = label_swaps.check(
         part.positions, part.labels, frames, part.time, rate=source.rate, repairing=settings.repair_swaps
     )
     part = replace(part, positions=swaps.positions)
-    look = Look.at(part.positions, part.time, source.rate, source.plates)
+    thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     choice = choose_plates(
-        source.plates, look.samples, look.positions, feet=context.trial.plates.feet, seat=context.trial.plates.seat
+        source.plates,
+        thinned.samples,
+        thinned.positions,
+        feet=context.trial.plates.feet,
+        seat=context.trial.plates.seat,
     )
-    frame, faced, planarity = _plane(look, source, choice, settings)
-    doubted = tuple(text for index in choice.indexes("feet") for text in source.plates[index].assumptions)
+    frame, faced, planarity = _plane(thinned, source, choice, settings)
+    doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
     points = _trajectories(part, frame)
     visible = np.isfinite(points["x"])
@@ -83,83 +87,83 @@ def planarise(context: Context) -> Outputs:
         **_planar_facts(part, frame, planarity, faced),
         "missing_fraction": float(1.0 - visible.mean()),
     }
-    values, told = {**points, "visible": visible}, (*swaps.reasons, *notes)
-    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, told)
-    seen = Seen(part.labels, part.positions, part.time, look, frame)
-    external = measure_seat(seen, samples, choice, settings.seat_zero)
-    external += measure_sensors(seen, context.trial.external, source)
-    facts, reasons = _wrench_facts(source, look, choice, external, settings.cop_threshold_N)
-    lost = _dropouts(part, samples, look, choice, facts["mass_kg"])
-    look = replace(look, samples=_without(look.samples, choice, lost[:: look.step]))
+    values = {**points, "visible": visible}
+    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, (*swaps.reasons, *notes))
+    used = UsedFrames(part.labels, part.positions, part.time, thinned, frame)
+    external = measure_seat(used, samples, choice, settings.seat_zero)
+    external += measure_sensors(used, context.trial.external, source)
+    facts, reasons = _wrench_facts(source, thinned, choice, external, settings.cop_threshold_N)
+    lost = _dropouts(part, samples, thinned, choice, facts["mass_kg"])
+    thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
     kept = _without(samples, choice, lost)
     wrench = _wrench(part, kept, choice, frame, settings.cop_threshold_N) | external.columns
-    placed = _placed(source, look, choice, person=context.trial.protocol != "robot-joint")
+    placed = _placed(source, thinned, choice, person=context.trial.protocol != "robot-joint")
     facts["registration"] = placed.facts
-    for plate, across in zip(facts["plates"], _across(look.samples, frame, settings.cop_threshold_N), strict=True):
+    for plate, across in zip(facts["plates"], _across(thinned.samples, frame, settings.cop_threshold_N), strict=True):
         plate["across_m"] = across
-    losses = plate_losses.losses([source.plates[index] for index in choice.indexes("feet")], part.time, lost)
+    losses = plate_losses.losses([source.plates[index] for index in choice.indices("feet")], part.time, lost)
     reasons = (*_doubts(doubted), *reasons, *losses, *placed.reasons, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
-    """Cut out the window, configured or proposed, and the markers that are seen in it."""
+    """Return the frames of the window, configured or proposed, and the markers visible in it."""
     file = source.files[0]
-    out = columns(source.labels, ignore, f"{file}: planarise: ignore")
+    out = marker_columns(source.labels, ignore, f"{file}: planarise: ignore")
     keep = [i for i in range(len(source.labels)) if i not in out]
     visible = _visible(source.positions)[:, keep]
     if not visible.any():
         raise RecordingError(
-            f"{file}: no marker is seen in any of its {len(source.frames)} frames ({len(source.labels)} are declared); "
+            f"{file}: no marker is visible in any of its {len(source.frames)} frames ({len(source.labels)} labels); "
             "track and export the trial again"
         )
     if window is None:
-        look = Look.at(source.positions, source.time, source.rate)
-        first, stop = (look.step * k for k in propose_window(look.positions[:, keep], look.rate))
+        thinned = ThinnedFrames.of(source.positions, source.time, source.rate)
+        first, stop = (thinned.step * k for k in propose_window(thinned.positions[:, keep], thinned.rate))
         stop = min(stop, len(source.frames))
     else:
         inside = np.flatnonzero((source.time >= window[0] - 1e-9) & (source.time <= window[1] + 1e-9))
         if inside.size < 2:
             raise ConfigError(
-                f"{file}: window: [{window[0]:g}, {window[1]:g}] s holds fewer than two frames; "
+                f"{file}: window: [{window[0]:g}, {window[1]:g}] s has fewer than two frames; "
                 f"the recording runs from {source.time[0]:g} to {source.time[-1]:g} s"
             )
         first, stop = int(inside[0]), int(inside[-1]) + 1
-    seen = [keep[k] for k in np.flatnonzero(visible[first:stop].any(axis=0))]
-    if not seen:
+    kept = [keep[k] for k in np.flatnonzero(visible[first:stop].any(axis=0))]
+    if not kept:
         span = f"{source.time[first]:g} to {source.time[stop - 1]:g} s"
-        raise RecordingError(f"{file}: no marker is seen from {span}; choose another `window:`")
-    labels = tuple(source.labels[marker] for marker in seen)
+        raise RecordingError(f"{file}: no marker is visible from {span}; choose another `window:`")
+    labels = tuple(source.labels[marker] for marker in kept)
     proposed = window is None and (first, stop) != (0, len(source.frames))
     positions = source.positions[first:stop]
-    return _Part(source, first, stop, labels, positions if labels == source.labels else positions[:, seen], proposed)
+    return _Part(source, first, stop, labels, positions if labels == source.labels else positions[:, kept], proposed)
 
 
 def _visible(positions: FloatArray) -> BoolArray:
-    """(F, M) whether a marker is seen."""
+    """Return whether each marker is visible in each frame, (F, M)."""
     return np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
 
 
 def _plane(
-    look: Look, source: Recording, choice: PlateChoice, settings: PlanariseSettings
+    thinned: ThinnedFrames, source: Recording, choice: PlateChoice, settings: PlanariseSettings
 ) -> tuple[PlaneFrame, Facing | None, float]:
-    """The frame of the plane, how its sense was found, and how planar the motion is."""
-    fit = fit_plane(look.positions)
+    """Return the plane's frame, the facing that gave its sense, and the planarity of the motion."""
+    fit = fit_plane(thinned.positions)
     faced, yaw = None, fit.yaw
     if settings.yaw_deg is not None:
         yaw = float(np.radians(settings.yaw_deg))
     else:
-        faced = facing(look.positions, np.array([np.cos(yaw), np.sin(yaw)]))
+        faced = facing(thinned.positions, np.array([np.cos(yaw), np.sin(yaw)]))
         if faced.forwards != (settings.facing == "+x"):
             yaw += np.pi
     yaw = float(np.pi - (np.pi - yaw) % (2 * np.pi))  # in (-pi, pi]
-    centres = [source.plates[index].centre for index in choice.indexes("feet")]
+    centres = [source.plates[index].centre for index in choice.indices("feet")]
     origin = next((centre for centre in centres if centre is not None), np.zeros(3))
     return PlaneFrame(yaw, origin), faced, fit.planarity
 
 
 def _trajectories(part: _Part, frame: PlaneFrame) -> dict[str, FloatArray]:
-    """Coordinates (F, M) in the plane, m, NaN where unseen."""
+    """Return coordinates (F, M) in the plane, m; NaN where not visible."""
     x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
     for some in chunks(len(part.time)):
         local = frame.to_plane(part.positions[some])
@@ -169,22 +173,21 @@ def _trajectories(part: _Part, frame: PlaneFrame) -> dict[str, FloatArray]:
 
 
 def _bursts(part: _Part, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
-    """First and last time of every jump there and back, s, by marker; of the markers that jump."""
+    """Return first and last time, s, of every burst (a jump away and back), for the markers that have any."""
     found = {}
     for marker, label in enumerate(part.labels):
         track = np.stack([values[:, marker] for values in points.values()], axis=1)
         out = find_bursts(track[:, None], part.source.rate)[:, 0]
         if out.any():
-            edges = np.flatnonzero(np.diff(out, prepend=False, append=False)).reshape(-1, 2)
-            found[label] = part.time[edges - [0, 1]].tolist()
+            found[label] = [part.time[[run.start, run.stop - 1]].tolist() for run in find_runs(out)]
     return found
 
 
 def _wrench(
     part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, frame: PlaneFrame, threshold: float
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """The sum of the feet's plates at marker times, and every plate alone where there are several."""
-    feet, count = choice.indexes("feet"), len(part.time)
+    """Return the sum of the feet's plates at marker times and, if there are several plates, each plate alone."""
+    feet, count = choice.indices("feet"), len(part.time)
     total, ok = summed(samples, feet, frame) if feet else (np.empty((count, 3)), np.zeros(count, np.bool_))
     total[~ok] = np.nan
     with np.errstate(invalid="ignore"):
@@ -203,7 +206,7 @@ def _wrench(
 
 
 def _across(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
-    """Where each plate is loaded along z, m: median centre of pressure; None where it hardly is."""
+    """Return the median centre of pressure of each plate along z, m; None for a plate hardly loaded."""
     found: list[float | None] = []
     for plate in samples:
         force = plate.force @ frame.axes.T
@@ -233,24 +236,24 @@ def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facin
 
 
 def _wrench_facts(
-    source: Recording, look: Look, choice: PlateChoice, external: Measured, threshold: float
+    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, external: ExternalWrenches, threshold: float
 ) -> tuple[dict[str, Any], tuple[Reason, ...]]:
-    """What the plates are used for, the mass that they show, and what is missing."""
+    """Return the facts of wrench.parquet (use of the plates, standing mass) and a reason if no plate is usable."""
     plates = source.plates
-    feet = choice.indexes("feet")
+    feet = choice.indices("feet")
     mass: float | None = None
     why: str | None = "the recording has no force plates"
     reasons: tuple[Reason, ...] = ()
     if feet:
-        vertical = sum((look.samples[index].force[:, 2] for index in feet), np.zeros(len(look.time)))
-        mass, why = standing_mass(look.positions, look.rate, vertical + external.vertical)
+        vertical = sum((thinned.samples[index].force[:, 2] for index in feet), np.zeros(len(thinned.time)))
+        mass, why = standing_mass(thinned.positions, thinned.rate, vertical + external.vertical)
     else:
         if plates:
             found = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))
-            why = f"none of the force plates carries the feet ({found})"
+            why = f"none of the force plates is under the feet ({found})"
         advice = " If there is a MOT file, name it: `recording: {markers: …, forces: …}`."
-        told = f"{why}: kinematics only, nothing dynamic can be identified."
-        reasons = (Reason("no-plate", told + (advice if source.format == "TRC" and not plates else "")),)
+        message = f"{why}: only the kinematics can be identified."
+        reasons = (Reason("no-plate", message + (advice if source.format == "TRC" and not plates else "")),)
     facts = {
         "plates": choice.facts(plates),
         "external": list(external.facts),
@@ -263,31 +266,33 @@ def _wrench_facts(
 
 
 def _dropouts(
-    part: _Part, samples: Sequence[PlateSamples], look: Look, choice: PlateChoice, mass: float | None
+    part: _Part, samples: Sequence[PlateSamples], thinned: ThinnedFrames, choice: PlateChoice, mass: float | None
 ) -> BoolArray:
-    """Frames (F,) in which the feet's plates carry nothing under a person who stands; none where no mass is known."""
+    """Return frames (F,) in which the feet's plates show no load under a standing person; none without a known mass."""
     if mass is None:
         return np.zeros(len(part.time), np.bool_)
-    vertical = sum((samples[index].force[:, 2] for index in choice.indexes("feet")), np.zeros(len(part.time)))
-    tall = np.repeat(upright(look.positions)[0], look.step)[: len(part.time)]
-    return dropped_out(vertical, tall, part.source.rate, mass * GRAVITY)
+    vertical = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
+    tall = np.repeat(upright(thinned.positions)[0], thinned.step)[: len(part.time)]
+    return find_dropouts(vertical, tall, part.source.rate, mass * GRAVITY)
 
 
 def _without(samples: Sequence[PlateSamples], choice: PlateChoice, lost: BoolArray) -> tuple[PlateSamples, ...]:
-    """The plates, the feet's less what is lost."""
-    feet = choice.indexes("feet")
+    """Return the plates' samples, with the lost samples of the feet's plates marked as unknown."""
+    feet = choice.indices("feet")
     return tuple(replace(each, ok=each.ok & ~lost) if index in feet else each for index, each in enumerate(samples))
 
 
-def _placed(source: Recording, look: Look, choice: PlateChoice, *, person: bool) -> plate_registration.Checked:
-    """Whether the feet's plates are where the file has them."""
-    feet = choice.indexes("feet")
-    plates, loads = [source.plates[index] for index in feet], [look.samples[index] for index in feet]
-    return plate_registration.check(plates, loads, look.positions, look.rate, person=person)
+def _placed(
+    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, *, person: bool
+) -> plate_registration.PlateCheck:
+    """Check the positions of the feet's plates in the file."""
+    feet = choice.indices("feet")
+    plates, loads = [source.plates[index] for index in feet], [thinned.samples[index] for index in feet]
+    return plate_registration.check(plates, loads, thinned.positions, thinned.rate, person=person)
 
 
 def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:
-    """Units that were assumed for the feet's plates: forces, mass and inertial parameters rest on them."""
+    """Return a caution for each assumed unit of the feet's plates; all forces and masses depend on it."""
     return tuple(
         Reason(
             "plate-unit-assumed",
@@ -300,14 +305,14 @@ def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:
 def _notes(
     part: _Part, doubted: Sequence[str], faced: Facing | None, settings: PlanariseSettings
 ) -> tuple[Reason, ...]:
-    """What a reader should know about the reading, none of it a doubt about the results."""
+    """Return notes about reading the recording that cast no doubt on the results."""
     oddities = [oddity for oddity in part.source.oddities if oddity not in doubted]
     notes = [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
     if part.proposed:
         notes.append(
             Reason(
                 "window-proposed",
-                f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which markers stay put "
+                f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which markers stay still "
                 f"(the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} s); give `window:` to "
                 "choose another.",
                 level="ok",
@@ -317,8 +322,8 @@ def _notes(
         notes.append(
             Reason(
                 "facing-unsure",
-                "the motion does not show which way the subject faces: x may point forwards instead of backwards; if "
-                f"so, give `planarise: {{facing: {'+x' if settings.facing == '-x' else '-x'}}}`.",
+                "the motion does not show which way the subject faces, so x may point forwards instead of backwards; "
+                f"in that case set `planarise: {{facing: {'+x' if settings.facing == '-x' else '-x'}}}`.",
                 level="ok",
             )
         )

@@ -1,4 +1,4 @@
-"""What the feet's plates did not measure: samples at the end of their range, beyond their file, or without a signal."""
+"""Lost samples of the feet's plates: saturated, outside the recorded time, or without a signal."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from mocap_id.recording import Plate
 from mocap_id.verdict import Reason
 
 _FEW = 0.05
-"""Of the samples: fewer that lie beyond the plates' file are a note."""
+"""Share of the samples; fewer samples outside the recorded time give a note, more a caution."""
 
 
 def losses(plates: Sequence[Plate], time: FloatArray, dropout: BoolArray) -> tuple[Reason, ...]:
-    """Reasons for samples that no identification can use.
+    """Return reasons for samples that cannot be used in an identification.
 
     Parameters
     ----------
     plates : sequence of Plate
-        Those under the feet.
+        Plates under the feet.
     time : (F,) array
         Marker times, s.
     dropout : (F,) bool array
-        As :func:`mocap_id.plates.dropout.dropped_out` found them.
+        Frames from :func:`mocap_id.plates.dropout.find_dropouts`.
     """
     found = [reason for plate in plates for reason in (_saturated(plate, time), _short(plate, time))]
     return tuple(reason for reason in (*found, _dropout(time, dropout)) if reason is not None)
@@ -40,14 +40,14 @@ def _saturated(plate: Plate, time: FloatArray) -> Reason | None:
     return Reason(
         "plate-saturated",
         f"plate {plate.index} is at the end of its range in {100 * share:.1f} % of its samples, expected none: they "
-        "are left out, and what is largest in the movement with them. Choose a larger range of its amplifier",
+        "are left out, and with them the largest forces of the movement. Choose a larger range of its amplifier",
         value=share,
         limit=0.0,
     )
 
 
 def _short(plate: Plate, time: FloatArray) -> Reason | None:
-    """Frames before the plate's first sample or after its last one, by more than one interval of either clock."""
+    """Return a reason for frames before the plate's first sample or after its last, by more than one interval."""
     slack = 1.0 / plate.rate + float(np.median(np.diff(time)))
     end = plate.start + (len(plate.ok) - 1) / plate.rate
     share = float(np.mean((time < plate.start - slack) | (time > end + slack)))
@@ -56,8 +56,8 @@ def _short(plate: Plate, time: FloatArray) -> Reason | None:
     return Reason(
         "plate-short",
         f"the forces of plate {plate.index} run from {plate.start:.2f} to {end:.2f} s and the markers from "
-        f"{time[0]:.2f} to {time[-1]:.2f} s: {100 * share:.0f} % of the frames have no force and are not identified "
-        "on. If both were recorded together, export the whole of them; check that they belong to one trial",
+        f"{time[0]:.2f} to {time[-1]:.2f} s: {100 * share:.0f} % of the frames have no force and are not used "
+        "for the identification. Export both completely, and check that they belong to the same trial",
         value=share,
         limit=_FEW,
         level="caution" if share > _FEW else "ok",
@@ -70,9 +70,9 @@ def _dropout(time: FloatArray, dropout: BoolArray) -> Reason | None:
     first = time[np.argmax(dropout)]
     return Reason(
         "plate-dropout",
-        f"the plates carry nothing in {100 * dropout.mean():.0f} % of the frames, from {first:.2f} s on, while the "
-        "person stands on them: a cable, an amplifier's reset, or a step beside them. These frames are left out; "
-        "look at the plates' signal there, or give the `window:` without them",
+        f"the plates show no load in {100 * dropout.mean():.0f} % of the frames, from {first:.2f} s on, while the "
+        "person stands on them: a loose cable, a reset of the amplifier, or a step off the plates. These frames are "
+        "left out; check the plates' signal there, or set a `window:` without them",
         value=float(dropout.mean()),
         limit=0.0,
     )

@@ -1,4 +1,4 @@
-"""Whether the plates are where the recording says they are, as planarise reports it."""
+"""Check of the plates' positions and axes against the markers, with facts and reasons for planarise."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.plates.direction import Turned, turned
-from mocap_id.plates.registration import Registration, register, standing_lean
+from mocap_id.plates.direction import ForceDirection, compare_directions
+from mocap_id.plates.placement import PlatePlacement, compare_with_feet, standing_lean
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.verdict import Reason
 
 _MARGIN_M = 0.05
-"""From the outermost markers of a foot to its border, shoe and skin included; good recordings need up to 27 mm."""
+"""Distance from the outermost markers of a foot to the edge of the shoe; good recordings need up to 27 mm."""
 
 _LEAN = np.radians(2.0)
-"""Of the force under somebody who stands still; good recordings show up to 0.7°, the bias of an ordinary plate."""
+"""Largest lean of the force under a standing person; good recordings show up to 0.7°, an ordinary plate's bias."""
 
 _INCLINED = np.radians(1.5)
-"""Of a plate's normal by its corners; corners that were measured with a marker are within 0.25°."""
+"""Largest inclination of a plate by its corners; corners measured with a marker are within 0.25°."""
 
 _TURNED, _TURNED_ALONE = np.radians(30.0), np.radians(90.0)
-"""About the vertical: of all plates together, and of one foot's, which pushes to the side too."""
+"""Largest angle about the vertical: of all plates together, and of one foot's plate, which also pushes sideways."""
 
 _COHERENT, _FORCE_N = 0.7, 5.0
-"""The direction of a force that follows the movement less, or is smaller, tells nothing."""
+"""Smallest coherence with the movement and smallest force for which a direction is judged."""
 
 _SUNK_M, _HOVERING_M = 0.008, 0.12
-"""The lowest marker of a foot is not below the surface, and no farther above it than an ankle."""
+"""The lowest marker of a foot must not be below the surface, nor higher above it than an ankle."""
 
 
 @dataclass(frozen=True)
-class Checked:
-    """Facts for wrench.parquet, and doubts about the plates' places."""
+class PlateCheck:
+    """Facts for wrench.parquet, and reasons to doubt the plates' positions."""
 
     facts: dict[str, Any]
     reasons: tuple[Reason, ...]
@@ -43,27 +43,27 @@ class Checked:
 
 def check(
     plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray, rate: float, *, person: bool
-) -> Checked:
-    """Hold the feet's plates against the markers.
+) -> PlateCheck:
+    """Compare the feet's plates with the markers.
 
     Parameters
     ----------
     plates, samples : sequences
-        Those under the feet, and their wrench at the times of the positions.
+        The plates under the feet, and their wrench at the times of the positions.
     positions : (F, M, 3) array
         Lab axes with Z up, m.
     rate : float
         Hz.
     person : bool
-        A robot has no feet and no stance.
+        Whether a person moves; a robot has no feet.
     """
     if not plates:
-        return Checked({}, ())
+        return PlateCheck({}, ())
     total = np.sum([each.force for each in samples], axis=0)
-    found = register(plates, samples, positions) if person else []
+    found = compare_with_feet(plates, samples, positions) if person else []
     lean = standing_lean(total, positions, rate) if person else None
-    whole = turned(total, positions, rate)
-    alone = [turned(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
+    whole = compare_directions(total, positions, rate)
+    alone = [compare_directions(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
     facts = {
         "plates": [_fact(each) for each in found],
         "standing_lean_deg": None if lean is None else np.degrees(lean).tolist(),
@@ -71,10 +71,10 @@ def check(
     }
     reasons = [reason for each in found for reason in (_misplaced(each), _height(each))]
     reasons += [_tilted(found, lean), *_turned(plates, whole, alone)]
-    return Checked(facts, tuple(reason for reason in reasons if reason is not None))
+    return PlateCheck(facts, tuple(reason for reason in reasons if reason is not None))
 
 
-def _fact(found: Registration) -> dict[str, Any]:
+def _fact(found: PlatePlacement) -> dict[str, Any]:
     return {
         "index": found.index,
         "cop_off_feet_m": found.off_feet,
@@ -84,13 +84,13 @@ def _fact(found: Registration) -> dict[str, Any]:
     }
 
 
-def _direction(found: Turned | None) -> dict[str, float] | None:
+def _direction(found: ForceDirection | None) -> dict[str, float] | None:
     if found is None:
         return None
     return {"angle_deg": float(np.degrees(found.angle)), "coherence": found.coherence, "rms": found.size}
 
 
-def _misplaced(found: Registration) -> Reason | None:
+def _misplaced(found: PlatePlacement) -> Reason | None:
     limit = _MARGIN_M + found.allowance
     if found.off_feet is None or found.off_feet <= limit:
         return None
@@ -98,14 +98,14 @@ def _misplaced(found: Registration) -> Reason | None:
         "plate-misplaced",
         f"the centre of pressure of plate {found.index} lies up to {100 * found.off_feet:.0f} cm outside the markers "
         f"of the feet that stand on it, expected at most {100 * limit:.0f} cm: the ground cannot push there. The "
-        "plate's corners (or its ORIGIN, moments or points of application) do not fit the cameras' axes; measure them "
-        "anew and correct the file. Until then tauz, the centre of pressure and all parameters are off",
+        "plate's corners (or its ORIGIN, moments or points of application) do not match the cameras' axes; measure "
+        "them again and correct the file. Until then tauz, the centre of pressure and all parameters are wrong",
         value=found.off_feet,
         limit=limit,
     )
 
 
-def _height(found: Registration) -> Reason | None:
+def _height(found: PlatePlacement) -> Reason | None:
     over = found.over_surface
     if over is None or -_SUNK_M <= over <= _HOVERING_M:
         return None
@@ -114,49 +114,51 @@ def _height(found: Registration) -> Reason | None:
         "plate-height",
         f"the lowest marker of the feet is {abs(100 * over):.1f} cm {'below' if sunk else 'above'} the surface of "
         f"plate {found.index}, expected {'above it' if sunk else f'at most {100 * _HOVERING_M:.0f} cm'}: the corners' "
-        "heights do not fit the cameras' floor; measure them anew. The moment is off by this height times Fx",
+        "heights do not match the cameras' floor; measure them again. The moment is wrong by this height times Fx",
         value=over,
         limit=-_SUNK_M if sunk else _HOVERING_M,
     )
 
 
-def _tilted(found: Sequence[Registration], lean: FloatArray | None) -> Reason | None:
-    """A plate whose corners incline it, or under which a standing person would have to fall over."""
+def _tilted(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason | None:
+    """Return a reason if the corners incline a plate, or if the force under a standing person is not vertical."""
     inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
     corners = f"the corners incline a plate by {np.degrees(inclined):.1f}°, expected under {np.degrees(_INCLINED):.1f}°"
     if inclined > _INCLINED and (lean is None or _explains(found, lean)):
-        shown = (
-            ", and nobody stands still to show whether it is"
+        evidence = (
+            ", and nobody stands still, which would show whether it is inclined"
             if lean is None
             else f", and the force under the standing person leans with them, by {np.degrees(np.hypot(*lean)):.1f}°: "
-            "they are wrong"
+            "the corners are wrong"
         )
-        text = f"{corners}{shown}. Measure them anew; a part of the weight may count as Fx, and all parameters be off"
+        text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
         return Reason("plate-tilted", text, value=float(np.degrees(inclined)), limit=float(np.degrees(_INCLINED)))
     if lean is not None and np.hypot(*lean) > _LEAN:
         leaning = float(np.degrees(np.hypot(*lean)))
         text = (
             f"the force under the standing person leans by {leaning:.1f}° from the vertical, expected under "
-            f"{np.degrees(_LEAN):.1f}°: a plate is tilted, its channels leak, or it was not zeroed. Level and zero it; "
-            "a part of the weight counts as Fx, and all parameters are off"
+            f"{np.degrees(_LEAN):.1f}°: a plate is tilted, has crosstalk, or was not zeroed. Level and zero it; part "
+            "of the weight counts as Fx, which makes all parameters wrong"
         )
         return Reason("plate-tilted", text, value=leaning, limit=float(np.degrees(_LEAN)))
     if inclined <= _INCLINED:
         return None
-    text = f"{corners}; the force under the standing person is vertical, so that it is taken for an inclined plate"
+    text = f"{corners}; the force under the standing person is vertical, so the plate is taken to be inclined"
     value, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
     return Reason("plate-tilted", text, value=value, limit=limit, level="ok")
 
 
-def _explains(found: Sequence[Registration], lean: FloatArray) -> bool:
-    """Whether the force leans as it would if level plates had these corners: by their normals, weighed by the loads."""
+def _explains(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
+    """Whether the force leans as wrong corners of level plates would make it lean, given normals and loads."""
     total = sum(each.load for each in found)
     expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
     return bool(lean @ expected > 0.5 * (expected @ expected))
 
 
-def _turned(plates: Sequence[Plate], whole: Turned | None, alone: Sequence[Turned | None]) -> list[Reason]:
-    """Plates whose horizontal forces point away from the accelerations; one of several where their sum looks right."""
+def _turned(
+    plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
+) -> list[Reason]:
+    """Return reasons for plates whose horizontal force does not point along the acceleration, first for their sum."""
     if whole is not None and _points_away(whole, _TURNED):
         return [_turned_reason("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
     return [
@@ -166,15 +168,15 @@ def _turned(plates: Sequence[Plate], whole: Turned | None, alone: Sequence[Turne
     ]
 
 
-def _points_away(found: Turned, limit: float) -> bool:
+def _points_away(found: ForceDirection, limit: float) -> bool:
     return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
 
 
-def _turned_reason(name: str, found: Turned, limit: float) -> Reason:
+def _turned_reason(name: str, found: ForceDirection, limit: float) -> Reason:
     angle = float(np.degrees(found.angle))
     return Reason(
         "plate-turned",
-        f"the horizontal force of {name} points {angle:.0f}° away from where the body is accelerated (about the "
+        f"the horizontal force of {name} points {angle:.0f}° away from the acceleration of the body (about the "
         f"vertical), expected within ± {np.degrees(limit):.0f}°: the corners are in another order, the plate's axes "
         "are turned, or Fx and Fy have the wrong sign. Correct the file; Fx, tauz and all parameters are wrong",
         value=abs(angle),

@@ -1,26 +1,26 @@
-"""``report``: the verdict and the numbers of a trial, for people and for other programs."""
+"""report: verdict and numbers of a trial, for people and for other programs."""
 
 from __future__ import annotations
 
 from pydantic import Field
 
 from mocap_id.reporting.contents import FILES, PdfFonts
+from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
-from mocap_id.stages.lineup import LINEUP
 from mocap_id.store.schemas import SCHEMAS
 
 
 class ReportSettings(Settings):
-    """Figures for papers; what they show is not to be set."""
+    """Figure files."""
 
-    figures: bool = Field(False, description="write the figures as SVG and PDF too, as `mocap-id figures` does later")
+    figures: bool = Field(False, description="also write the figures as SVG and PDF, like `mocap-id figures`")
     pdf_fonts: PdfFonts = Field(
-        "type-3", description="letters of the PDF figures: drawn (type-3), or truetype as some journals ask"
+        "type-3", description="fonts in the PDF figures: type-3, or truetype, which some journals require"
     )
 
 
 def _function(context: Context) -> Outputs:
-    from mocap_id.stages.report.function import report  # noqa: PLC0415  whoever runs it loads its libraries
+    from mocap_id.stages.report.function import report  # noqa: PLC0415  loads its libraries only when run
 
     return report(context)
 
@@ -33,5 +33,5 @@ STAGE = Stage(
     uses=tuple(TrialKeys.model_fields),
     settings=ReportSettings,
     function=_function,
-    help=LINEUP["report"],
+    help=STAGE_HELP["report"],
 )

@@ -1,49 +1,49 @@
-"""``report``: the verdict and the numbers of a trial, for people and for other programs."""
+"""Function of the stage report: writes summary, page and figures."""
 
 from __future__ import annotations
 
 from mocap_id import __version__
-from mocap_id.reporting.material import Material
+from mocap_id.reporting.report_data import ReportData
 from mocap_id.stages.base import Context, Outputs, TrialKeys
 from mocap_id.verdict import Reason
 
 
 def report(context: Context) -> Outputs:
-    """Write summary and page from whatever artefacts exist, and figures for papers where they are asked for.
+    """Return the summary and the page, made from the existing artefacts, and figures if requested.
 
     Parameters
     ----------
     context : Context
-        All artefacts of a trial that went through; in a refused one (``context.refused``) those that there are.
+        All artefacts of a trial; for a refused trial (``context.refused``) those that exist.
     """
-    from mocap_id.reporting.report import documents  # noqa: PLC0415  whoever asks for the material needs no template
+    from mocap_id.reporting.report import documents  # noqa: PLC0415  whoever asks for the data needs no template
 
     settings = context.settings
-    return documents(material(context), figures=settings.figures, pdf_fonts=settings.pdf_fonts)
+    return documents(report_data(context), figures=settings.figures, pdf_fonts=settings.pdf_fonts)
 
 
-def material(context: Context) -> Material:
-    """The trial as the report sees it."""
+def report_data(context: Context) -> ReportData:
+    """Return the data of the report."""
     refused = context.refused
     refusal = None
     if refused is not None:
         refusal = Reason(refused.code, refused.message, refused.value, refused.limit, "refused")
-    return Material(
+    return ReportData(
         trial=context.trial.trial,
         product=__version__,
         artefacts=context.inputs,
         refusal=refusal,
         seconds=context.seconds,
-        settings=_asked_for(context.trial),
+        settings=_trial_settings(context.trial),
     )
 
 
-def _asked_for(trial: TrialKeys) -> dict[str, str]:
-    """The trial's own keys as they are shown: files without their folders."""
+def _trial_settings(trial: TrialKeys) -> dict[str, str]:
+    """Return the trial's keys as texts, files without folders."""
     files = [path.name for path in (trial.recording.markers, trial.recording.forces) if path is not None]
     subject = trial.subject.model_dump(exclude_none=True)
     plates = trial.plates.model_dump(exclude_defaults=True)
-    asked = {
+    shown = {
         "recording": ", ".join(files),
         "protocol": trial.protocol,
         "subject": ", ".join(f"{key} {value}" for key, value in subject.items()),
@@ -52,4 +52,4 @@ def _asked_for(trial: TrialKeys) -> dict[str, str]:
         "compare": "" if trial.compare is None else trial.compare.angles.name,
         "encoder": "" if trial.encoder is None else trial.encoder.name,
     }
-    return {key: value for key, value in asked.items() if value}
+    return {key: value for key, value in shown.items() if value}

@@ -1,4 +1,4 @@
-"""segment: which markers move as one, and how the bodies hang together."""
+"""segment: groups of markers that move as rigid bodies, and the joints between them."""
 
 from __future__ import annotations
 
@@ -6,39 +6,48 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
+from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.lineup import LINEUP
 
 _Markers: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class SegmentSettings(Settings):
-    """What counts as still, as turning and as a joint."""
+    """Limits and hints for the segmentation."""
 
-    count: int | None = Field(None, ge=2, le=9, description="number of segments with the base; found where not given")
+    count: int | None = Field(None, ge=2, le=9, description="number of segments including the base; found if not given")
     names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
     together: tuple[_Markers, ...] = Field(
-        (), description="groups of markers, by name or pattern, that are on one segment each"
+        (), description="groups of markers, by label or pattern; each group is on one segment"
     )
-    apart: tuple[_Markers, ...] = Field((), description="groups of markers of which no two are on the same segment")
-    ignore: tuple[str, ...] = Field((), description="markers, by name or pattern, that are on no segment")
+    apart: tuple[_Markers, ...] = Field((), description="groups of markers that are all on different segments")
+    ignore: tuple[str, ...] = Field((), description="markers, by label or pattern, that are on no segment")
     joint_markers: dict[str, _Markers] = Field(
-        {}, description="markers about a joint, by its name: their mean pulls its centre (3.15, `fit-joints: lambda_a`)"
+        {},
+        description="markers around a joint, by its name; they attract its centre (3.15, `fit-joints: lambda_a`)",
     )
-    still_limit_m: float = Field(0.015, gt=0, description="largest scatter (rms) of a base marker, m")
-    min_arc_deg: float = Field(6.0, gt=0, lt=180, description="a joint turns by at least this, degrees")
-    max_joint_residual_m: float = Field(0.05, gt=0, description="two bodies' points at a joint stay this close, m")
-    max_body_residual_m: float = Field(0.015, gt=0, description="markers of one body stay this close to it, m")
-    planarity_caution: float = Field(0.03, ge=0, le=1, description="out-of-plane share of the chain's motion to report")
-    planarity_limit: float = Field(0.15, ge=0, le=1, description="out-of-plane share of the chain's motion to refuse")
+    still_limit_m: float = Field(0.015, gt=0, description="largest scatter (rms) of a marker on the base, m")
+    min_arc_deg: float = Field(6.0, gt=0, lt=180, description="smallest rotation of a joint, degrees")
+    max_joint_residual_m: float = Field(
+        0.05, gt=0, description="largest rms distance between two bodies at their joint, m"
+    )
+    max_body_residual_m: float = Field(
+        0.015, gt=0, description="largest rms distance of a marker from its place in a body, m"
+    )
+    planarity_caution: float = Field(
+        0.03, ge=0, le=1, description="share of the motion out of the plane that gives a caution"
+    )
+    planarity_limit: float = Field(
+        0.15, ge=0, le=1, description="share of the motion out of the plane that refuses the trial"
+    )
     asymmetry_deg: float = Field(
-        4.0, ge=0, description="left and right that turn more differently are reported, degrees"
+        4.0, ge=0, description="largest rms difference between left and right without a caution, degrees"
     )
-    frames: int = Field(500, ge=50, description="frames looked at, evenly over the trial")
+    frames: int = Field(500, ge=50, description="number of frames used, evenly over the trial")
 
 
 def _function(context: Context) -> Outputs:
-    from mocap_id.stages.segment.function import segment  # noqa: PLC0415  whoever runs it loads its libraries
+    from mocap_id.stages.segment.function import segment  # noqa: PLC0415  loads its libraries only when run
 
     return segment(context)
 
@@ -51,5 +60,5 @@ STAGE = Stage(
     uses=("protocol",),
     settings=SegmentSettings,
     function=_function,
-    help=LINEUP["segment"],
+    help=STAGE_HELP["segment"],
 )

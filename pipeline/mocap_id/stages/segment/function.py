@@ -1,4 +1,4 @@
-"""segment: which markers move as one, and how the bodies hang together."""
+"""Function of the stage segment: sorts the markers into a base and the segments of a chain."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.marker_names import columns
+from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
+from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _UNSURE = 0.5
 
 
 def segment(context: Context) -> Outputs:
-    """Sort the markers into base and segments."""
+    """Return segments.parquet."""
     settings: SegmentSettings = context.settings
     trial = context.trial
-    view = PlanarView(context.long("planar.parquet"))
+    view = Trajectories(context.long("planar.parquet"))
     points = view.spaced(settings.frames)
     longest = settings.count or LONGEST[trial.protocol]
     rules = SegmentationRules(
@@ -38,7 +38,7 @@ def segment(context: Context) -> Outputs:
         longest=longest,
     )
     labels, lateral = view.labels, _lateral(points)
-    out = list(columns(labels, settings.ignore, "segment: ignore"))
+    out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
     plane = np.asarray(points[..., 0] + 1j * points[..., 1])
     plane[:, out] = np.nan
     found = _sorted(plane, lateral, rules, _constraints(labels, settings), settings)
@@ -81,21 +81,21 @@ def segment(context: Context) -> Outputs:
 
 
 def _planarity(points: FloatArray) -> float:
-    """Share of the motion of trajectories (F, K, 3) that leaves the plane."""
-    seen = np.isfinite(points)
-    counts = np.maximum(seen.sum(axis=0), 1)
-    mean = np.where(seen, points, 0).sum(axis=0) / counts
-    motion = np.where(seen, (points - mean) ** 2, 0).sum(axis=(0, 1))
+    """Return the out-of-plane share of the motion of trajectories (F, K, 3)."""
+    visible = np.isfinite(points)
+    counts = np.maximum(visible.sum(axis=0), 1)
+    mean = np.where(visible, points, 0).sum(axis=0) / counts
+    motion = np.where(visible, (points - mean) ** 2, 0).sum(axis=(0, 1))
     return float(motion[2] / motion.sum())
 
 
 def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ...]:
-    """Refuse a chain that moves out of its plane, or say how much it does."""
+    """Refuse a chain that moves far out of its plane; return a caution for smaller motion."""
     found = f"{100 * planarity:.1f} % of the chain's motion leaves the plane"
     if planarity > settings.planarity_limit:
         raise Refused(
             "not-planar",
-            f"{found}: a planar chain cannot carry it (limit {100 * settings.planarity_limit:.0f} %).",
+            f"{found}: too much for a planar chain (limit {100 * settings.planarity_limit:.0f} %).",
             planarity,
             settings.planarity_limit,
         )
@@ -104,7 +104,7 @@ def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ..
     return (
         Reason(
             "not-planar",
-            f"{found} ({100 * settings.planarity_caution:.0f} % is usual at most): angles and lengths are those of its "
+            f"{found} (usually at most {100 * settings.planarity_caution:.0f} %): angles and lengths are those of its "
             "projection.",
             planarity,
             settings.planarity_caution,
@@ -113,17 +113,17 @@ def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ..
 
 
 def _lateral(points: FloatArray) -> FloatArray:
-    """(M,) mean out-of-plane coordinate, m; NaN for a marker never seen."""
+    """Return the mean out-of-plane coordinate of each marker (M,), m; NaN for a marker that is never visible."""
     z = points[..., 2]
-    seen = np.isfinite(z)
-    counts = seen.sum(axis=0)
-    return np.where(counts > 0, np.where(seen, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
+    visible = np.isfinite(z)
+    counts = visible.sum(axis=0)
+    return np.where(counts > 0, np.where(visible, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
 
 
-def _bursts(view: PlanarView) -> tuple[Reason, ...]:
-    """A note of the samples that were taken for jumps, and of where most of them are."""
-    seen = np.asarray(view.planar.values["visible"], dtype=np.bool_)
-    counts = np.count_nonzero(view.bursts & seen, axis=0)
+def _bursts(view: Trajectories) -> tuple[Reason, ...]:
+    """Return a note about the samples in bursts, with the marker that has most of them."""
+    visible = np.asarray(view.planar.values["visible"], dtype=np.bool_)
+    counts = np.count_nonzero(view.bursts & visible, axis=0)
     if not counts.any():
         return ()
     worst = int(np.argmax(counts))
@@ -131,9 +131,9 @@ def _bursts(view: PlanarView) -> tuple[Reason, ...]:
     return (
         Reason(
             "bursts",
-            f"{int(counts.sum())} samples jump away and back and were left out of the segments and the joint fit, most "
-            f"of them of {view.labels[worst]}, first at {first:.2f} s.",
-            float(counts.sum() / np.count_nonzero(seen)),
+            f"{int(counts.sum())} samples jump away and back; they were left out of the segments and the joint fit. "
+            f"Most are of {view.labels[worst]}, first at {first:.2f} s.",
+            float(counts.sum() / np.count_nonzero(visible)),
             level="ok",
         ),
     )
@@ -146,25 +146,25 @@ def _sorted(
     constraints: Constraints,
     settings: SegmentSettings,
 ) -> Segmentation:
-    """The segmentation; a refusal says whether the user's hints had a part in it."""
+    """Return the segmentation; a refusal mentions the user's hints if there are any."""
     try:
         return segment_markers(plane, lateral, rules, constraints)
     except Refused as refused:
         if not (settings.together or settings.apart or settings.ignore):
             raise
-        text = f"{refused} So it is with `together`, `apart` and `ignore` as they are asked for."
+        text = f"{refused} The settings `together`, `apart` and `ignore` were applied."
         raise Refused(refused.code, text, refused.value, refused.limit) from refused
 
 
 def _constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Constraints:
-    """Together and apart, in columns."""
-    together = [columns(labels, group, "segment: together") for group in settings.together]
-    apart = [columns(labels, group, "segment: apart") for group in settings.apart]
+    """Return the hints `together` and `apart` as columns of markers."""
+    together = [marker_columns(labels, group, "segment: together") for group in settings.together]
+    apart = [marker_columns(labels, group, "segment: apart") for group in settings.apart]
     constraints = Constraints.of(len(labels), together, apart)
     if constraints.contradictory.any():
         marker = labels[int(np.argmax(constraints.contradictory))]
         raise ConfigError(
-            f"segment: `together` and `apart` contradict each other: they ask for {marker} on one segment and on two"
+            f"segment: `together` and `apart` contradict each other: they put {marker} on one segment and on two"
         )
     return constraints
 
@@ -172,14 +172,14 @@ def _constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Constrai
 def _joint_markers(
     labels: tuple[str, ...], given: Mapping[str, tuple[str, ...]], joint_names: Sequence[str]
 ) -> dict[str, list[str]]:
-    """The markers about each joint that has some."""
+    """Return the labels of the markers around each joint that has any."""
     unknown = [name for name in given if name not in joint_names]
     if unknown:
         raise ConfigError(
-            f"segment: joint_markers: there is no joint {', '.join(unknown)}; found were {', '.join(joint_names)}"
+            f"segment: joint_markers: there is no joint {', '.join(unknown)}; expected one of {', '.join(joint_names)}"
         )
     return {
-        name: [labels[i] for i in columns(labels, patterns, f"segment: joint_markers: {name}")]
+        name: [labels[i] for i in marker_columns(labels, patterns, f"segment: joint_markers: {name}")]
         for name, patterns in given.items()
     }
 
@@ -194,13 +194,13 @@ def _given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
 
 
 def _reason(found: Segmentation, marker: int, names: tuple[str, ...]) -> str:
-    """Why a marker is where it is, in words."""
+    """Return in words why a marker is on its segment."""
     k = int(found.segment[marker])
     scatter = found.base.scatter[marker]
     if k < 0:
         if not np.isfinite(scatter):
-            return "seen in too few frames"
-        return "on no segment of the chain: a branch, or not rigid with any"
+            return "visible in too few frames"
+        return "on no segment of the chain: on a branch, or not rigid with any segment"
     if k == 0:
         return f"still: moves by {1e3 * scatter:.1f} mm rms"
     if marker in found.base.markers:
@@ -209,7 +209,7 @@ def _reason(found: Segmentation, marker: int, names: tuple[str, ...]) -> str:
 
 
 def _hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple[str, ...]) -> dict[str, Any]:
-    """A considered reading of the trial, for the summary and the report."""
+    """Return a hypothesis about the segments, for the summary and the report."""
     return {
         "segments": len(hypothesis.chain) + 1,
         "cost": hypothesis.cost,
@@ -222,14 +222,14 @@ def _hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple[str, ...
 
 
 def _upside_down(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:
-    """A caution for a chain that hangs below its base, which no person on the ground does."""
+    """Return a caution for a chain that hangs below its base, unlike a person on the ground."""
     height = np.array([np.nanmean(points[:, segment == k, 1]) for k in (0, int(segment.max()))])
     if height[1] >= height[0]:
         return ()
     return (
         Reason(
             "upside-down",
-            f"the chain hangs {height[0] - height[1]:.2f} m below its base: if a person stands there, the vertical "
+            f"the chain hangs {height[0] - height[1]:.2f} m below its base: for a standing person the vertical "
             "axis is wrong (`planarise: {vertical: …}`).",
             float(height[0] - height[1]),
             0.0,
@@ -238,7 +238,7 @@ def _upside_down(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:
 
 
 def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:
-    """A caution where the segments are more likely wrong than right, with what speaks most against them."""
+    """Return a caution if the segments are more likely wrong than right, with the strongest evidence against them."""
     confidence = found.confidence
     if confidence.value >= _UNSURE:
         return ()
@@ -246,20 +246,20 @@ def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, 
     on_none = int(np.sum(found.segment < 0))
     gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
     why = {
-        "skipped": f"without the one beyond the {joint_names[weakest]} the markers fit only "
+        "skipped": f"without the segment beyond the {joint_names[weakest]} the markers fit only "
         f"{found.ratios[weakest]:.1f} times worse",
-        "left-out": f"{on_none} markers are on none, and many of them on no limb at the side",
-        "axis": f"a marker near the {joint_names[0]} could as well be on the other side of it",
-        "first-joint": f"the {joint_names[0]} is no fixed point: it wanders by "
+        "left-out": f"{on_none} markers are on no segment, and many of them are not on a side limb either",
+        "axis": f"a marker near the {joint_names[0]} could also be on the other side of it",
+        "first-joint": f"the {joint_names[0]} is not a fixed point: it moves by "
         f"{1e3 * found.hypotheses[0].joints[0].residual:.0f} mm",
-        "base": f"the first moving marker moves only {found.base.gap:.1f} times as much as the last still one",
+        "base": f"the first moving marker moves only {found.base.gap:.1f} times as much as the last marker of the base",
         "runner-up": "another number of segments explains the markers about as well",
     }[gravest]
     return (
         Reason(
             "segments-unsure",
-            f"the segments are doubtful: {why}. Look at the skeleton; if it is wrong, say what you know: "
-            "`segment: {count: …}`, markers that are `together` or `apart`, or markers to `ignore`.",
+            f"the segments are doubtful: {why}. Check the skeleton; if it is wrong, set `segment: {{count: …}}`, or "
+            "name markers that are `together` or `apart`, or markers to `ignore`.",
             confidence.value,
             _UNSURE,
         ),
@@ -267,7 +267,7 @@ def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, 
 
 
 def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -> tuple[Reason, ...]:
-    """A doubt for sides that do not move together: one sagittal segment stands for both."""
+    """Return a caution for sides that do not move together, since one sagittal segment represents both."""
     apart = np.flatnonzero(asymmetries > limit)
     if not len(apart):
         return ()
@@ -275,8 +275,8 @@ def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -
     return (
         Reason(
             "segments-unsure",
-            f"left and right do not move together: the two sides of the {names[worst + 1]} turn differently by "
-            f"{asymmetries[worst]:.1f}° rms. One segment stands for both; its angle is their mean.",
+            f"left and right do not move together: the rotations of the two sides of the {names[worst + 1]} differ by "
+            f"{asymmetries[worst]:.1f}° rms. One segment represents both; its angle is their mean.",
             float(asymmetries[worst]),
             limit,
         ),

@@ -1,4 +1,4 @@
-"""ukf-smooth: joint states of the whole chain by an unscented Kalman filter and smoother."""
+"""ukf-smooth: joint states of the whole chain from an unscented Kalman filter and smoother."""
 
 from __future__ import annotations
 
@@ -6,53 +6,53 @@ from typing import Literal
 
 from pydantic import Field
 
+from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
-from mocap_id.stages.lineup import LINEUP
 
 
 class UkfSmoothSettings(Settings):
-    """Noise, gate and engine of the filter."""
+    """Method, noise and gate of the filter."""
 
     method: Literal["rts", "two-filter", "butterworth", "spline", "encoder"] = Field(
         "rts",
-        description="filter and smoother; to compare with: the thesis's passes forwards and backwards averaged, the "
-        "angles of single frames through a zero-phase low-pass or a quintic smoothing spline, or a robot's encoder",
+        description="rts: filter and smoother. For comparison: the averaged forward and backward passes of the thesis, "
+        "angles of single frames with a zero-phase low-pass or a quintic smoothing spline, or a robot's encoder",
     )
     butterworth_hz: float = Field(
-        6.0, gt=0, description="cutoff of each of the two passes of `method: butterworth`, Hz; human movement: 6"
+        6.0, gt=0, description="cut-off of each of the two passes of `method: butterworth`, Hz; usual for people: 6"
     )
     engine: Literal["compiled", "filterpy"] = Field(
-        "compiled", description="machine code, or filterpy's filter: the same result, a hundred times slower"
+        "compiled", description="compiled code, or the library filterpy: the same result, a hundred times slower"
     )
     marker_sd: float | None = Field(
-        None, gt=0, description="standard deviation of a marker coordinate, m; estimated where not given (thesis: 1e-3)"
+        None, gt=0, description="standard deviation of a marker coordinate, m; estimated if not given (thesis: 1e-3)"
     )
     sigma_v: float | None = Field(
         None,
         gt=0,
-        description="standard deviation of the snap held over one frame, rad/s^4; estimated for each joint where not "
+        description="standard deviation of the snap, constant over a frame, rad/s^4; estimated for each joint if not "
         "given (thesis: 1e2)",
     )
-    marker_sd_floor: float = Field(5e-5, gt=0, description="least estimate of marker_sd, m, for filtered recordings")
+    marker_sd_floor: float = Field(
+        5e-5, gt=0, description="lower limit of the estimated marker_sd for filtered recordings, m"
+    )
     gate: float = Field(
-        5.0, ge=3, description="a marker farther from its prediction than this many standard deviations is left out"
+        5.0, ge=3, description="largest distance of a marker from its prediction, in standard deviations"
     )
-    angle_sd_limit: float = Field(
-        0.2, gt=0, description="an angle less certain than this is not given, rad (standard deviation)"
-    )
+    angle_sd_limit: float = Field(0.2, gt=0, description="largest standard deviation of an angle that is given, rad")
     encoder_offset_limit_s: float = Field(
-        0.5, ge=0.01, le=10, description="offsets of an encoder's clock up to ± this are tried, s"
+        0.5, ge=0.01, le=10, description="largest clock offset of an encoder that is considered, ± s"
     )
     encoder_position_sd: float | None = Field(
-        None, gt=0, description="standard deviation of an encoder's position, rad; estimated where not given"
+        None, gt=0, description="standard deviation of an encoder's position, rad; estimated if not given"
     )
     encoder_velocity_sd: float | None = Field(
-        None, gt=0, description="standard deviation of an encoder's velocity, rad/s; estimated where not given"
+        None, gt=0, description="standard deviation of an encoder's velocity, rad/s; estimated if not given"
     )
 
 
 def _function(context: Context) -> Outputs:
-    from mocap_id.stages.ukf_smooth.function import ukf_smooth  # noqa: PLC0415  whoever runs it loads its libraries
+    from mocap_id.stages.ukf_smooth.function import ukf_smooth  # noqa: PLC0415  loads its libraries only when run
 
     return ukf_smooth(context)
 
@@ -65,5 +65,5 @@ STAGE = Stage(
     uses=("encoder",),
     settings=UkfSmoothSettings,
     function=_function,
-    help=LINEUP["ukf-smooth"],
+    help=STAGE_HELP["ukf-smooth"],
 )

@@ -1,78 +1,80 @@
-"""poses.parquet: the measured pose of every body, each by its own markers and with no joint between them."""
+"""Measured pose of every body, each from its own markers, without joints: poses.parquet."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.estimation.inverse import Chain
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
+from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
-from mocap_id.stages.trajectories import PlanarView
 from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
+from mocap_id.store.views import Skeleton, Trajectories
 
 OTHERS = "others"
-"""Name of the body of all markers that are on no segment: arms, head."""
-_ONE_BODY = ("pelvis", "trunk")  # each alone has few markers, so their common pose is an alternative
+"""Name of the body with all markers that are on no segment, such as arms and head."""
+_ONE_BODY = ("pelvis", "trunk")  # each has few markers, so their common pose is an alternative
 
 
 def measured_poses(
-    view: PlanarView, chain: Chain, *, labels: list[str], segments: list[str], observed: FloatArray, angles: FloatArray
+    view: Trajectories, chain: MarkerChain, skeleton: Skeleton, *, observed: FloatArray, angles: FloatArray
 ) -> Table:
-    """Measure the pose of every body of the dynamics.
+    """Return the measured poses of all bodies of the dynamics.
 
     Parameters
     ----------
-    view : PlanarView
+    view : Trajectories
     chain : Chain
-        With the base's markers.
-    labels, segments : lists of str
-        Of the chain's markers and segments.
+        Including the markers of the base.
+    skeleton : Skeleton
+        The same chain, with names.
     observed : (F, K, 2) array
-        Markers of the moving segments as the states use them, m; NaN elsewhere.
+        Markers of the moving segments as used for the states, m; else NaN.
     angles : (F, n) array
-        Joint angles, rad; they place the trunk's markers on the pelvis.
+        Joint angles, rad; used to place the trunk's markers on the pelvis.
 
     Returns
     -------
     Table
-        No columns for a body whose markers show no pose; the facts list the bodies in the columns' order. Pelvis and
-        trunk are there each by itself and as one body, the torso.
+        A body whose markers show no pose has no columns; the facts list the bodies in the order of the columns.
+        Pelvis and trunk are included separately and as one body, the torso.
     """
     columns = {label: column for column, label in enumerate(view.labels)}
+    labels = skeleton.markers
     of_chain = np.array([columns[label] for label in labels], dtype=np.int64)
     free = np.setdiff1d(np.arange(len(view.labels)), of_chain)
     moves = np.flatnonzero(chain.segment > 0)
-    local = _complex(chain.local)
+    local = as_complex(chain.local)
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
-    for name, numbers in _bodies(segments):
+    for name, numbers in _bodies(skeleton.segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
         points = (
-            _complex(view.without_bursts(of_chain[own]))
+            as_complex(view.without_bursts(of_chain[own]))
             if numbers == [0]
-            else _complex(observed[:, np.searchsorted(moves, own)])
+            else as_complex(observed[:, np.searchsorted(moves, own)])
         )
         pose = measure_cluster(points, _in_body_frame(chain, local, numbers, angles)[own])
         if pose is not None:
             found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
-    others = measure_cluster(_complex(view.without_bursts(free))) if len(free) > 1 else None
+    others = measure_cluster(as_complex(view.without_bursts(free))) if len(free) > 1 else None
     if others is not None:
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
     return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": [_fact(*each) for each in found]})
 
 
-def _bodies(segments: list[str]) -> list[tuple[str, list[int]]]:
-    """Name and segments of each body: each segment, then pelvis and trunk as one."""
+def _bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Return name and segments of each body: every segment, then pelvis and trunk as one."""
     apart = [(name, [k]) for k, name in enumerate(segments)]
     if not set(_ONE_BODY) <= set(segments):
         return apart
     return [*apart, ("torso", [segments.index(name) for name in _ONE_BODY])]
 
 
-def _in_body_frame(chain: Chain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
-    """Markers (M,) in the frame of a body's first segment, m; those of its next segment at their mean place."""
+def _in_body_frame(chain: MarkerChain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
+    """Return markers (M,) in the frame of a body's first segment, m; other segments are placed by their mean angle."""
     found = local.copy()
     for segment in numbers[1:]:
         mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
@@ -81,11 +83,7 @@ def _in_body_frame(chain: Chain, local: ComplexArray, numbers: list[int], angles
     return found
 
 
-def _complex(points: FloatArray) -> ComplexArray:
-    return np.ascontiguousarray(points).view(np.complex128)[..., 0]
-
-
-def _columns(view: PlanarView, poses: list[ClusterPose]) -> dict[str, FloatArray | IntArray]:
+def _columns(view: Trajectories, poses: list[ClusterPose]) -> dict[str, FloatArray | IntArray]:
     columns: dict[str, FloatArray | IntArray] = {"time": view.time}
     for k, pose in enumerate(poses, start=1):
         columns |= {

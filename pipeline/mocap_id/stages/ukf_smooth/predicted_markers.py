@@ -1,35 +1,35 @@
-"""Where the states put the markers, beside where they were seen."""
+"""Marker positions predicted from the joint states, and their residuals: markers.parquet."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, chunks
 from mocap_id.estimation import States
-from mocap_id.estimation.inverse import Chain
+from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.geometry.planar import marker_positions
-from mocap_id.stages.trajectories import PlanarView
+from mocap_id.store.views import Trajectories
 
 
-def beside_measured(
-    states: States, view: PlanarView, columns: IntArray, chain: Chain
+def predicted_markers(
+    states: States, view: Trajectories, columns: IntArray, chain: MarkerChain
 ) -> dict[str, FloatArray | BoolArray]:
-    """All markers of a chain: ``x``, ``y`` predicted (eq. 3.18), ``residual``, distance to the measurement, ``used``.
+    """Return predicted ``x``, ``y`` (eq. 3.18), ``residual`` (distance to the measurement) and ``used`` of all markers.
 
     Parameters
     ----------
     states : States
-    view : PlanarView
-        The measurement.
+    view : Trajectories
+        Measured markers.
     columns : (M,) int array
-        The chain's markers in the view.
+        Columns of the chain's markers in the view.
     chain : Chain
-        With the base's markers.
+        Including the markers of the base.
 
     Returns
     -------
     dict of str to (F, M) array
-        m; NaN where an angle is not given, the residual where the marker is not seen either.
+        m; NaN where an angle is not given. The residual is also NaN where the marker is not visible.
     """
     used: BoolArray = np.zeros((len(view.time), len(columns)), dtype=np.bool_)
     used[:, chain.segment > 0] = states.used
@@ -38,7 +38,7 @@ def beside_measured(
     for part in chunks(len(view.time)):
         predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
         off = view.points(columns, part) - predicted
-        residual = np.abs(off.view(np.complex128)[..., 0])
+        residual = np.abs(as_complex(off))
         for name, values in zip(names, (predicted[..., 0], predicted[..., 1], residual), strict=True):
             found[name][part] = values
     return {**found, "used": used}

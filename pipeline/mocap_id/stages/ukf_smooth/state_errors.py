@@ -1,16 +1,16 @@
-"""What the states' standard deviations stand for: the filter's own, or what is known of camera noise and skin."""
+"""Standard deviations of the joint states from camera noise and skin motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, as_complex
 from mocap_id.estimation import States
-from mocap_id.estimation.absent import growth
-from mocap_id.estimation.skin import LastingErrors
-from mocap_id.kinematics import SkinModel, State, angle_errors, skin_model, skin_without_fit
+from mocap_id.estimation.lasting_errors import LastingErrors
+from mocap_id.estimation.missing_markers import variance_growth
+from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
 
-_LEAST = 50  # frames that show every joint, below which nothing is told of the skin
+_LEAST = 50  # smallest number of frames showing every joint for an estimate of skin motion
 
 UNKNOWN = "not known"
 NOISE = "noise taken for white"
@@ -18,23 +18,23 @@ SKIN = "camera noise and skin"
 
 
 def known_skin(states: States, rested: FloatArray, camera: float) -> SkinModel | None:
-    """Slides of the markers on a chain that was fitted as a whole; None where too little is seen to tell.
+    """Return the motion of the markers on the skin, for a chain fitted as a whole; None with too few data.
 
     Parameters
     ----------
     states : States
     rested : (F, M, 2) array
-        Markers that the states rest on, plane frame, m; NaN elsewhere.
+        Markers used for the states, plane frame, m; else NaN.
     camera : float
-        Camera noise of a coordinate, m.
+        Standard deviation of a coordinate by camera noise, m.
     """
     chain = states.chain
     counts: BoolArray = np.any(states.used, axis=0)
     shown: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
     if np.count_nonzero(shown) < _LEAST or set(chain.segment[counts]) < set(range(1, len(chain.centres) + 1)):
         return None
-    points = _complex(rested)
-    return skin_model(
+    points = as_complex(rested)
+    return fit_skin(
         points if counts.all() else points[:, counts],
         chain.segment[counts],
         _state(states, counts),
@@ -43,23 +43,23 @@ def known_skin(states: States, rested: FloatArray, camera: float) -> SkinModel |
     )
 
 
-def supposed_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
-    """The same where it is not known: all that the joint fit left is skin.
+def assumed_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
+    """Return a skin model in which all residuals of the joint fit are skin motion.
 
     Parameters
     ----------
     states : States
     residual : (M,) array
-        rms re-projection error of each marker in the joint fit, m.
+        rms residual of each marker in the joint fit, m.
     centre_covariance : (n, 2, 2) array
-        Of the joint centres, m^2.
+        Covariance of the joint centres, m^2.
     """
     every = np.ones(len(states.chain.segment), dtype=np.bool_)
-    return skin_without_fit(_state(states, every), states.chain.segment, residual, centre_covariance)
+    return skin_from_residuals(_state(states, every), states.chain.segment, residual, centre_covariance)
 
 
 def lasting_errors(states: States, rested: FloatArray, skin: SkinModel, camera: float, rate: float) -> LastingErrors:
-    """Errors of states that average out slowly or not at all.
+    """Return errors of the states that average out slowly or not at all.
 
     Parameters
     ----------
@@ -74,24 +74,19 @@ def lasting_errors(states: States, rested: FloatArray, skin: SkinModel, camera: 
     """
     angles = _filled(states.mean[..., 0])
     frames, variance = angle_errors(skin, angles, rate)
-    variance *= growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
+    variance *= variance_growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
     return LastingErrors(camera, frames, variance)
 
 
-def _state(states: States, markers: BoolArray) -> State:
-    """The chain with some of its markers, at every frame."""
+def _state(states: States, markers: BoolArray) -> ChainState:
+    """Return the chain at every frame, with some of its markers."""
     chain = states.chain
     angles = np.cumsum(_filled(states.mean[..., 0]), axis=1)
-    return State(_complex(chain.centres), _complex(chain.local[markers]), angles)
-
-
-def _complex(points: FloatArray) -> ComplexArray:
-    """x + i y in the place of (..., 2) coordinates that lie side by side."""
-    return np.ascontiguousarray(points).view(np.complex128)[..., 0]
+    return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
 
 
 def _filled(angles: FloatArray) -> FloatArray:
-    """(F, n) angles with straight lines where they are not given; zero where they never are."""
+    """Return angles (F, n) with gaps interpolated linearly; zero for an angle that is never given."""
     every, filled = np.arange(len(angles)), np.zeros(angles.shape)
     for joint, angle in enumerate(angles.T):
         known = np.isfinite(angle)

@@ -1,17 +1,16 @@
-"""``mocap-id advise``: which movement to record next, so that a trial's parameters become better known."""
+"""``mocap-id advise``: the movement to record next, so that the parameters of the body become better known."""
 
-from mocap_id.workflows.advice.advise import Advised, advise
-from mocap_id.workflows.advice.asked import Asked, angle_range, support_range
-from mocap_id.workflows.advice.written import as_json, csv_text, lines, write
+from mocap_id.workflows.advice.advice import Advice, advise
+from mocap_id.workflows.advice.options import AdviceOptions, angle_range, support_range
+from mocap_id.workflows.advice.output import advice_output, csv_text, lines
 
 __all__ = [
-    "Advised",
-    "Asked",
+    "Advice",
+    "AdviceOptions",
+    "advice_output",
     "advise",
     "angle_range",
-    "as_json",
     "csv_text",
     "lines",
     "support_range",
-    "write",
 ]

@@ -1,10 +1,10 @@
-"""A batch: trials of files, folders, patterns or a study, run wherever there are workers, and one table over them.
+"""A batch: trials from files, folders, patterns or a study, run in parallel, and one table of them.
 
-`finding` makes trials of what the user names, `table` says what stands in a row, `batch` puts it together.
+`trial_files` finds the trials, `table` declares the table, and `batch` runs the trials.
 """
 
-from mocap_id.workflows.batch.batch import Batch, run
-from mocap_id.workflows.batch.finding import find
+from mocap_id.workflows.batch.batch import Batch, run_batch
 from mocap_id.workflows.batch.table import BATCH
+from mocap_id.workflows.batch.trial_files import find_trials
 
-__all__ = ["BATCH", "Batch", "find", "run"]
+__all__ = ["BATCH", "Batch", "find_trials", "run_batch"]

@@ -7,26 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mocap_id.store import Table
-from mocap_id.store.atomic import explained, replace_together
-from mocap_id.store.parquet import arrow
-from mocap_id.workflows.batch.finding import find
-from mocap_id.workflows.batch.table import BATCH, row, unreadable_row
-from mocap_id.workflows.performing import Engine, Here, OnError, Performed, perform_all
-from mocap_id.workflows.study.columns import frame
-from mocap_id.workflows.study.writing import parquet
+from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results.result import write_files
+from mocap_id.store.atomic import explained
+from mocap_id.workflows.batch.table import BATCH, read_trial, row, unreadable_trial
+from mocap_id.workflows.batch.trial_files import find_trials
+from mocap_id.workflows.parallel import Backend, LocalBackend, OnError, TrialRun, run_trials
 
 
 @dataclass(frozen=True)
 class Batch:
-    """How a batch went.
+    """The result of a batch.
 
     Parameters
     ----------
     rows : sequence of mapping
-        The table's, in the order of the trials; files that are no trial's at the end.
+        Rows of the table in the order of the trials, followed by the files that could not be read as trials.
     messages : mapping
-        For whoever has the recordings: row number → why it failed or was refused, files named.
+        Row number → why the trial failed or was refused, with names of files, for the owner of the recordings.
     table : Path
     """
 
@@ -36,53 +34,52 @@ class Batch:
 
     @property
     def failed(self) -> list[int]:
-        """Numbers of the rows of trials that did not go through."""
+        """Row numbers of the trials without results."""
         return [number for number, one in enumerate(self.rows) if one["exit_code"] != 0]
 
 
-def run(
+def run_batch(
     named: Sequence[str],
     table: Path,
     *,
-    engine: Engine | None = None,
+    backend: Backend | None = None,
     on_error: OnError = "continue",
     begin: Callable[[int], None] = lambda trials: None,
-    tell: Callable[[Performed], None] = lambda done: None,
+    tell: Callable[[TrialRun], None] = lambda run: None,
 ) -> Batch:
-    """Run every trial that is meant and not up to date; a trial that fails stops no other.
+    """Run all trials that are not up to date; a failed trial stops no other.
 
     Parameters
     ----------
     named : sequence of str
-        As for :func:`mocap_id.workflows.batch.finding.find`.
+        As for :func:`mocap_id.workflows.batch.trial_files.find_trials`.
     table : Path
-        Where to write the table, Parquet.
-    engine : Engine, optional
-        Where trials are run; this process by default.
+        Parquet file of the table.
+    backend : Backend, optional
+        Where trials run; this process by default.
     on_error : {"continue", "stop"}
     begin : callable, optional
-        Told how many trials there are.
+        Called with the number of trials before the first one runs.
     tell : callable, optional
-        Told of each trial once it is done.
+        Called with each trial that ends.
 
     Raises
     ------
     ConfigError
-        What is named fits nothing, or the engine cannot be had; nothing was run.
+        A name matches nothing, or the backend is not available; nothing was run.
     StoreError
-        The table cannot be written; nothing was run, or what was run is kept in the trials' folders.
+        The table cannot be written; trials that did run are kept in their folders.
     """
-    trials, unreadable = find(named)
+    trials, unreadable = find_trials(named)
     table = table.absolute()
     with explained(table):
         table.parent.mkdir(parents=True, exist_ok=True)
     begin(len(trials))
-    performed = perform_all(trials, engine or Here(), tell, on_error)
-    rows = [row(trial, done, table.parent) for trial, done in zip(trials, performed, strict=True)]
-    messages = {number: done.message for number, done in enumerate(performed) if done.message is not None}
-    for one in unreadable:
-        messages[len(rows)] = str(one.error)
-        rows.append(unreadable_row(one, table.parent))
-    whole = arrow(Table.from_frame(BATCH, frame(BATCH, rows)))
-    replace_together(table.parent, {table.name: parquet(whole, BATCH, "batch")})
+    runs = run_trials(trials, backend or LocalBackend(), tell, on_error)
+    rows = [row(read_trial(trial, run, table.parent)) for trial, run in zip(trials, runs, strict=True)]
+    messages = {number: run.message for number, run in enumerate(runs) if run.message is not None}
+    for number, one in enumerate(unreadable, start=len(rows)):
+        messages[number] = str(one.error)
+        rows.append(row(unreadable_trial(one, table.parent)))
+    write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
     return Batch(rows, messages, table)

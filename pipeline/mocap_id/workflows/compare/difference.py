@@ -1,4 +1,4 @@
-"""One thing that two runs say, and how it differs."""
+"""A quantity of two runs, and its difference."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
-_ROUNDING = 1e-12  # SI: coordinates that a segment's frame makes zero
+_ROUNDING = 1e-12  # SI: smaller differences are rounding errors of coordinates that are zero by definition
 Value: TypeAlias = float | int | str | bool | None
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A quantity or a choice in both runs.
+    """A quantity or a choice in two runs.
 
     Parameters
     ----------
     section, name : str
-        What it is.
+        Section and name of the quantity.
     a, b : number, text or None
-        In the first and the second run; None where it has none.
+        Value in the first and in the second run; None if missing.
     unit : str
     difference : float or None
-        Second less first; of series the rms of that over common times.
+        Second minus first; for time series, the rms difference over common times.
     percent : float or None
-        The difference, of the first's size.
+        The difference relative to the first value.
     in_sd : float or None
-        The difference over sqrt(sd_a² + sd_b²), as if the two runs' errors were independent; those of one recording
-        are not, and then it is too small.
+        The difference divided by sqrt(sd_a² + sd_b²), which assumes independent errors. Two runs on one recording share
+        errors, and the value is then too small.
     """
 
     section: str
@@ -42,7 +42,7 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether the runs differ in this."""
+        """Whether the two runs differ."""
         return self.difference != 0.0 if self.difference is not None else self.a != self.b
 
 
@@ -55,10 +55,10 @@ def quantity(
     *,
     sds: tuple[float | None, float | None] = (None, None),
 ) -> Difference:
-    """Two numbers, with the standard deviations of both where they have some."""
+    """Return the difference of two numbers, given their standard deviations if known."""
     if a is None or b is None:
         return Difference(section, name, a, b, unit)
-    apart = b - a if abs(b - a) > _ROUNDING else 0.0
+    difference = b - a if abs(b - a) > _ROUNDING else 0.0
     spread = math.hypot(*(sd for sd in sds if sd is not None)) if None not in sds else 0.0
     return Difference(
         section,
@@ -66,20 +66,20 @@ def quantity(
         a,
         b,
         unit,
-        difference=apart,
-        percent=100 * apart / abs(a) if a else None,
-        in_sd=apart / spread if spread > 0 else None,
+        difference=difference,
+        percent=100 * difference / abs(a) if a else None,
+        in_sd=difference / spread if spread > 0 else None,
     )
 
 
 def choices(section: str, a: dict[str, Value], b: dict[str, Value]) -> Iterator[Difference]:
-    """Settings, names and the like, by their keys: those of the first, then what the second has beside."""
+    """Yield the differences of settings or names by key: first the keys of ``a``, then those only in ``b``."""
     for key in dict.fromkeys((*a, *b)):
         yield Difference(section, key, a.get(key), b.get(key))
 
 
 def flat(value: object, prefix: str = "") -> Iterator[tuple[str, Value]]:
-    """Nested settings as dotted keys with plain values."""
+    """Yield nested settings as dotted keys with plain values."""
     match value:
         case dict():
             for key, item in value.items():
@@ -97,5 +97,5 @@ def _plain(item: object) -> str:
 
 
 def changed(rows: Iterable[Difference]) -> tuple[Difference, ...]:
-    """Those that differ."""
+    """Return the rows that differ."""
     return tuple(row for row in rows if row.differs)

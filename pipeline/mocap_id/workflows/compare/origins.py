@@ -1,4 +1,4 @@
-"""Where two runs come from: versions, inputs, settings, artefacts."""
+"""Differences in the origins of two runs: versions, inputs, settings, artefacts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHOWN = 12  # digits of a hash
 
 
 def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Versions, the user's files, and settings, of the stages that both have been through."""
+    """Compare versions, input files, and settings of the stages that both runs completed."""
     both = _stages(a) & _stages(b)
     yield from choices("versions", _versions(a, both), _versions(b, both))
     yield from choices("inputs", _inputs(a), _inputs(b))
@@ -24,7 +24,7 @@ def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
 
 
 def artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Keys of the artefacts; where data, facts and reasons are the same, so is the key shown."""
+    """Compare the artefacts' keys; artefacts with the same data, facts and reasons are shown with the same key."""
     first, second = _keys(a), _keys(b)
     for file in {*first} & {*second}:
         if _same(a.artefacts[file], b.artefacts[file]):
@@ -37,7 +37,7 @@ def _keys(run: RunFolder) -> dict[str, Value]:
 
 
 def _same(one: Artefact, other: Artefact) -> bool:
-    """Whether two artefacts hold the same data, facts and reasons."""
+    """Whether two artefacts have the same data, facts and reasons."""
     return (one.facts, one.reasons) == (other.facts, other.reasons) and _equal(_data(one), _data(other))
 
 
@@ -46,8 +46,8 @@ def _data(artefact: Artefact) -> Any:
         case Table():
             return artefact.columns
         case LongTable():
-            beside = {"frame": artefact.frames, "time": artefact.time, "marker": np.array(artefact.labels)}
-            return {**artefact.values, **beside}
+            index = {"frame": artefact.frames, "time": artefact.time, "marker": np.array(artefact.labels)}
+            return {**artefact.values, **index}
     return artefact.data
 
 
@@ -74,7 +74,7 @@ def _versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
 
 
 def _inputs(run: RunFolder) -> dict[str, Value]:
-    """Hashes of the user's files, as the stages saw them."""
+    """Return the hashes of the user's files when the stages read them."""
     return {
         name: content[:_SHOWN]
         for about in run.provenance.values()
@@ -84,5 +84,5 @@ def _inputs(run: RunFolder) -> dict[str, Value]:
 
 
 def _settings(run: RunFolder, stages: set[str]) -> dict[str, Value]:
-    asked = (about.origin.parameters for about in run.provenance.values() if about.origin.stage in stages)
-    return {key: value for parameters in asked for key, value in flat(dict(parameters))}
+    settings = (about.origin.parameters for about in run.provenance.values() if about.origin.stage in stages)
+    return {key: value for parameters in settings for key, value in flat(dict(parameters))}

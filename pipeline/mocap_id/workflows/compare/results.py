@@ -1,4 +1,4 @@
-"""What two summaries say: verdict, segments, joints, noise, parameters, fit, events."""
+"""Differences between two summaries: verdict, segments, joints, noise, parameters, fit, events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNITS = {"Fx": "N", "Fy": "N", "tauz": "N*m"}
 
 
 def results(a: Summary, b: Summary) -> Iterator[Difference]:
-    """All that two summaries say of their trials."""
+    """Compare two summaries."""
     yield from _verdict(a["verdict"], b["verdict"])
     yield from _segments(a["segments"], b["segments"])
     yield from _joints(a["joints"] or (), b["joints"] or ())
@@ -43,7 +43,7 @@ def _verdict(a: Summary, b: Summary) -> Iterator[Difference]:
     for key in dict.fromkeys((*before, *after)):
         one, other = before.get(key), after.get(key)
         if one is None or other is None:
-            yield Difference("verdict", f"{key} {'gained' if one is None else 'lost'}", _said(one), _said(other))
+            yield Difference("verdict", f"{key} {'gained' if one is None else 'lost'}", _message(one), _message(other))
         elif one["value"] is None and other["value"] is None:
             yield Difference("verdict", key, one["message"], other["message"])
         else:
@@ -51,7 +51,7 @@ def _verdict(a: Summary, b: Summary) -> Iterator[Difference]:
 
 
 def _reasons(verdict: Summary) -> dict[str, Summary]:
-    """Reasons by code; those of a code that comes more than once are numbered."""
+    """Return reasons by code; repeated codes are numbered."""
     found: dict[str, Summary] = {}
     for reason in (*verdict["reasons"], *verdict.get("notes", ())):
         key, number = reason["code"], 2
@@ -61,7 +61,7 @@ def _reasons(verdict: Summary) -> dict[str, Summary]:
     return found
 
 
-def _said(reason: Summary | None) -> str | None:
+def _message(reason: Summary | None) -> str | None:
     return None if reason is None else str(reason["message"])
 
 
@@ -87,7 +87,7 @@ def _joints(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[Difference]:
 
 
 def _paired(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[tuple[str, Summary, Summary]]:
-    """Entries of one name; an empty one where a run has none."""
+    """Yield entries with the same name, with an empty one where a run has none."""
     before, after = ({entry["name"]: entry for entry in entries} for entries in (a, b))
     for name in dict.fromkeys((*before, *after)):
         yield name, before.get(name, {}), after.get(name, {})

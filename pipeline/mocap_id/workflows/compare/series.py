@@ -1,4 +1,4 @@
-"""Time series of two runs on common times: rms of what they differ by."""
+"""Differences between time series of two runs at common times."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _FILES = (("states.parquet", _STATES), ("dynamics.parquet", _DYNAMICS))
 
 
 def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """rms of angles, velocities, accelerations, wrench and torques in each run, and of their difference.
+    """Compare the rms of angles, velocities, accelerations, wrench and torques, and of their difference.
 
-    The first run's times that lie within the second's, which is interpolated linearly in between.
+    The second run is interpolated linearly at the times of the first that lie within its range.
     """
     for file, wanted in _FILES:
         one, other = a.artefacts.get(file), b.artefacts.get(file)
@@ -40,9 +40,9 @@ def _groups(table: Table) -> tuple[tuple[Column, ...], ...]:
 
 
 def _compared(name: str, unit: str, a: Table, b: Table) -> Difference | None:
-    """None where no time is known in both."""
-    time, own = _columns(a, name)
-    there, values = _columns(b, name)
+    """Return the difference; None if no time is known in both."""
+    time, own = a["time"], a[name]
+    there, values = b["time"], b[name]
     if not len(time) or not len(there):
         return None
     inside = (time >= there[0]) & (time <= there[-1])
@@ -51,21 +51,16 @@ def _compared(name: str, unit: str, a: Table, b: Table) -> Difference | None:
     if not both.any():
         return None
     first, second = own[both], theirs[both]
-    apart = _rms(second - first)
-    size = _rms(first)
+    difference, size = _rms(second - first), _rms(first)
     return Difference(
         "series",
         name,
         size,
         _rms(second),
         unit,
-        difference=apart,
-        percent=100 * apart / size if size else None,
+        difference=difference,
+        percent=100 * difference / size if size else None,
     )
-
-
-def _columns(table: Table, name: str) -> tuple[FloatArray, FloatArray]:
-    return table["time"], table[name]
 
 
 def _rms(values: FloatArray) -> float:

@@ -1,7 +1,7 @@
-"""Whether an installation works: what mocap-id needs, what it can do without, and what to do about the rest."""
+"""Checks of an installation: what mocap-id needs, what is optional, and how to repair the rest."""
 
-from mocap_id.workflows.doctor.check import Check
-from mocap_id.workflows.doctor.examining import examine
-from mocap_id.workflows.doctor.warming import warm
+from mocap_id.workflows.doctor.checks import check_installation
+from mocap_id.workflows.doctor.finding import Finding
+from mocap_id.workflows.doctor.machine import compile_filter
 
-__all__ = ["Check", "examine", "warm"]
+__all__ = ["Finding", "check_installation", "compile_filter"]

@@ -1,10 +1,11 @@
-"""What the machine allows: threads, compiled code, disk, files."""
+"""Checks of the machine: threads, compiled code, disk, files; and compilation in advance."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,15 +14,19 @@ import numba
 import numpy as np
 import pandas as pd
 
-from mocap_id.estimation import kernels
-from mocap_id.workflows.doctor.check import Check
+from mocap_id.estimation import filter_kernels, smooth
+from mocap_id.estimation.encoder_smoothing import estimate_noise, smooth_encoder
+from mocap_id.geometry.planar import marker_positions
+from mocap_id.workflows.doctor.finding import Finding
 
-_ROOM, _LEAST_ROOM = 2e9, 1e8  # bytes: a long trial with its report; a short one
+_ROOM, _LEAST_ROOM = 2e9, 1e8  # bytes: for a long trial with its report; for a short one
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_WRITABLE = "set NUMBA_CACHE_DIR to a writable folder"
+_RATE = 100.0  # Hz, of the trial that is filtered to compile the filter
 
 
-def machine(folder: Path) -> Iterator[Check]:
-    """Threads, compiler and its cache; the folder's room and permissions; both file formats there."""
+def machine(folder: Path) -> Iterator[Finding]:
+    """Check threads, compiler and its cache, the folder's free space and permissions, and both file formats."""
     yield threads()
     yield compiler()
     yield compiled_code()
@@ -29,107 +34,128 @@ def machine(folder: Path) -> Iterator[Check]:
     yield from files(folder)
 
 
-def threads() -> Check:
-    """Of the linear algebra: matrices are small here, and threads wait for each other longer than they compute."""
+def threads() -> Finding:
+    """Check the threads of the linear algebra, which slow down computations with small matrices."""
     set_to = {name: os.environ.get(name, "") for name in _THREADS}
     found = ", ".join(f"{name} is {value or 'not set'}" for name, value in set_to.items())
     if all(value == "1" for value in set_to.values()):
-        return Check("linear algebra", "ok", "one thread")
-    return Check("linear algebra", "warn", found, "unset them, or set both to 1: mocap-id is faster with one thread")
+        return Finding("linear algebra", "ok", "one thread")
+    return Finding("linear algebra", "warn", found, "unset them, or set both to 1: mocap-id is faster with one thread")
 
 
-def compiler() -> Check:
-    """Whether numba compiles."""
+def compiler() -> Finding:
+    """Check that numba compiles."""
     try:
         doubled = numba.njit(lambda x: 2.0 * x)(21.0)
     except Exception as error:  # noqa: BLE001  a compiler without its library may raise anything
         what = str(error).partition("\n")[0]
-        return Check("compiler", "fail", f"{type(error).__name__}: {what}", "reinstall it: pip install numba llvmlite")
+        return Finding(
+            "compiler", "fail", f"{type(error).__name__}: {what}", "reinstall it: pip install numba llvmlite"
+        )
     if doubled != 42.0:
-        return Check("compiler", "fail", f"compiled code gives {doubled}, not 42", "reinstall it: pip install numba")
-    return Check("compiler", "ok", f"numba {numba.__version__} compiles")
+        return Finding("compiler", "fail", f"compiled code gives {doubled}, not 42", "reinstall it: pip install numba")
+    return Finding("compiler", "ok", f"numba {numba.__version__} compiles")
 
 
-def compiled_code() -> Check:
-    """Whether the filter's compiled code can be kept from one run to the next."""
+def compiled_code() -> Finding:
+    """Check that the filter's compiled code can be cached between runs."""
     places = {
         Path(each.stats.cache_path)
-        for each in vars(kernels).values()
+        for each in vars(filter_kernels).values()
         if hasattr(each, "stats") and getattr(each.stats, "cache_path", None)
     }
     if not places:
-        return Check(
+        return Finding(
             "compiled code",
             "warn",
-            "there is no folder to keep it in, so that every run compiles anew (about 10 s)",
-            "set NUMBA_CACHE_DIR to a folder that you may write",
+            "there is no folder for its cache, so every run compiles again (about 10 s)",
+            _WRITABLE,
         )
     shut = [place for place in sorted(places) if place.is_dir() and not os.access(place, os.W_OK)]
     if shut:
-        return Check(
+        return Finding(
             "compiled code",
             "warn",
-            f"{shut[0]} may not be written",
-            "set NUMBA_CACHE_DIR to a folder that you may write",
+            f"{shut[0]} is not writable",
+            _WRITABLE,
         )
-    return Check("compiled code", "ok", f"kept in {min(places)}")
+    return Finding("compiled code", "ok", f"kept in {min(places)}")
 
 
-def room(folder: Path) -> Check:
-    """Free space where the command was given."""
+def room(folder: Path) -> Finding:
+    """Check the free space in the working folder."""
     free = shutil.disk_usage(folder).free
     found = f"{free / 1e9:.1f} GB free"
     if free < _LEAST_ROOM:
-        return Check("disk", "fail", found, "make room: a trial takes 10 to 500 MB")
+        return Finding("disk", "fail", found, "free some space: a trial takes 10 to 500 MB")
     if free < _ROOM:
-        return Check("disk", "warn", found, "make room: a long trial takes up to 500 MB")
-    return Check("disk", "ok", found)
+        return Finding("disk", "warn", found, "free some space: a long trial takes up to 500 MB")
+    return Finding("disk", "ok", found)
 
 
-def files(folder: Path) -> Iterator[Check]:
-    """A new file in the folder, and HDF5 and Parquet there and back."""
+def files(folder: Path) -> Iterator[Finding]:
+    """Check that the folder is writable, and write and read HDF5 and Parquet files there."""
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".mocap-id-doctor-") as place:
-            yield Check("working folder", "ok", "can be written")
+            yield Finding("working folder", "ok", "can be written")
             yield _hdf5(Path(place) / "doctor.h5")
             yield _parquet(Path(place) / "doctor.parquet")
     except OSError as error:
-        yield Check(
+        yield Finding(
             "working folder",
             "fail",
             f"{folder} cannot be written ({error.strerror or error})",
-            "change its permissions, or give every trial another folder with `out:`",
+            "change its permissions, or choose another folder for every trial with `out:`",
         )
 
 
-def _hdf5(path: Path) -> Check:
+def _hdf5(path: Path) -> Finding:
     values = np.array([0.1, np.nan, -3.0])
     try:
         with h5py.File(path, "w") as file:
             file["values"] = values
         with h5py.File(path) as file:
             same = np.array_equal(np.asarray(file["values"]), values, equal_nan=True)
-    except Exception as error:  # noqa: BLE001  whatever a library says, it is what the user has to know
+    except Exception as error:  # noqa: BLE001  the user needs any message of the library
         return _broken("HDF5", error, "h5py")
     return _round_trip("HDF5", same, "h5py")
 
 
-def _parquet(path: Path) -> Check:
+def _parquet(path: Path) -> Finding:
     table = pd.DataFrame({"value": [0.1, np.nan, -3.0], "marker": pd.Categorical(["A", "B", "A"])})
     try:
         table.to_parquet(path)
         same = pd.read_parquet(path).equals(table)
-    except Exception as error:  # noqa: BLE001  whatever a library says, it is what the user has to know
+    except Exception as error:  # noqa: BLE001  the user needs any message of the library
         return _broken("Parquet", error, "pyarrow")
     return _round_trip("Parquet", same, "pyarrow")
 
 
-def _round_trip(name: str, same: bool, package: str) -> Check:
+def _round_trip(name: str, same: bool, package: str) -> Finding:
     if same:
-        return Check(name, "ok", "reads back what was written")
-    return Check(name, "fail", "does not read back what was written", f"reinstall it: pip install {package}")
+        return Finding(name, "ok", "reads back what was written")
+    return Finding(name, "fail", "does not read back what was written", f"reinstall it: pip install {package}")
 
 
-def _broken(name: str, error: Exception, package: str) -> Check:
+def _broken(name: str, error: Exception, package: str) -> Finding:
     what = str(error).partition("\n")[0]
-    return Check(name, "fail", f"{type(error).__name__}: {what}", f"reinstall it: pip install {package}")
+    return Finding(name, "fail", f"{type(error).__name__}: {what}", f"reinstall it: pip install {package}")
+
+
+def compile_filter() -> Finding:
+    """Compile and cache the code of a run, by filtering a swinging arm and its encoder.
+
+    The cache belongs to a user and a processor: compile as the user who runs the trials, on the same machine.
+    """
+    start = time.perf_counter()
+    moment = np.arange(200) / _RATE
+    angles = np.stack([np.sin(3.0 * moment), np.cos(2.0 * moment)], axis=1)
+    centres, segment = np.array([[0.0, 0.0], [0.4, 0.0]]), np.array([1, 1, 2, 2])
+    local = np.array([[0.1, 0.05], [0.3, -0.05], [0.1, 0.05], [0.3, -0.05]])
+    smooth(marker_positions(angles, centres, segment, local), _RATE, centres, segment, local)
+    encoder = (moment, angles[:, 0], 3.0 * np.cos(3.0 * moment))
+    smooth_encoder(*encoder, estimate_noise(*encoder))
+    cached = compiled_code()
+    if cached.level != "ok":
+        return cached
+    return Finding(cached.name, "ok", f"ready after {time.perf_counter() - start:.1f} s, {cached.found}")

@@ -1,5 +1,5 @@
-"""A run handed on to other programs: OpenSim's files, and tables with units in their headers."""
+"""Export of a run to other programs: OpenSim files, and tables with units in their headers."""
 
-from mocap_id.workflows.export.exporting import FORMATS, Exported, export
+from mocap_id.workflows.export.formats import FORMATS, Export, export
 
-__all__ = ["FORMATS", "Exported", "export"]
+__all__ = ["FORMATS", "Export", "export"]

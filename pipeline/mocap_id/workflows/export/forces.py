@@ -1,4 +1,4 @@
-"""Forces of the surroundings on the body for OpenSim: a MOT table, and the external loads that name its columns."""
+"""External forces on the body for OpenSim: a MOT table, and the external loads that refer to its columns."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.clock import SampledWrench
-from mocap_id.recording import motion_text
-from mocap_id.reporting.views import Skeleton
+from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.recording import format_motion_table
+from mocap_id.store.views import Skeleton
+from mocap_id.workflows.export.files import ExportFiles, forces_file, loads_file
 from mocap_id.workflows.export.motions import known_rows
 from mocap_id.workflows.export.names import body_names, legal
-from mocap_id.workflows.export.parts import Parts
 from mocap_id.workflows.export.xml import Element, document, element
 from mocap_id.workflows.run_folder import RunFolder
 
@@ -24,16 +24,16 @@ GROUND = "ground_force"
 
 @dataclass(frozen=True)
 class Load:
-    """A wrench on one segment.
+    """An external wrench on one segment.
 
     Parameters
     ----------
     name : str
         Prefix of its columns.
     segment : int
-        0 = base.
+        Segment on which it acts; 0 is the base.
     wrench : (T, 3) array
-        Fx, Fy, tauz of the surroundings on the body about the plane-frame origin, N and N·m.
+        Fx, Fy, tauz on the body about the origin of the plane frame, N and N·m.
     """
 
     name: str
@@ -41,34 +41,25 @@ class Load:
     wrench: FloatArray
 
 
-def forces_file(run: RunFolder) -> str:
-    """Name of the forces' file."""
-    return f"{run.name}_grf.mot"
+def forces(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``, in the plane frame.
 
-
-def loads_file(run: RunFolder) -> str:
-    """Name of the external loads' file."""
-    return f"{run.name}_external_loads.xml"
-
-
-def forces(run: RunFolder) -> Parts:
-    """``<trial>_grf.mot`` and ``<trial>_external_loads.xml``, in the plane frame.
-
-    The ground's measured wrench at the corrected clock, on the base segment; chair and sensors on their own.
+    They contain the measured ground wrench on the base segment, at the corrected clock, and chair and sensors
+    separately.
     """
     time, found, notes = _loads(run)
     if not found:
-        return Parts(notes=(*notes, f"mot: no forces: {_why(run)}"))
+        return ExportFiles(notes=(*notes, f"mot: no forces: {_why(run)}"))
     columns = [name for load in found for name in _columns(load.name)]
     values = np.column_stack([_acting(load.wrench, _threshold(run)) for load in found])
     rows, lost = known_rows(forces_file(run), values)
-    text = motion_text("forces of the surroundings on the body", columns, values[rows], time=time[rows])
-    parts = Parts({forces_file(run): text.encode()}, (*notes, *lost))
+    text = format_motion_table("forces of the surroundings on the body", columns, values[rows], time=time[rows])
+    parts = ExportFiles({forces_file(run): text.encode()}, (*notes, *lost))
     tree = run.tree("chain.h5")
     if tree is None:
         return parts
     bodies = body_names(Skeleton.from_tree(tree))
-    return parts + Parts({loads_file(run): _external_loads(run, found, bodies)})
+    return parts + ExportFiles({loads_file(run): _external_loads(run, found, bodies)})
 
 
 def _why(run: RunFolder) -> str:
@@ -80,7 +71,7 @@ def _threshold(run: RunFolder) -> float:
 
 
 def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
-    """Times (T,), the loads that are known, and what to say of others."""
+    """Return times (T,), the known loads, and notes on the others."""
     table = run.table("dynamics.parquet") or run.table("wrench.parquet")
     if table is None:
         return np.zeros(0), [], ()
@@ -88,9 +79,9 @@ def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
     if not np.isfinite(ground).all(axis=1).any():
         return time, [], ()
     others = list(_others(run))
-    told = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
-    unused = sorted(told - {name for name, _ in others})
-    notes = tuple(f"mot: {name} is left out: the identification did not use it" for name in unused)
+    measured = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
+    unused = sorted(measured - {name for name, _ in others})
+    notes = tuple(f"mot: {name} is omitted: the identification did not use it" for name in unused)
     names = legal((name for name, _ in others), taken=("ground",))
     return (
         time,
@@ -100,7 +91,7 @@ def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
 
 
 def _others(run: RunFolder) -> Iterator[tuple[str, Load]]:
-    """The chair and the sensors that the identification counted with, at the cameras' times."""
+    """Yield chair and sensors that the identification used, at the cameras' times."""
     table, used = run.table("wrench.parquet"), run.facts("dynamics.h5").get("external") or ()
     segments = {str(fact["name"]): int(fact["segment"]) for fact in used}
     if table is None:
@@ -117,7 +108,7 @@ def _others(run: RunFolder) -> Iterator[tuple[str, Load]]:
 
 
 def _applied_offset(run: RunFolder) -> float:
-    """Clock offset of the plates that dynamics.parquet took out, s."""
+    """Return the clock offset of the plates that is corrected in dynamics.parquet, s."""
     about, offset = run.provenance.get("dynamics.h5"), run.facts("dynamics.h5").get("clock_offset_s")
     if about is None or offset is None:
         return 0.0
@@ -125,23 +116,23 @@ def _applied_offset(run: RunFolder) -> float:
 
 
 def _columns(name: str) -> list[str]:
-    """``ground_force_vx`` … force, ``_px`` point, ``_mx`` moment about it."""
+    """Return the column names of force (``_vx`` …), point (``_px`` …) and free moment (``_mx`` …)."""
     return [f"{name}_{kind}{axis}" for kind in "vpm" for axis in _AXES]
 
 
 def _acting(wrench: FloatArray, threshold: float) -> FloatArray:
-    """Force, point and moment (T, 9) that make up a wrench (T, 3).
+    """Return force, point and free moment (T, 9) equivalent to a wrench (T, 3).
 
-    The point is the centre of pressure on y = 0. Where too little force acts for one the point stays where it was,
-    and the moment about it makes up the difference, so that nothing jumps and the wrench is the same throughout.
+    The point is the centre of pressure on y = 0. Where the force is too small to define it, the point keeps its last
+    value, and the free moment makes the wrench exact.
     """
     force, moment = wrench[:, :2], wrench[:, 2]
     loaded = np.abs(force[:, 1]) > max(threshold, 1e-9)
     x = np.where(loaded, moment / np.where(loaded, force[:, 1], 1.0), np.nan)
-    at = np.flatnonzero(np.isfinite(x))
-    if len(at):
-        before = np.searchsorted(at, np.arange(len(x)), side="right") - 1
-        x = x[at[np.maximum(before, 0)]]
+    known = np.flatnonzero(np.isfinite(x))
+    if len(known):
+        before = np.searchsorted(known, np.arange(len(x)), side="right") - 1
+        x = x[known[np.maximum(before, 0)]]
     else:
         x = np.zeros(len(x))
     zero = np.zeros(len(x))
@@ -166,7 +157,7 @@ def _external_loads(run: RunFolder, loads: list[Load], bodies: tuple[str, ...]) 
 
 
 def _force(load: Load, body: str) -> list[Element]:
-    told = {
+    properties = {
         "applied_to_body": body,
         "force_expressed_in_body": "ground",
         "point_expressed_in_body": "ground",
@@ -174,4 +165,4 @@ def _force(load: Load, body: str) -> list[Element]:
         "point_identifier": f"{load.name}_p",
         "torque_identifier": f"{load.name}_m",
     }
-    return [element(key, text=value) for key, value in told.items()]
+    return [element(key, text=value) for key, value in properties.items()]

@@ -1,8 +1,8 @@
-"""The bodies of a trial that was identified on measured poses: a second OpenSim model, and how they move.
+"""A second OpenSim model for trials identified on measured poses, with the motion of its free bodies.
 
-The chain's model cannot show them: its joints are pins, and these bodies part at the joints. Here every body has a
-planar joint to the ground and none to another. Inverse dynamics then gives the force and the moment that each body
-needs; a joint's torque is the moment about its centre of what the bodies beyond it need.
+The chain's model has pin joints and cannot represent these bodies, which separate at the joints. Here every body has a
+planar joint to the ground and no joint to another body. Inverse dynamics then gives the force and the moment that each
+body requires; the torque of a joint is the moment about its centre of these forces on the bodies beyond it.
 """
 
 from __future__ import annotations
@@ -10,44 +10,42 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from mocap_id import __version__
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.motion import Motion
+from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
-from mocap_id.reporting.views import Skeleton
 from mocap_id.store import Table
+from mocap_id.store.views import Skeleton
+from mocap_id.workflows.export.files import ExportFiles, free_model_file, free_poses_file, model_file, torques_file
 from mocap_id.workflows.export.inertia import about_centre
 from mocap_id.workflows.export.model import (
     body_element,
     coordinate_element,
     gravity,
     marker_elements,
-    model_file,
     object_set,
     planar_joint,
 )
-from mocap_id.workflows.export.motions import sampled, torques_file
+from mocap_id.workflows.export.motions import sampled
 from mocap_id.workflows.export.names import joint_names, legal
-from mocap_id.workflows.export.parts import Parts
 from mocap_id.workflows.export.xml import Element, document, element, numbers, remark
 from mocap_id.workflows.moving_bodies import MovingBodies, on_measured_poses
 from mocap_id.workflows.run_folder import RunFolder
 
-_COORDINATES = ("rz", "tx", "ty")  # OpenSim's order of a planar joint's
+_COORDINATES = ("rz", "tx", "ty")  # OpenSim's order in a planar joint
 
 
 @dataclass(frozen=True)
 class FreeBodies:
-    """K bodies with their motion and their parameters.
+    """K free bodies with their motion and parameters.
 
     Parameters
     ----------
     names : tuple of str
-        OpenSim's.
+        OpenSim's names of the bodies.
     joints : tuple of str
         OpenSim's names of the chain's n joints.
     time : (T,) array
@@ -64,38 +62,37 @@ class FreeBodies:
     parameters: FloatArray
 
     @property
-    def motion(self) -> Motion:
-        """Of the bodies."""
+    def motion(self) -> PlanarMotion:
+        """Motion of the bodies."""
         return self.moving.motion
 
     @property
     def coordinates(self) -> list[str]:
-        """Of every body its angle, x and y."""
+        """Names of the coordinates: angle, x and y of every body."""
         return [f"{name}_{each}" for name in self.names for each in _COORDINATES]
 
     @cached_property
     def speed(self) -> FloatArray:
-        """(T, K, 2) velocities of the frames' origins, m/s; no force depends on them."""
+        """(T, K, 2) velocities of the frames' origins, m/s, on which no force depends."""
         return np.asarray(np.gradient(self.motion.origin, self.time, axis=0))
 
     @property
     def parted(self) -> list[int]:
-        """Joints, from 0, between two bodies."""
+        """Indices of the joints between two bodies."""
         return np.flatnonzero(np.isfinite(self.motion.joint).any(axis=(0, 2))).tolist()
 
     def beyond(self, joint: int) -> str:
-        """Names of the bodies that a joint carries."""
+        """Return the names of the bodies beyond a joint."""
         return ", ".join(name for name, carried in zip(self.names, self.motion.beyond[joint], strict=True) if carried)
 
 
 def free_bodies(run: RunFolder) -> FreeBodies | None:
-    """The bodies of a run; None where it was identified on the chain, or not at all."""
+    """Return the free bodies of a run; None if it was identified on the chain, or not at all."""
     chain, found, poses = run.tree("chain.h5"), run.tree("dynamics.h5"), run.artefacts.get("poses.parquet")
     chosen = run.facts("dynamics.h5").get("motion") or {}
     if chain is None or found is None or not isinstance(poses, Table) or not chosen.get("used"):
         return None
     skeleton, cutoffs = Skeleton.from_tree(chain), chosen["bands_hz"]
-    group: Any = found.data["bodies"]
     bands = (float(cutoffs["x"]), float(cutoffs["y"]), float(cutoffs["angle"]))
     moving = on_measured_poses(poses, skeleton.centres, chosen["used"], bands, gravity(run))
     return FreeBodies(
@@ -103,39 +100,29 @@ def free_bodies(run: RunFolder) -> FreeBodies | None:
         joints=joint_names(skeleton),
         time=poses["time"],
         moving=moving,
-        parameters=np.asarray(group["value"], dtype=np.float64).reshape(-1, len(PLANAR_PARAMETERS)),
+        parameters=found.numbers("bodies/value", (-1, len(PLANAR_PARAMETERS))),
     )
 
 
-def free_file(run: RunFolder) -> str:
-    """Name of the model's file."""
-    return f"{run.name}_free.osim"
-
-
-def free_poses_file(run: RunFolder) -> str:
-    """Name of the poses' file."""
-    return f"{run.name}_free_poses.mot"
-
-
-def free_poses(run: RunFolder) -> Parts:
-    """``<trial>_free_poses.mot``: every coordinate of the free bodies, degrees and m."""
+def free_poses(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_free_poses.mot`` with every coordinate of the free bodies, degrees and m."""
     bodies = free_bodies(run)
     if bodies is None:
-        return Parts()
+        return ExportFiles()
     values = _columns(np.degrees(bodies.motion.angle), bodies.motion.origin)
     return sampled(
         free_poses_file(run), "poses of the bodies", bodies.coordinates, values, time=bodies.time, in_degrees=True
     )
 
 
-def free_states(run: RunFolder) -> Parts:
-    """``<trial>_free_states.sto``, ``_free_accelerations.sto`` and, with the joints' centres, ``_free_joints.sto``.
+def free_states(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_free_states.sto``, ``_free_accelerations.sto`` and ``_free_joints.sto`` (joint centres).
 
-    A note says that the files of torques and wrench rest on these.
+    A note says that the torques and the modelled wrench belong to this motion.
     """
     bodies = free_bodies(run)
     if bodies is None:
-        return Parts()
+        return ExportFiles()
     motion, time = bodies.motion, bodies.time
     paths = [f"/jointset/{name}_pose/{name}_{each}" for name in bodies.names for each in _COORDINATES]
     states = np.hstack([_columns(motion.angle, motion.origin), _columns(motion.omega, bodies.speed)])
@@ -151,26 +138,26 @@ def free_states(run: RunFolder) -> Parts:
         f"sto: torques and modelled wrench are those of bodies on their measured poses ({run.name}_free_states.sto), "
         f"not of the chain ({run.name}_states.sto)"
     )
-    return parts + Parts(notes=(note,))
+    return parts + ExportFiles(notes=(note,))
 
 
-def free_model(run: RunFolder) -> Parts:
-    """``<trial>_free.osim`` and ``<trial>_free_id.xml``, and a sentence on what the chain's model does not give."""
+def free_model(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_free.osim`` and ``<trial>_free_id.xml``, with a note on the limits of the chain's model."""
     bodies = free_bodies(run)
     if bodies is None:
-        return Parts()
-    of_chain, of_bodies = model_file(run), free_file(run)
+        return ExportFiles()
+    of_chain, of_bodies = model_file(run), free_model_file(run)
     note = (
-        f"osim: this trial was identified on bodies that move as their markers were measured, and that part at the "
+        f"osim: this trial was identified on bodies that move as their markers were measured and separate at the "
         f"joints. {of_chain} is the chain of pins: its inverse dynamics does not give {torques_file(run)}. "
-        f"{of_bodies} has the bodies themselves without joints between them: the moment about a joint's centre "
-        "of what the bodies beyond it need is the joint's torque"
+        f"{of_bodies} has these bodies without joints between them: the torque of a joint is the moment about its "
+        "centre of the forces that the bodies beyond it require"
     )
-    return Parts({of_bodies: _model(run, bodies), f"{run.name}_free_id.xml": _dynamics(run)}, (note,))
+    return ExportFiles({of_bodies: _model(run, bodies), f"{run.name}_free_id.xml": _dynamics(run)}, (note,))
 
 
 def _columns(angle: FloatArray, place: FloatArray) -> FloatArray:
-    """Of every body what belongs to its angle (T, K), then to x and y (T, K, 2), as (T, 3K)."""
+    """Return angle (T, K) and place (T, K, 2) as columns (T, 3K), body by body."""
     return np.concatenate([angle[..., None], place], axis=-1).reshape(len(angle), -1)
 
 
@@ -181,9 +168,9 @@ def _model(run: RunFolder, bodies: FreeBodies) -> bytes:
     children = [
         remark(f"Made by mocap-id {__version__} from the trial {run.name}. Ground is the plane frame."),
         remark(
-            "The bodies on which the trial was identified. Nothing joins them: each moves as its markers were "
+            "The bodies on which the trial was identified. They have no joints: each moves as its markers were "
             "measured. Inverse dynamics gives the force (tx, ty) and the moment about the origin of its frame (rz) "
-            "that each needs."
+            "that each requires."
         ),
         *(remark(text) for text in _torques(run, bodies)),
         element("length_units", text="meters"),
@@ -197,13 +184,13 @@ def _model(run: RunFolder, bodies: FreeBodies) -> bytes:
 
 
 def _torques(run: RunFolder, bodies: FreeBodies) -> Iterator[str]:
-    """How a joint's torque follows from what the bodies need."""
+    """Yield how the torque of each joint follows from the forces on the bodies."""
     others = run.facts("dynamics.h5").get("external") or ()
-    less = " less the moment of what chair and sensors do to them" if others else ""
+    less = " less the moment of chair and sensors on them" if others else ""
     for joint in bodies.parted:
         yield (
             f"Torque of {bodies.joints[joint]}: the moment about its centre, which is in {run.name}_free_joints.sto, "
-            f"of what these need together: {bodies.beyond(joint)}{less}."
+            f"of the forces that these require together: {bodies.beyond(joint)}{less}."
         )
 
 
@@ -224,7 +211,7 @@ def _poses(bodies: FreeBodies) -> Iterator[Element]:
 
 def _dynamics(run: RunFolder) -> bytes:
     children = [
-        element("model_file", text=free_file(run)),
+        element("model_file", text=free_model_file(run)),
         element("coordinates_file", text=free_poses_file(run)),
         element("output_gen_force_file", text=f"{run.name}_opensim_free_id.sto"),
     ]

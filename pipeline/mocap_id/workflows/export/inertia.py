@@ -1,10 +1,9 @@
-"""Inertial parameters as OpenSim wants them, about each body's centre of mass; and where they come from."""
+"""Inertial parameters for OpenSim, about each body's centre of mass, with their source."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,14 +12,14 @@ from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.workflows.run_folder import RunFolder
 
 _WIDTH = len(PLANAR_PARAMETERS)
-_LEAST_MASS = 1e-9  # kg: OpenSim loads no chain whose tip has none
+_LEAST_MASS = 1e-9  # kg: OpenSim rejects a chain whose last body is massless
 PLACEHOLDER = (1.0, 0.0, 0.0, 0.01)
-"""m, mx, my, Izz of every segment where neither an identification nor a table tells them: OpenSim loads no less."""
+"""m, mx, my, Izz of every segment if they are unknown: OpenSim rejects a chain without mass."""
 
 
 @dataclass(frozen=True)
 class BodyInertia:
-    """One planar body.
+    """Inertia of a planar body.
 
     Parameters
     ----------
@@ -29,7 +28,7 @@ class BodyInertia:
     centre : (float, float)
         Centre of mass in the segment's frame, m.
     inertia : float
-        About an axis along z through the centre of mass, kg·m².
+        Moment of inertia about z through the centre of mass, kg·m².
     """
 
     mass: float
@@ -38,9 +37,9 @@ class BodyInertia:
 
 
 def about_centre(block: FloatArray) -> BodyInertia:
-    """From m, mx, my, Izz about the origin (4,) to the centre of mass: Izz - (mx² + my²) / m.
+    """Convert m, mx, my, Izz about the origin (4,) to the centre of mass, with inertia Izz - (mx² + my²) / m.
 
-    A body that can exist has m Izz ≥ mx² + my²; rounding may put one on that limit a hair beyond it.
+    A physical body has m Izz ≥ mx² + my²; negative inertias, which rounding may cause, are set to zero.
 
     Examples
     --------
@@ -55,15 +54,15 @@ def about_centre(block: FloatArray) -> BodyInertia:
 
 @dataclass(frozen=True)
 class Bodies:
-    """Every segment's inertia, base first; whether it says anything of the body; and where it comes from."""
+    """Inertia of every segment, base first; whether it is known; and its source."""
 
     inertia: tuple[BodyInertia, ...]
-    told: bool
+    known: bool
     source: str
 
 
 def bodies(run: RunFolder, count: int) -> Bodies:
-    """The inertial parameters of a run's ``count`` segments: identified, else from a table, else placeholders."""
+    """Return the inertial parameters of a run's ``count`` segments: identified, else tabulated, else placeholders."""
     identified, reference = (_full(run, name, count) for name in ("value", "reference"))
     if np.isfinite(identified).all():
         chosen, source = identified, _identified(run)
@@ -72,7 +71,7 @@ def bodies(run: RunFolder, count: int) -> Bodies:
     else:
         source = (
             f"placeholders of {PLACEHOLDER[0]:g} kg a segment, which OpenSim needs to load a chain; none is identified "
-            f"({run.why_missing('dynamics.h5')}). Use this model for kinematics alone"
+            f"({run.why_missing('dynamics.h5')}). Use this model for kinematics only"
         )
         return Bodies((about_centre(np.array(PLACEHOLDER)),) * count, False, source)
     return Bodies(tuple(about_centre(block) for block in chosen.reshape(count, _WIDTH)), True, source)
@@ -82,29 +81,26 @@ def _full(run: RunFolder, name: str, count: int) -> FloatArray:
     tree = run.tree("dynamics.h5")
     if tree is None:
         return np.full(count * _WIDTH, np.nan)
-    group: Any = tree.data["full"]
-    return np.asarray(group[name], dtype=np.float64)
+    return tree.numbers(f"full/{name}")
 
 
 def _identified(run: RunFolder) -> str:
     tree = run.tree("dynamics.h5")
     assert tree is not None
-    base: Any = tree.data["base"]
-    verdicts = [str(verdict) for verdict in base["verdict"]]
-    names = [str(name) for name in base["name"]]
+    verdicts, names = tree.texts("base/verdict"), tree.texts("base/name")
     facts = run.facts("dynamics.h5")
     table, motion = facts.get("reference_table"), facts.get("motion") or {}
     if motion.get("used"):
         return (
-            f"those of {', '.join(motion['bodies'])}, identified on their measured poses and put on the chain of pins. "
-            f"What the recording leaves open follows {motion['prior'] if table is None else _table(run)}; a single "
-            "segment's mass is not to be read off. Torques and modelled wrench of the run are those of the bodies, not "
-            "of this chain"
+            f"those of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to the chain "
+            f"of pins. Parameters that the recording does not determine follow "
+            f"{motion['prior'] if table is None else _table(run)}, so the mass of a single segment is not meaningful. "
+            "Torques and modelled wrench of the run are those of the bodies, not of this chain"
         )
-    rest = "one of the bodies that can exist" if table is None else _table(run)
+    rest = "one of the physically possible bodies" if table is None else _table(run)
     return (
-        f"the {len(names)} base parameters ({_counted(verdicts)}) are identified; how they are shared between m, "
-        f"mx, my and Izz of the segments is not, and follows {rest}. Torques and ground wrench do not depend on it"
+        f"the {len(names)} base parameters ({_counted(verdicts)}) are identified; their division into m, mx, my "
+        f"and Izz of the segments is not, and follows {rest}. Torques and ground wrench do not depend on it"
     )
 
 
@@ -114,7 +110,7 @@ def _counted(verdicts: Sequence[str]) -> str:
 
 def _reference(run: RunFolder) -> str:
     why = run.facts("dynamics.h5").get("why") or "no wrench"
-    return f"of {_table(run)}, for the subject's height and mass; none is identified ({why})"
+    return f"those of {_table(run)}, for the subject's height and mass; none is identified ({why})"
 
 
 def _table(run: RunFolder) -> str:

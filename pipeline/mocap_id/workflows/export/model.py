@@ -1,8 +1,8 @@
 """The recovered chain as an OpenSim model: bodies, pin joints about z, markers.
 
-OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. The base segment is held to it by a
-planar joint whose three coordinates are locked at zero, so that inverse dynamics tells at them what the ground has to
-exert, less the external loads.
+OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. A planar joint with three
+coordinates locked at zero fixes the base segment to it. At these coordinates, inverse dynamics gives the required
+ground wrench less the external loads.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap_id import __version__
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.reporting.views import Motion, Skeleton
+from mocap_id.store.views import JointStates, Skeleton
 from mocap_id.workflows.export.inertia import Bodies, BodyInertia
 from mocap_id.workflows.export.markers import depths, marker_labels
 from mocap_id.workflows.export.names import BASE, body_names, coordinate_names, joint_names, legal
@@ -22,7 +22,7 @@ from mocap_id.workflows.export.xml import Element, document, element, numbers, r
 from mocap_id.workflows.run_folder import RunFolder
 
 _BASE_COORDINATES = (f"{BASE}_rz", f"{BASE}_tx", f"{BASE}_ty")
-_RADIUS = 0.02  # m, of the cylinder that shows a segment
+_RADIUS = 0.02  # m, of the cylinder that represents a segment
 _RANGE = 2 * np.pi
 
 
@@ -34,21 +34,16 @@ class _Chain:
     lengths: FloatArray  # (n + 1,) from each segment's origin to the next joint or the tip, m
 
 
-def model_file(run: RunFolder) -> str:
-    """Name of the model's file."""
-    return f"{run.name}.osim"
-
-
 def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
-    """The model's file.
+    """Return the content of the model file.
 
     Parameters
     ----------
     run : RunFolder
     skeleton : Skeleton
-        Of its chain.h5.
+        Skeleton in its chain.h5.
     inertia : Bodies
-        Of its segments.
+        Inertia of its segments.
     """
     tips = np.vstack([skeleton.centres, skeleton.tip])
     chain = _Chain(skeleton, body_names(skeleton), inertia.inertia, np.linalg.norm(tips, axis=1))
@@ -57,7 +52,7 @@ def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
         remark(f"Made by mocap-id {__version__} from the trial {run.name}. Ground is the plane frame."),
         remark(f"Inertial parameters: {inertia.source}."),
         remark(
-            "Ixx and Iyy play no part in planar motion and are not known: they are set to Izz. "
+            "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
             "Centres of mass lie in the plane z = 0."
         ),
         element("length_units", text="meters"),
@@ -71,19 +66,19 @@ def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
 
 
 def object_set(tag: str, objects: Iterable[Element]) -> Element:
-    """A model's set of bodies, joints or markers."""
+    """Return a model's set of bodies, joints or markers."""
     return element(tag, name=tag.lower(), children=[element("objects", children=objects)])
 
 
 def gravity(run: RunFolder) -> float:
-    """Gravity that the identification used, m/s²."""
+    """Return the gravity that the identification used, m/s²."""
     about = run.provenance.get("dynamics.h5")
-    asked = {} if about is None else about.origin.parameters.get("identify-dim") or {}
-    return float(asked.get("gravity", 9.81))
+    settings = {} if about is None else about.origin.parameters.get("identify-dim") or {}
+    return float(settings.get("gravity", 9.81))
 
 
 def body_element(name: str, found: BodyInertia, components: Sequence[Element] = ()) -> Element:
-    """A body with its mass, about its centre of mass."""
+    """Return a body with its mass and its inertia about the centre of mass."""
     children = [
         element("mass", text=numbers([found.mass])),
         element("mass_center", text=numbers([*found.centre, 0.0])),
@@ -95,11 +90,11 @@ def body_element(name: str, found: BodyInertia, components: Sequence[Element] = 
 
 
 def _body(chain: _Chain, k: int) -> Element:
-    return body_element(chain.bodies[k], chain.inertia[k], [_shown(chain, k)] if k else ())
+    return body_element(chain.bodies[k], chain.inertia[k], [_cylinder(chain, k)] if k else ())
 
 
-def _shown(chain: _Chain, k: int) -> Element:
-    """A cylinder along the segment's y, from its joint to the next one or the tip."""
+def _cylinder(chain: _Chain, k: int) -> Element:
+    """Return a cylinder along the segment's y axis, from its joint to the next one or to the tip."""
     half = chain.lengths[k] / 2
     cylinder = [
         element("socket_frame", text=".."),
@@ -128,7 +123,7 @@ def _offset(name: str, parent: str, at: FloatArray, more: Sequence[Element] = ()
 
 
 def planar_joint(name: str, body: str, coordinates: Iterable[Element]) -> Element:
-    """A body on the ground that moves in the plane; coordinates: its angle, and x and y of its frame's origin."""
+    """Return a planar joint between ground and body; coordinates: angle, and x and y of the frame's origin."""
     return element(
         "PlanarJoint",
         name=name,
@@ -146,8 +141,8 @@ def _base_joint(chain: _Chain) -> Element:
 
 
 def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
-    """Joint j turns segment j about z, at its centre in the frame of the segment before."""
-    first, ranges = _travelled(run, len(chain.skeleton.joints))
+    """Yield pin joints about z; joint j moves segment j and lies at its centre in the previous segment's frame."""
+    first, ranges = _angle_ranges(run, len(chain.skeleton.joints))
     names = zip(joint_names(chain.skeleton), coordinate_names(chain.skeleton), strict=True)
     for j, (joint, coordinate) in enumerate(names):
         parent, frame = chain.bodies[int(chain.skeleton.parents[j])], f"{joint}_centre"
@@ -163,13 +158,13 @@ def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
         )
 
 
-def _travelled(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[float, float]]]:
-    """Each joint's first known angle, and a range that holds all its angles with a whole turn around zero, rad."""
+def _angle_ranges(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[float, float]]]:
+    """Return each joint's first known angle, and a range that contains all its angles and ±2π, rad."""
     table = run.table("states.parquet")
     first, ranges = np.zeros(joints), [(-_RANGE, _RANGE)] * joints
     if table is None:
         return first, ranges
-    for j, angles in enumerate(Motion.from_table(table).angles.T):
+    for j, angles in enumerate(JointStates.from_table(table).angles.T):
         known = angles[np.isfinite(angles)]
         if len(known):
             first[j] = known[0]
@@ -180,7 +175,7 @@ def _travelled(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[floa
 def coordinate_element(
     name: str, default: float, span: tuple[float, float] = (-_RANGE, _RANGE), *, locked: bool = False
 ) -> Element:
-    """A coordinate of a joint, rad or m."""
+    """Return a coordinate of a joint, rad or m."""
     children = [element("default_value", text=numbers([default])), element("range", text=numbers(span))]
     if locked:
         children.append(element("locked", text="true"))
@@ -190,17 +185,17 @@ def coordinate_element(
 def marker_elements(
     run: RunFolder, bodies: Sequence[str], markers: Sequence[str], at: tuple[IntArray, FloatArray]
 ) -> Iterator[Element]:
-    """Markers in the frames of their bodies, at their median distance from the plane.
+    """Yield markers in the frames of their bodies, at their median distance from the plane.
 
     Parameters
     ----------
     run : RunFolder
     bodies : sequence of str
-        OpenSim's names.
+        Names in OpenSim.
     markers : sequence of str, length M
-        The recording's names.
+        Names in the recording.
     at : ((M,) int array, (M, 2) array)
-        The body of each marker, and its place in that body's frame, m.
+        Body of each marker, and position in that body's frame, m.
     """
     labels, out = marker_labels(run), depths(run)
     for label, body, local in zip(markers, *at, strict=True):

@@ -1,4 +1,4 @@
-"""MOT and STO tables of the joints: angles in degrees, states and torques in SI."""
+"""MOT and STO tables of the joints: angles in degrees, states and torques in SI units."""
 
 from __future__ import annotations
 
@@ -7,24 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording import motion_text
-from mocap_id.reporting.views import Motion, Skeleton
+from mocap_id.recording import format_motion_table
+from mocap_id.store.views import JointStates, Skeleton, joint_columns
+from mocap_id.workflows.export.files import ExportFiles, angles_file, torques_file
 from mocap_id.workflows.export.names import coordinate_names, joint_names
-from mocap_id.workflows.export.parts import Parts
 from mocap_id.workflows.run_folder import RunFolder
 
 WRENCH = ("Fx", "Fy", "tauz")
 
 
-def angles_file(run: RunFolder) -> str:
-    """Name of the joint angles' file."""
-    return f"{run.name}_angles.mot"
-
-
-def angles(run: RunFolder) -> Parts:
-    """``<trial>_angles.mot``: one column a coordinate of the exported model, degrees."""
+def angles(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_angles.mot`` with a column for each coordinate of the exported model, degrees."""
     found = _joints(run)
-    if isinstance(found, Parts):
+    if isinstance(found, ExportFiles):
         return found
     skeleton, motion = found
     values = np.degrees(motion.angles)
@@ -33,13 +28,13 @@ def angles(run: RunFolder) -> Parts:
     )
 
 
-def states(run: RunFolder) -> Parts:
-    """``<trial>_states.sto`` and ``<trial>_accelerations.sto``, rad, rad/s and rad/s².
+def states(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_states.sto`` and ``<trial>_accelerations.sto``, rad, rad/s and rad/s².
 
-    The states' columns have OpenSim's full names, so that a states' trajectory can be made of the file.
+    The states have OpenSim's full names, so that OpenSim can read the file as a states trajectory.
     """
     found = _joints(run)
-    if isinstance(found, Parts):
+    if isinstance(found, ExportFiles):
         return found
     skeleton, motion = found
     paths = [
@@ -58,60 +53,55 @@ def states(run: RunFolder) -> Parts:
     )
 
 
-def torques_file(run: RunFolder) -> str:
-    """Name of the joint torques' file."""
-    return f"{run.name}_torques.sto"
-
-
-def torques(run: RunFolder) -> Parts:
-    """``<trial>_torques.sto``, named as OpenSim's inverse dynamics does, and ``<trial>_wrench.sto``; N, N·m, m."""
+def torques(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_torques.sto``, with OpenSim's column names, and ``<trial>_wrench.sto``."""
     table, skeleton = run.table("dynamics.parquet"), _skeleton(run)
     if table is None or skeleton is None:
-        return Parts(notes=(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}",))
+        return ExportFiles(notes=(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}",))
     time = table["time"]
     columns = [name for name in (*WRENCH, *(f"{name}_model" for name in WRENCH)) if np.isfinite(table[name]).any()]
     notes: tuple[str, ...] = ()
-    parts = Parts()
+    parts = ExportFiles()
     if columns:
         parts += sampled(f"{run.name}_wrench.sto", "wrench", columns, table.stack(columns), time=time)
-    values = table.stack([f"tau_{j}" for j in range(1, len(skeleton.joints) + 1)])
+    values = joint_columns(table, "tau", len(skeleton.joints))
     if np.isfinite(values).any():
         names = [f"{name}_moment" for name in coordinate_names(skeleton)]
         parts += sampled(torques_file(run), "joint torques", names, values, time=time)
     else:
         notes = (f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}",)
-    return parts + Parts(notes=notes)
+    return parts + ExportFiles(notes=notes)
 
 
 def known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...]]:
-    """Rows (T,) whose cells are all known, and a sentence on the others.
+    """Return which rows (T,) have only known values, and notes on the others.
 
-    OpenSim's tools read a table up to its first `nan` and take that for its end without a word, so no such row is
-    written; between the rows around a gap they interpolate.
+    OpenSim's tools silently stop reading at the first `nan`, so rows with unknown values are not written; OpenSim
+    interpolates between the rows around a gap.
     """
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
     inside = np.flatnonzero(known)
     within = int(np.sum(~known[inside[0] : inside[-1]])) if len(inside) else 0
-    said = []
+    notes = []
     if not known.all():
-        said.append(f"{file}: rows left out, because a value in them is unknown: {int(np.sum(~known))}")
+        notes.append(f"{file}: rows left out, because a value in them is unknown: {int(np.sum(~known))}")
     if within:
-        said.append(f"{file}: {within} of them lie between others, and OpenSim interpolates over them")
-    return known, tuple(said)
+        notes.append(f"{file}: {within} of them lie between others, and OpenSim interpolates over them")
+    return known, tuple(notes)
 
 
 def sampled(
     file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
-) -> Parts:
-    """A table of the columns that have values, and of the rows in which all of these are known."""
-    said: BoolArray = np.asarray(np.isfinite(values).any(axis=0))
-    silent = [name for name, any_known in zip(columns, said, strict=True) if not any_known]
-    labels, values = [name for name in columns if name not in silent], values[:, said]
+) -> ExportFiles:
+    """Return a table of the columns that have values, and of the rows in which all of these are known."""
+    used: BoolArray = np.asarray(np.isfinite(values).any(axis=0))
+    unknown = [name for name, any_known in zip(columns, used, strict=True) if not any_known]
+    labels, values = [name for name in columns if name not in unknown], values[:, used]
     known, notes = known_rows(file, values)
-    if silent:
-        notes = (f"{file}: columns left out, because nothing in them is known: {', '.join(silent)}", *notes)
-    text = motion_text(title, labels, values[known], time=time[known], in_degrees=in_degrees)
-    return Parts({file: text.encode()}, notes)
+    if unknown:
+        notes = (f"{file}: columns left out, because nothing in them is known: {', '.join(unknown)}", *notes)
+    text = format_motion_table(title, labels, values[known], time=time[known], in_degrees=in_degrees)
+    return ExportFiles({file: text.encode()}, notes)
 
 
 def _skeleton(run: RunFolder) -> Skeleton | None:
@@ -119,8 +109,8 @@ def _skeleton(run: RunFolder) -> Skeleton | None:
     return None if tree is None else Skeleton.from_tree(tree)
 
 
-def _joints(run: RunFolder) -> tuple[Skeleton, Motion] | Parts:
+def _joints(run: RunFolder) -> tuple[Skeleton, JointStates] | ExportFiles:
     skeleton, table = _skeleton(run), run.table("states.parquet")
     if skeleton is None or table is None:
-        return Parts(notes=(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}",))
-    return skeleton, Motion.from_table(table)
+        return ExportFiles(notes=(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}",))
+    return skeleton, JointStates.from_table(table)

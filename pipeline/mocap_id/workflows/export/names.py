@@ -1,19 +1,19 @@
-"""Names that OpenSim takes: its components have no blanks or slashes in theirs."""
+"""Names for OpenSim, whose components have no blanks or slashes in their names."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
 
-from mocap_id.reporting.views import Skeleton
+from mocap_id.store.views import Skeleton
 
 _UNFIT = re.compile(r"[^A-Za-z0-9_.\-]+")
 BASE = "base"
-"""Name of the joint that holds the base segment to the ground."""
+"""Name of the joint that fixes the base segment to the ground."""
 
 
 def legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
-    """Each name in letters, digits, ``_``, ``.`` and ``-`` alone; no two the same.
+    """Return unique names that consist of letters, digits, ``_``, ``.`` and ``-``.
 
     Examples
     --------
@@ -33,21 +33,21 @@ def legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
 
 
 def body_names(skeleton: Skeleton) -> tuple[str, ...]:
-    """OpenSim's names of the segments, base first."""
+    """Return OpenSim's names of the segments, base first."""
     return tuple(legal(skeleton.segments, taken=("ground",)).values())
 
 
 def joint_names(skeleton: Skeleton) -> tuple[str, ...]:
-    """OpenSim's names of the joints."""
+    """Return OpenSim's names of the joints."""
     return tuple(legal(skeleton.joints, taken=(BASE,)).values())
 
 
 def coordinate_names(skeleton: Skeleton) -> tuple[str, ...]:
-    """OpenSim's names of the joints' angles: ``ankle_angle``."""
+    """Return OpenSim's names of the joint angles, such as ``ankle_angle``."""
     return tuple(f"{joint}_angle" for joint in joint_names(skeleton))
 
 
 def renamed(names: Mapping[str, str]) -> tuple[str, ...]:
-    """One sentence on the names that had to change; none where none had."""
+    """Return a note on the names that were changed, if any."""
     changed = [f"{old} → {new}" for old, new in names.items() if old != new]
-    return (f"names that OpenSim does not take were changed: {', '.join(changed)}",) if changed else ()
+    return (f"names that OpenSim does not accept were changed: {', '.join(changed)}",) if changed else ()

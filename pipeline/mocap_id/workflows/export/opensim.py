@@ -1,39 +1,37 @@
-"""The OpenSim model with the files that set up its inverse kinematics and dynamics."""
+"""The OpenSim model, with set-up files for its inverse kinematics and dynamics."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.reporting.views import Skeleton
-from mocap_id.workflows.export.forces import loads_file
+from mocap_id.store.views import Skeleton
+from mocap_id.workflows.export.files import ExportFiles, angles_file, loads_file, measured_file, model_file
 from mocap_id.workflows.export.inertia import bodies
-from mocap_id.workflows.export.markers import marker_labels, measured_file
-from mocap_id.workflows.export.model import model, model_file
-from mocap_id.workflows.export.motions import angles_file
+from mocap_id.workflows.export.markers import marker_labels
+from mocap_id.workflows.export.model import model
 from mocap_id.workflows.export.names import legal
-from mocap_id.workflows.export.parts import Parts
 from mocap_id.workflows.export.xml import document, element, numbers
 from mocap_id.workflows.run_folder import RunFolder
 
 _ACCURACY = "1e-8"
-"""OpenSim's own 1e-5 stops a fifth of a degree, at worst 0.8°, before the least squares."""
+"""OpenSim's default of 1e-5 stops 0.2° rms, at worst 0.8°, before the least-squares solution."""
 
 
-def opensim(run: RunFolder) -> Parts:
-    """``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml``."""
+def opensim(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml``."""
     tree = run.tree("chain.h5")
     if tree is None:
-        return Parts(notes=(f"osim: no model: {run.why_missing('chain.h5')}",))
+        return ExportFiles(notes=(f"osim: no model: {run.why_missing('chain.h5')}",))
     skeleton = Skeleton.from_tree(tree)
     inertia = bodies(run, len(skeleton.segments))
     files = {model_file(run): model(run, skeleton, inertia), f"{run.name}_ik.xml": _kinematics(run, skeleton)}
-    if run.table("states.parquet") is not None and inertia.told:
+    if run.table("states.parquet") is not None and inertia.known:
         files[f"{run.name}_id.xml"] = _dynamics(run)
-    return Parts(files, (f"osim: inertial parameters: {inertia.source}",))
+    return ExportFiles(files, (f"osim: inertial parameters: {inertia.source}",))
 
 
 def _kinematics(run: RunFolder, skeleton: Skeleton) -> bytes:
-    """Every marker of the chain with the same weight; the others are not in the model."""
+    """Return the set-up of inverse kinematics, with equal weights for all markers of the chain."""
     labels = marker_labels(run)
     tasks = [
         element("IKMarkerTask", name=labels.get(label, label), children=[element("weight", text="1")])
@@ -44,21 +42,21 @@ def _kinematics(run: RunFolder, skeleton: Skeleton) -> bytes:
         element("IKTaskSet", children=[element("objects", children=tasks)]),
         element("marker_file", text=measured_file(run)),
         element("accuracy", text=_ACCURACY),
-        element("time_range", text=numbers(_span(run))),  # left out, OpenSim stops after two seconds
+        element("time_range", text=numbers(_span(run))),  # without it, OpenSim stops after two seconds
         element("output_motion_file", text=f"{run.name}_opensim_ik.mot"),
     ]
     return document(element("InverseKinematicsTool", name=legal([run.name])[run.name], children=children))
 
 
 def _span(run: RunFolder) -> tuple[float, float]:
-    """First and last time of the markers, s."""
+    """Return the first and last time of the markers, s."""
     planar = run.long("planar.parquet")
     assert planar is not None
     return float(planar.time[0]), float(planar.time[-1])
 
 
 def _dynamics(run: RunFolder) -> bytes:
-    """On our angles, with the measured forces where there are some."""
+    """Return the set-up of inverse dynamics for our angles and the measured forces, if any."""
     table = run.table("wrench.parquet")
     forces = table is not None and bool(np.isfinite(table["Fy"]).any())
     children = [

@@ -1,4 +1,4 @@
-"""CSV tables: one row a frame, units in every header."""
+"""CSV tables with units in their headers."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from mocap_id.reporting.views import Dynamics, Skeleton
 from mocap_id.store import Table, TableSchema
-from mocap_id.workflows.export.parts import Parts
+from mocap_id.store.views import IdentifiedDynamics, Skeleton
+from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.run_folder import RunFolder
 
 _STATES = {
@@ -24,10 +24,10 @@ _STATES = {
 }
 
 
-def spreadsheets(run: RunFolder) -> Parts:
-    """``<trial>_markers.csv``, and likewise states, dynamics, skeleton, parameters and events.
+def spreadsheets(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_markers.csv``, and likewise states, dynamics, skeleton, parameters and events.
 
-    Those whose artefact is there. Unknown cells are empty.
+    A table is omitted if its artefact is missing. Unknown cells are empty.
     """
     tables = {
         "markers": _markers(run),
@@ -50,7 +50,7 @@ def spreadsheets(run: RunFolder) -> Parts:
         for name, table in tables.items()
         if table is not None
     }
-    return Parts(files, notes)
+    return ExportFiles(files, notes)
 
 
 def _headed(name: str, unit: str) -> str:
@@ -58,7 +58,7 @@ def _headed(name: str, unit: str) -> str:
 
 
 def _units(schema: TableSchema) -> dict[str, str]:
-    """Units by column; a repeated one by what stands before its number."""
+    """Return units by column, or by the prefix of repeated columns."""
     groups = (schema.columns, schema.repeated, *schema.optional)
     return {column.name.replace("{k}", ""): column.unit for group in groups for column in group}
 
@@ -68,7 +68,7 @@ def _unit(name: str, units: Mapping[str, str]) -> str:
 
 
 def _artefact(run: RunFolder, file: str) -> pd.DataFrame | None:
-    """An artefact's columns under their own names, with their units."""
+    """Return an artefact's table with units in its headers."""
     table = run.artefacts.get(file)
     if not isinstance(table, Table):
         return None
@@ -98,7 +98,7 @@ def _states(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _dynamics(run: RunFolder) -> pd.DataFrame | None:
-    """The wrench measured and modelled, with torques under their joints' names; what planarise found where refused."""
+    """Return wrenches and torques with the joints' names, or only the measured wrench if there is no dynamics."""
     found = _artefact(run, "dynamics.parquet")
     if found is None:
         return _artefact(run, "wrench.parquet")
@@ -111,7 +111,7 @@ def _dynamics(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _skeleton(run: RunFolder) -> pd.DataFrame | None:
-    """One row a joint; the length is that of the segment that it moves, which the last one has none of."""
+    """Return a row for each joint; the length is that of the segment that it moves (unknown for the last)."""
     tree = run.tree("chain.h5")
     if tree is None:
         return None
@@ -137,7 +137,7 @@ def _parameters(run: RunFolder) -> pd.DataFrame | None:
     tree = run.tree("dynamics.h5")
     if tree is None:
         return None
-    found = Dynamics.from_tree(tree)
+    found = IdentifiedDynamics.from_tree(tree)
     verdicts = found.verdicts or ("",) * len(found.names)
     return pd.DataFrame(
         {"base parameter": found.names, "value": found.value, "sd": found.sd, "unit": found.units, "verdict": verdicts}

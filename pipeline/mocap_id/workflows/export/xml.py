@@ -1,4 +1,4 @@
-"""OpenSim's XML: elements with a name, a text or children; and the document around them."""
+"""OpenSim's XML elements and documents."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from xml.etree import ElementTree
 
 Element: TypeAlias = "ElementTree.Element[Any]"
 _VERSION = "40500"
-"""Of the documents: any OpenSim from 4.5 on reads them."""
+"""Version of the documents, readable by OpenSim 4.5 and later."""
 
 
 def element(tag: str, *, name: str | None = None, text: str | None = None, children: Iterable[Element] = ()) -> Element:
-    """An element, with its ``name`` attribute where it has one."""
-    made = ElementTree.Element(tag, {} if name is None else {"name": name})
-    made.text = text
-    made.extend(children)
-    return made
+    """Return an element, with a ``name`` attribute if given."""
+    found = ElementTree.Element(tag, {} if name is None else {"name": name})
+    found.text = text
+    found.extend(children)
+    return found
 
 
 def remark(text: str) -> Element:
-    """A comment; XML forbids two hyphens in one."""
+    """Return a comment, without the double hyphens that XML forbids."""
     return ElementTree.Comment(f" {text.replace('--', '- -')} ")
 
 
 def numbers(values: Sequence[float]) -> str:
-    """Numbers as OpenSim reads them, with all their digits."""
+    """Return numbers with all their digits, separated by blanks."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
 
 
 def document(root: Element) -> bytes:
-    """A whole file."""
-    whole = ElementTree.Element("OpenSimDocument", {"Version": _VERSION})
-    whole.append(root)
-    ElementTree.indent(whole, "\t")
-    text: bytes = ElementTree.tostring(whole, encoding="utf-8", xml_declaration=True)
+    """Return the content of a file."""
+    file = ElementTree.Element("OpenSimDocument", {"Version": _VERSION})
+    file.append(root)
+    ElementTree.indent(file, "\t")
+    text: bytes = ElementTree.tostring(file, encoding="utf-8", xml_declaration=True)
     return text + b"\n"

@@ -1,6 +1,7 @@
-"""``mocap-id prescribe``: the springs that give most of a joint's, or a chain's, range back (thesis 7.3, 7.4)."""
+"""The springs that restore most of the range of a joint or a chain (thesis 7.3, 7.4)."""
 
-from mocap_id.workflows.prescribe.performing import Prescribed, prescribe_from
-from mocap_id.workflows.prescribe.writing import as_json, write
+from mocap_id.workflows.prescribe.computation import prescribe_from
+from mocap_id.workflows.prescribe.output import prescription_output
+from mocap_id.workflows.prescribe.result import PrescriptionResult
 
-__all__ = ["Prescribed", "as_json", "prescribe_from", "write"]
+__all__ = ["PrescriptionResult", "prescribe_from", "prescription_output"]

@@ -1,4 +1,4 @@
-"""The baseline's file: JSON that a person can read, and change the tolerances of."""
+"""The baseline: a JSON file that a person can read and whose tolerances can be edited."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ABOUT = (
 
 @dataclass(frozen=True)
 class Baseline:
-    """Numbers to hold others against.
+    """Expected results of trials.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Baseline:
     tolerances : mapping
         Pattern of ``NAME`` or ``TRIAL/NAME`` → tolerance, in the quantity's unit.
     product : str
-        The version of this program that gave them.
+        Version of this program that computed them.
     """
 
     trials: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Baseline:
     product: str = __version__
 
     def tolerance(self, trial: str, name: str, usual: float) -> float:
-        """By how much a number may move: what the user says, else as usual."""
+        """Return the tolerance of a number: the user's, or else the usual one."""
         own = [
             value
             for pattern, value in self.tolerances.items()
@@ -57,7 +57,7 @@ class Baseline:
         Raises
         ------
         RecordingError
-            It is missing, or is no baseline.
+            The file is missing, or is not a baseline.
         """
         try:
             data = json.loads(file.read_text("utf-8"))
@@ -71,7 +71,7 @@ class Baseline:
             return cls(trials, tolerances, str(data["product"]))
         except FileNotFoundError as error:
             raise RecordingError(
-                f"{file}: no such file: `--update` makes it from the trials as they are now"
+                f"{file}: no such file: create it from the trials' current results with `--update`"
             ) from error
         except OSError as error:
             raise RecordingError(f"{file}: cannot be read ({error.strerror})") from error
@@ -80,7 +80,7 @@ class Baseline:
             raise RecordingError(f"{file}: {message}") from error
 
     def write(self, file: Path) -> None:
-        """Write the file, whole or not at all; StoreError where it cannot be."""
+        """Write the file completely or not at all; StoreError if it cannot be written."""
         trials = {
             trial: {name: _plain(one) for name, one in quantities.items()} for trial, quantities in self.trials.items()
         }
@@ -98,7 +98,7 @@ class Baseline:
 
 
 def rounded(value: Value) -> Value:
-    """As it stands in the file."""
+    """Return a value with the precision of the file."""
     return value if value is None or isinstance(value, str) else float(f"{value:.{_DIGITS}g}")
 
 

@@ -1,7 +1,7 @@
-"""The headline numbers of a trial, each with how far it may move before somebody ought to know.
+"""The main results of a trial, each with a tolerance for changes.
 
-Where a number has a stated standard deviation, the tolerance is its 95 % interval: what has moved farther is another
-answer. Where it has none, a share of the number stands in, or what a lab would call the same.
+The tolerance of a number with a standard deviation is its 95 % interval. Other numbers have a relative tolerance, or an
+absolute one that is negligible in practice.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 INTERVAL = 1.96
-"""Standard deviations to either side of a value: 95 %."""
+"""Half-width of a 95 % interval in standard deviations."""
 
 Value: TypeAlias = float | str | None
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value and by how much it may move.
+    """A value with its tolerance.
 
     Parameters
     ----------
     value : float or str or None
-        Text may not change at all; None is unknown.
+        Text must not change at all; None means unknown.
     tolerance : float
         In the value's unit.
     unit : str
@@ -36,7 +36,7 @@ class Quantity:
 
 
 def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
-    """Name → quantity of a trial's summary.json; a name is the way to it in the file."""
+    """Return name → quantity for a trial's summary.json; a name is the path in the file."""
     return {
         **dict(_verdict(summary)),
         **dict(_skeleton(summary)),
@@ -46,7 +46,7 @@ def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
 
 
 def failure(exit_code: int) -> dict[str, Quantity]:
-    """Of a trial that went wrong: that it did, and how."""
+    """Return the quantities of a failed trial: only its exit code."""
     return {"exit_code": Quantity(str(exit_code))}
 
 
@@ -65,26 +65,26 @@ def _skeleton(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
         yield f"segments.assignment.{marker}", Quantity(str(segment))
     for joint in summary.get("joints") or []:
         for axis, value, sd in zip("xy", joint["centre_m"], joint["sd_m"], strict=True):
-            yield f"joints.{joint['name']}.{axis}", _stated(value, sd, "m")
+            yield f"joints.{joint['name']}.{axis}", _with_interval(value, sd, "m")
     for name, length in (summary.get("lengths_m") or {}).items():
-        yield f"lengths_m.{name}", _stated(length["value"], length["sd"], "m")
-    yield "markers.reprojection_rms_mm", _share(markers.get("reprojection_rms_mm"), 0.05, "mm")
+        yield f"lengths_m.{name}", _with_interval(length["value"], length["sd"], "m")
+    yield "markers.reprojection_rms_mm", _relative(markers.get("reprojection_rms_mm"), 0.05, "mm")
     yield "markers.missing_fraction", _absolute(markers.get("missing_fraction"), 0.001, "")
-    yield "noise.marker_sd_m", _share(noise.get("marker_sd_m"), 0.05, "m")
+    yield "noise.marker_sd_m", _relative(noise.get("marker_sd_m"), 0.05, "m")
 
 
 def _dynamics(dynamics: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
     for base in dynamics.get("base") or []:
-        yield f"dynamics.base.{base['name']}", _stated(base["value"], base["sd"], base["unit"])
+        yield f"dynamics.base.{base['name']}", _with_interval(base["value"], base["sd"], base["unit"])
         yield f"dynamics.base.{base['name']}.verdict", Quantity(base.get("verdict") or "")
-    yield "dynamics.condition_number", _share(dynamics.get("condition_number"), 0.05, "")
+    yield "dynamics.condition_number", _relative(dynamics.get("condition_number"), 0.05, "")
     offset, sd = dynamics.get("clock_offset_s"), dynamics.get("clock_offset_sd_s")
-    yield "dynamics.clock_offset_s", _stated(offset, sd, "s")
+    yield "dynamics.clock_offset_s", _with_interval(offset, sd, "s")
     for name, residual in (dynamics.get("wrench") or {}).items():
         yield f"dynamics.wrench.{name}.r2", _absolute(residual["r2"], 0.005, "")
-        yield f"dynamics.wrench.{name}.sd", _share(residual["sd"], 0.05, "N*m" if name == "tauz" else "N")
-    yield "dynamics.cop_rms_m", _share(dynamics.get("cop_rms_m"), 0.05, "m")
-    yield "dynamics.samples", _share(dynamics.get("samples"), 0.02, "")
+        yield f"dynamics.wrench.{name}.sd", _relative(residual["sd"], 0.05, "N*m" if name == "tauz" else "N")
+    yield "dynamics.cop_rms_m", _relative(dynamics.get("cop_rms_m"), 0.05, "m")
+    yield "dynamics.samples", _relative(dynamics.get("samples"), 0.02, "")
 
 
 def _repetitions(repetitions: list[Mapping[str, Any]]) -> Iterator[tuple[str, Quantity]]:
@@ -94,14 +94,14 @@ def _repetitions(repetitions: list[Mapping[str, Any]]) -> Iterator[tuple[str, Qu
             yield f"repetitions.{number}.{event}", _absolute(one.get(event), 0.02, "s")
 
 
-def _stated(value: float | None, sd: float | None, unit: str) -> Quantity:
-    """By the 95 % interval; by a share where none is stated."""
+def _with_interval(value: float | None, sd: float | None, unit: str) -> Quantity:
+    """Return a quantity with its 95 % interval as tolerance, or 5 % if the standard deviation is unknown."""
     if sd is None or not math.isfinite(sd):
-        return _share(value, 0.05, unit)
+        return _relative(value, 0.05, unit)
     return Quantity(value, INTERVAL * sd, unit)
 
 
-def _share(value: float | None, share: float, unit: str) -> Quantity:
+def _relative(value: float | None, share: float, unit: str) -> Quantity:
     return Quantity(value, 0.0 if value is None else share * abs(value), unit)
 
 

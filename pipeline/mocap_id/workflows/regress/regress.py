@@ -1,32 +1,32 @@
-"""Running trials anew, in folders of their own, and comparing what comes out with a baseline."""
+"""Recomputation of trials in temporary folders, and comparison of their results with a baseline."""
 
 from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, Refused
 from mocap_id.reporting.contents import SUMMARY_FILE
-from mocap_id.workflows.batch import find
-from mocap_id.workflows.performing import Engine, Performed, perform_all
+from mocap_id.workflows.batch import find_trials
+from mocap_id.workflows.parallel import Backend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.regress.baseline import Baseline, rounded
 from mocap_id.workflows.regress.quantities import Quantity, Value, failure, quantities
 
 
 @dataclass(frozen=True)
-class Moved:
-    """A number that is not what it was.
+class Change:
+    """A result before and after.
 
     Parameters
     ----------
     trial, name : str
     before, now : float or str or None
     tolerance : float
-        By which it might have moved.
+        Allowed change.
     unit : str
     """
 
@@ -40,79 +40,81 @@ class Moved:
 
 @dataclass(frozen=True)
 class Regression:
-    """What became of the baseline's numbers.
+    """Comparison of recomputed trials with a baseline.
 
     Parameters
     ----------
-    moved : tuple of Moved
+    moved : tuple of Change
+        Results that changed by more than their tolerance.
     compared : int
-        How many numbers were.
+        Number of compared results.
     unknown : tuple of str
-        Trials of which the baseline knows nothing.
+        Trials that are not in the baseline.
     messages : mapping
-        Why a trial failed or was refused, files named.
-    nearest : Moved or None
-        Of those that did not move too far the one that comes nearest to it.
+        Why a trial failed or was refused; messages may name files.
+    nearest : Change or None
+        The result within its tolerance that used most of it.
     """
 
-    moved: tuple[Moved, ...]
+    moved: tuple[Change, ...]
     compared: int
     unknown: tuple[str, ...]
     messages: Mapping[str, str]
-    nearest: Moved | None
+    nearest: Change | None
 
     @property
     def passed(self) -> bool:
-        """Whether every trial is known and no number has moved."""
+        """Whether every trial is in the baseline and no result changed by more than its tolerance."""
         return not self.moved and not self.unknown
 
 
-Tell = Callable[[Performed], None]
-
-
-def regress(named: Sequence[str], baseline: Baseline, engine: Engine, tell: Tell = lambda done: None) -> Regression:
-    """Run trials anew and compare them with a baseline; their own run folders are not touched.
+def regress(
+    named: Sequence[str], baseline: Baseline, backend: Backend, tell: TrialCallback = lambda done: None
+) -> Regression:
+    """Recompute trials and compare them with a baseline; their own run folders are not touched.
 
     Parameters
     ----------
     named : sequence of str
-        As for :func:`mocap_id.workflows.batch.find`.
+        As for :func:`mocap_id.workflows.batch.find_trials`.
     baseline : Baseline
-    engine : Engine
+    backend : Backend
     tell : callable, optional
-        Told of each trial once it is done.
+        Called with each finished trial.
 
     Raises
     ------
     ConfigError
-        What is named fits nothing, or a trial's file is wrong.
+        A name matches no trial, or a trial's file is invalid.
     """
-    found, messages = _run(named, engine, tell)
+    found, messages = _run(named, backend, tell)
     known = {trial: now for trial, now in found.items() if trial in baseline.trials}
     compared = [one for trial, now in known.items() for one in _compared(trial, baseline, now)]
-    within = [one for one in compared if not too_far(one)]
+    within = [one for one in compared if not exceeds_tolerance(one)]
     return Regression(
-        moved=tuple(one for one in compared if too_far(one)),
+        moved=tuple(one for one in compared if exceeds_tolerance(one)),
         compared=len(compared),
         unknown=tuple(trial for trial in found if trial not in baseline.trials),
         messages=messages,
-        nearest=max(within, key=used, default=None),
+        nearest=max(within, key=tolerance_used, default=None),
     )
 
 
-def update(named: Sequence[str], baseline: Baseline, engine: Engine, tell: Tell = lambda done: None) -> Baseline:
-    """The baseline with these trials as they are now; other trials of it and the user's tolerances stay."""
-    found, _ = _run(named, engine, tell)
+def update(
+    named: Sequence[str], baseline: Baseline, backend: Backend, tell: TrialCallback = lambda done: None
+) -> Baseline:
+    """Return the baseline with current results of these trials; other trials and the user's tolerances are kept."""
+    found, _ = _run(named, backend, tell)
     return Baseline({**baseline.trials, **found}, baseline.tolerances)
 
 
-def too_far(one: Moved) -> bool:
-    """Whether a number has moved by more than it may."""
-    return used(one) > 1.0
+def exceeds_tolerance(one: Change) -> bool:
+    """Whether a result changed by more than its tolerance."""
+    return tolerance_used(one) > 1.0
 
 
-def used(one: Moved) -> float:
-    """How much of its tolerance a number has used up; infinite where text changed, or known became unknown."""
+def tolerance_used(one: Change) -> float:
+    """Return the change divided by its tolerance; infinite where text changed, or a known value became unknown."""
     if rounded(one.before) == rounded(one.now):
         return 0.0
     if not isinstance(one.before, float | int) or not isinstance(one.now, float | int):
@@ -120,32 +122,32 @@ def used(one: Moved) -> float:
     return abs(one.now - one.before) / one.tolerance if one.tolerance > 0 else float("inf")
 
 
-def _compared(trial: str, baseline: Baseline, now: Mapping[str, Quantity]) -> Iterator[Moved]:
+def _compared(trial: str, baseline: Baseline, now: Mapping[str, Quantity]) -> Iterator[Change]:
     before, absent = baseline.trials[trial], Quantity(None)
     for name in {**before, **now}:
         was, is_ = before.get(name, absent), now.get(name, absent)
         tolerance = baseline.tolerance(trial, name, was.tolerance)
-        yield Moved(trial, name, was.value, is_.value, tolerance, was.unit or is_.unit)
+        yield Change(trial, name, was.value, is_.value, tolerance, was.unit or is_.unit)
 
 
 def _run(
-    named: Sequence[str], engine: Engine, tell: Tell
+    named: Sequence[str], backend: Backend, tell: TrialCallback
 ) -> tuple[dict[str, Mapping[str, Quantity]], Mapping[str, str]]:
-    """Quantities of every trial, and why some failed or were refused."""
-    trials, unreadable = find(named)
+    """Return the results of every trial, and the messages of failed or refused ones."""
+    trials, unreadable = find_trials(named)
     if unreadable:
         raise ConfigError("\n".join(str(one.error) for one in unreadable))
     twice = {trial.name for trial in trials if sum(other.name == trial.name for other in trials) > 1}
     if twice:
-        raise ConfigError(f"two trials are called {sorted(twice)[0]}: the baseline tells trials apart by their names")
+        raise ConfigError(f"two trials are called {sorted(twice)[0]}: the baseline identifies trials by their names")
     with tempfile.TemporaryDirectory(prefix="mocap-id-regress-") as folder:
         anew = [replace(trial, out=Path(folder) / trial.name) for trial in trials]
-        done = perform_all(anew, engine, tell)
+        done = run_trials(anew, backend, tell)
         found = {trial.name: _quantities(trial, one) for trial, one in zip(anew, done, strict=True)}
     return found, {one.trial: one.message for one in done if one.message is not None}
 
 
-def _quantities(trial: Trial, done: Performed) -> Mapping[str, Quantity]:
+def _quantities(trial: Trial, done: TrialRun) -> Mapping[str, Quantity]:
     if done.exit_code not in (0, Refused.exit_code):
         return failure(done.exit_code)
     return quantities(json.loads((trial.out / SUMMARY_FILE).read_text("utf-8")))

@@ -1,5 +1,5 @@
 """The thesis's robot study (ch. 5): trials of one joint each, through every method for the states."""
 
-from mocap_id.workflows.robot_study.study import Outcome, validate_robot
+from mocap_id.workflows.robot_study.study import RobotStudyResult, validate_robot
 
-__all__ = ["Outcome", "validate_robot"]
+__all__ = ["RobotStudyResult", "validate_robot"]

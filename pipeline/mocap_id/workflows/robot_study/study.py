@@ -12,54 +12,55 @@ import pandas as pd
 from mocap_id import __version__
 from mocap_id.config.robot_study import RobotStudy, load_robot_study
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.cohort.material import TrialEntry
-from mocap_id.reporting.robot.material import RobotMaterial, Shown
-from mocap_id.reporting.shape import ReasonEntry
-from mocap_id.simulation import RobotSet, simulate_set
-from mocap_id.simulation.robot_set import FILE, set_file
+from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results.result import Result, write_files
+from mocap_id.reporting.robot.page_data import RobotStudyData
+from mocap_id.simulation import RobotSet, simulate_robot_set
+from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
-from mocap_id.store.atomic import explained, replace_together
-from mocap_id.workflows.performing import Here, Performed, Tell, perform_all
-from mocap_id.workflows.robot_study import series
-from mocap_id.workflows.robot_study.columns import TABLES, TRIALS
-from mocap_id.workflows.robot_study.rows import Case, case
-from mocap_id.workflows.robot_study.tables import tables
-from mocap_id.workflows.robot_study.variants import CAMERAS, perform_variants
-from mocap_id.workflows.study.writing import as_bytes, table_document, table_files
+from mocap_id.store.atomic import explained
+from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
+from mocap_id.workflows.robot_study.figure_data import average_wrench, recovery, state_traces, trials_of_cell
+from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods
+from mocap_id.workflows.robot_study.tables import TABLES, make_tables
+from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, read_trial_result
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
-_SCHEMAS = {"trials": TRIALS} | {spec.name: spec.schema for spec in TABLES}
 _BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
+_ABOUT = (
+    "Each table stands as CSV and as Parquet (units and meanings in the field metadata). Missing is empty "
+    "in CSV and NaN in Parquet. Rows whose source is `thesis` are what its table has there."
+)
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a study went.
+class RobotStudyResult:
+    """The result of a robot study.
 
     Parameters
     ----------
     folder : Path
-        Where tables and page are.
-    cases : tuple of Case
+        The folder of tables and page.
+    trials : tuple of RobotTrialResult
     frames : mapping of str to DataFrame
         Every table.
     document : mapping
-        What validation.json holds.
+        Content of validation.json.
     """
 
     folder: Path
-    cases: tuple[Case, ...]
+    trials: tuple[RobotTrialResult, ...]
     frames: Mapping[str, pd.DataFrame]
     document: Mapping[str, Any]
 
     @property
-    def failed(self) -> tuple[Performed, ...]:
+    def failed(self) -> tuple[TrialRun, ...]:
         """Trials that failed or were refused."""
-        return tuple(one.performed for one in self.cases if one.performed.exit_code != 0)
+        return tuple(trial.run for trial in self.trials if trial.run.exit_code != 0)
 
     @property
     def page(self) -> Path:
-        """For people."""
+        """The page."""
         return self.folder / PAGE
 
 
@@ -69,76 +70,67 @@ def validate_robot(
     *,
     generated: RobotSet | None = None,
     jobs: int = 1,
-    tell: Tell = lambda done: None,
+    tell: TrialCallback = lambda run: None,
     page: Path | None = None,
-) -> Outcome:
+) -> RobotStudyResult:
     """Run a robot study.
 
     Parameters
     ----------
     files : sequence of Path
-        A study's file, or trials' files; with none, a set is simulated in ``out/trials`` unless one stands there.
+        A study's file, or trials' files. Without any, a set is simulated in ``out/trials``, unless it exists.
     out : Path
-        Gets a run folder for each trial in ``runs``, the tables, and the page.
+        Folder of the tables and the page; the trials' run folders are in ``runs`` below it.
     generated : RobotSet, optional
-        Which set is simulated.
+        The set to simulate.
     jobs : int
-        Trials at a time.
+        Number of trials that run at the same time.
     tell : callable, optional
-        Told of every trial once it is done.
+        Called with each trial that ends.
     page : Path, optional
-        A page in Markdown whose tables are to be replaced; its figures go to a folder beside it.
+        A Markdown page whose tables are replaced; the figures go into a folder beside it.
 
     Raises
     ------
     ConfigError
         A file is wrong; nothing was run.
     StoreError
-        The folder is in use or cannot be written. What goes wrong with one trial is told in its row.
+        The folder is in use or cannot be written. The failure of a trial is reported in its row instead.
     """
     out = out.absolute()
-    before = None if page is None else _readable(page)
-    study = load_robot_study(tuple(files) or (_generated(out, generated or RobotSet()),))
-    trials = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
+    text = None if page is None else _readable(page)
+    study = load_robot_study(tuple(files) or (_simulated(out, generated or RobotSet()),))
+    configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
     with explained(out):
         out.mkdir(parents=True, exist_ok=True)
     with Folder(out).locked():
-        performed = perform_all([one.trial for one in trials], Here(jobs), tell, how=perform_variants)
-        cases = tuple(case(one, done, study.reference) for one, done in zip(trials, performed, strict=True))
-        frames = tables(cases)
-        document = _document(study, cases, frames)
-        _write(out, study, cases, frames, document)
-    if page is not None and before is not None:
-        _replace_tables(page, before, study, cases, frames)
-    return Outcome(out, cases, frames, document)
+        runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
+        trials = tuple(read_trial_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
+        tables = make_tables(trials)
+        data = _page_data(study, trials, tables)
+        result = Result("robot-study", DOCUMENT, _content(study, trials, tables), tables, lambda: _pages(data))
+        result.write(out)
+    if page is not None and text is not None:
+        _replace_tables(page, text, data)
+    return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
 
 
-def _generated(out: Path, wanted: RobotSet) -> Path:
-    """The simulated set in the study's folder, made if it is not there; ConfigError where another one is."""
+def _simulated(out: Path, wanted: RobotSet) -> Path:
+    """The file of the simulated set in the study's folder, made if it does not exist; ConfigError if it differs."""
     folder = out / "trials"
     if not (folder / FILE).exists():
-        return simulate_set(folder, wanted)
-    if (folder / FILE).read_text("utf-8") != set_file(wanted):
+        return simulate_robot_set(folder, wanted)
+    if (folder / FILE).read_text("utf-8") != robot_set_yaml(wanted):
         raise ConfigError(
             f"{folder} holds a set of another seed or number of trials: ask for that one, or choose another `--out`"
         )
     return folder / FILE
 
 
-def _write(
-    out: Path,
-    study: RobotStudy,
-    cases: Sequence[Case],
-    frames: Mapping[str, pd.DataFrame],
-    document: Mapping[str, Any],
-) -> None:
-    from mocap_id.reporting.robot.figures import drawings  # noqa: PLC0415  whoever writes a page loads templates
-    from mocap_id.reporting.robot.page import markdown, page  # noqa: PLC0415
+def _pages(data: RobotStudyData) -> dict[str, bytes]:
+    from mocap_id.reporting.robot.page import markdown, robot_page  # noqa: PLC0415  it loads the page's templates
 
-    material = _material(study, cases, frames)
-    files = {**table_files(frames, _SCHEMAS, "robot-study"), PAGE: page(material, drawings(material))}
-    files |= {MARKDOWN: f"# {study.name}\n\n{markdown(material, {})}".encode(), DOCUMENT: as_bytes(document)}
-    replace_together(out, files)
+    return {PAGE: robot_page(data), MARKDOWN: f"# {data.study}\n\n{markdown(data, {})}".encode()}
 
 
 def _readable(page: Path) -> str:
@@ -147,84 +139,68 @@ def _readable(page: Path) -> str:
     except OSError as error:
         raise ConfigError(f"{page}: cannot be read ({error.strerror})") from error
     if _BEGIN not in text or _END not in text:
-        raise ConfigError(f"{page}: has no lines `{_BEGIN}` and `{_END}`, between which the tables would go")
+        raise ConfigError(f"{page}: has no lines `{_BEGIN}` and `{_END}`, which enclose the tables")
     return text
 
 
-def _replace_tables(
-    page: Path, before: str, study: RobotStudy, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]
-) -> None:
-    """Tables between the page's marks, figures in a folder of the page's name."""
-    from mocap_id.reporting import paper  # noqa: PLC0415  matplotlib is imported by whoever draws with it
-    from mocap_id.reporting.robot.figures import drawings  # noqa: PLC0415
+def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
+    """Write the tables between the page's marks, and the figures into a folder of the page's name."""
+    from mocap_id.reporting import paper  # noqa: PLC0415  it loads matplotlib
+    from mocap_id.reporting.robot.figures import robot_figures  # noqa: PLC0415
     from mocap_id.reporting.robot.page import markdown  # noqa: PLC0415
 
-    material = _material(study, cases, frames)
-    found = drawings(material)
+    found = robot_figures(data)
     shown = {one.title: f"{page.stem}/{one.name}.svg" for one in found.all if not one.missing}
-    head, rest = before.split(_BEGIN, 1)
+    head, rest = text.split(_BEGIN, 1)
     tail = rest.split(_END, 1)[1]
-    with explained(page):
-        (page.parent / page.stem).mkdir(exist_ok=True)
-    text = f"{head}{_BEGIN}\n\n{markdown(material, shown)}\n{_END}{tail}"
-    drawn = paper.files(found)
+    drawn = paper.figure_files(found)
     figures = {f"{page.stem}/{one.name}.svg": drawn[f"figures/{one.name}.svg"] for one in found.all if not one.missing}
-    replace_together(page.parent, {**figures, page.name: text.encode()})
+    content = f"{head}{_BEGIN}\n\n{markdown(data, shown)}\n{_END}{tail}"
+    write_files(page.parent, {**figures, page.name: content.encode()})
 
 
-def _material(study: RobotStudy, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> RobotMaterial:
-    slow, fast = series.choose(cases, "shoulder", "slow"), series.choose(cases, "elbow", "fast")
-    chosen = list(dict.fromkeys(one[0].name for one in (slow, fast) if one))
-    return RobotMaterial(
+def _page_data(
+    study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
+) -> RobotStudyData:
+    slow, fast = trials_of_cell(trials, "shoulder", "slow"), trials_of_cell(trials, "elbow", "fast")
+    chosen = {cell[0].name for cell in (slow, fast) if cell}
+    return RobotStudyData(
         study=study.name,
-        product=__version__,
-        trials=tuple(map(_entry, cases)),
-        overview=frames["trials"],
-        tables=tuple(
-            Shown(spec.name, spec.title, frames[spec.name], [(one.name, one.unit) for one in spec.quantities])
-            for spec in TABLES
-        ),
-        recoveries=tuple(series.recovery(one) for one in cases if one.name in chosen),
-        averaged=series.averaged(fast) if fast else None,
-        traces=series.traces(fast[0]) if fast else None,
+        trials=tuple(trial.entry(trial.name, _about(trial), f"runs/{trial.name}/report.html") for trial in trials),
+        overview=tables["trials"].frame,
+        tables=tuple((one.title, tables[one.name].frame, one.quantities) for one in TABLES),
+        recoveries=tuple(recovery(trial) for trial in trials if trial.name in chosen),
+        averaged=average_wrench(fast) if fast else None,
+        traces=state_traces(fast[0]) if fast else None,
     )
 
 
-def _entry(one: Case) -> TrialEntry:
-    verdict = (one.summary or {}).get("verdict")
-    orientation = "" if one.labels.orientation is None else f"{one.labels.orientation:g}°"
-    return TrialEntry(
-        name=one.name,
-        subject=one.labels.joint or "joint",
-        strategy=" ".join(filter(None, (one.labels.speed, orientation))) or "unlabelled",
-        fate="failed" if verdict is None or one.performed.exit_code not in (0, 4) else verdict["level"],
-        reasons=[] if verdict is None else [ReasonEntry(**reason) for reason in verdict["reasons"]],
-        message=one.performed.published,
-        report=None if verdict is None else f"runs/{one.name}/report.html",
-    )
+def _about(trial: RobotTrialResult) -> str:
+    orientation = "" if trial.labels.orientation is None else f"{trial.labels.orientation:g}°"
+    movement = " ".join(filter(None, (trial.labels.speed, orientation))) or "unlabelled"
+    return f"{trial.labels.joint or 'joint'}, {movement}"
 
 
-def _document(study: RobotStudy, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+def _content(
+    study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
+) -> dict[str, Any]:
     return {
-        "schema": "mocap-id/robot-study",
-        "version": 1,
         "study": study.name,
         "product": __version__,
-        "about": "Each table stands as CSV and as Parquet (units and meanings in the field metadata). Missing is empty "
-        "in CSV and NaN in Parquet. Rows whose source is `thesis` are what its table has there.",
+        "about": _ABOUT,
         "page": PAGE,
         "trials": [
             {
-                "trial": one.name,
-                "joint": one.labels.joint,
-                "speed": one.labels.speed,
-                "orientation": one.labels.orientation,
-                "exit_code": one.performed.exit_code,
-                "message": one.performed.published,
-                "truth": one.truth is not None,
-                "against": one.by_method[CAMERAS.name].against if one.by_method else "",
+                "trial": trial.name,
+                "joint": trial.labels.joint,
+                "speed": trial.labels.speed,
+                "orientation": trial.labels.orientation,
+                "exit_code": trial.run.exit_code,
+                "message": trial.run.published,
+                "truth": trial.truth is not None,
+                "against": trial.by_method[CAMERAS.name].against if trial.by_method else "",
             }
-            for one in cases
+            for trial in trials
         ],
-        "tables": {name: table_document(_SCHEMAS[name], frame) for name, frame in frames.items()},
+        "tables": {name: table.description for name, table in tables.items()},
     }

@@ -1,6 +1,7 @@
-"""A trial perturbed in every way that a lab meets (thesis 5.5.2), and what its result tolerates.
+"""A trial perturbed in the ways that occur in a laboratory (thesis 5.5.2), and which perturbations its result tolerates.
 
-`kinds` says what there is, `plan` which of it is tried, `asking` reads what the user wants; `signals` and `markers`
-change the inputs, `changing` runs the stages that see the change, `trying` does it in processes; `responses` compares,
-`tolerance` finds where it becomes too much, `tables` and `writing` tell.
+`kinds` lists the perturbations, `options` reads the user's choice, and `plan` makes the list to run. The modules
+`signal_perturbations` and `marker_perturbations` change the inputs, `perturbed_trial` runs the stages that depend on
+them, and `runs` does so in parallel. `responses` compares the results, `tolerance` finds the tolerated levels, and
+`study` writes `tables` and page.
 """

@@ -1,4 +1,4 @@
-"""What a recording can be perturbed by: the kinds of thesis 5.5.2, and those that a lab meets beside them."""
+"""The kinds of perturbation: those of thesis 5.5.2, and others that occur in a laboratory."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ class Kind:
     Parameters
     ----------
     name : str
-        As in the settings file and in the tables.
+        Name in the settings file and the tables.
     title : str
-        As it is read by people.
+        Name in texts.
     entry : str
-        The stage that the perturbed quantity enters: it and all after it are run again.
+        The first stage that uses the perturbed quantity; it and all later stages are run again.
     unit : str
-        Of the levels; empty for numbers of things.
+        Unit of the levels; empty for counts.
     levels : tuple of float
-        Tried where nothing else is asked for.
+        PerturbationRun where nothing else is asked for.
     allowed : callable
-        Whether a level makes sense.
+        Returns whether a level is valid.
     expected : str
-        What is expected of a level, in words.
+        Description of a valid level.
     targets : tuple of str
-        What it can act on; :data:`JOINTS` stands for the trial's joints, each and all. Empty: on everything alike.
+        What it can act on; :data:`JOINTS` stands for each of the trial's joints and all of them. Empty: everything.
     usual : tuple of str
-        Targets tried where nothing else is asked for; all where empty.
+        Default targets; all if empty.
     free : bool
-        Targets are numbers of the user's choice; ``targets`` are the usual ones.
+        Targets are any numbers; ``targets`` are the defaults.
     worse : {"more", "less", "either"}
-        In which direction the levels get worse.
+        Direction in which the levels get worse.
     random : bool
-        It is drawn from the seed.
+        The perturbation is drawn at random, from the seed.
     needs_plate : bool
-        It changes the measured wrench.
+        The perturbation changes the measured wrench.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Kind:
 
     @property
     def counted(self) -> bool:
-        """Its levels are numbers of things, with nothing between them."""
+        """Whether the levels are counts."""
         return not self.unit
 
 

@@ -1,4 +1,4 @@
-"""Which perturbations are tried: every kind at its levels on its targets, each with a stream of chance of its own."""
+"""The perturbations of a study: every kind at its levels on its targets, each with its own random stream."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ SEED = 1
 
 
 @dataclass(frozen=True)
-class Wish:
-    """A kind with levels and targets, as the settings ask for it; what is not given is the kind's own.
+class KindSelection:
+    """A kind with levels and targets; the kind's own where none are given.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Perturbation:
     level : float
         In the kind's unit.
     seed : int
-        Of the whole study.
+        Seed of the whole study.
     """
 
     kind: str
@@ -52,31 +52,31 @@ class Perturbation:
     seed: int = SEED
 
     @property
-    def of(self) -> Kind:
-        """Its kind."""
+    def definition(self) -> Kind:
+        """The definition of its kind."""
         return KINDS[self.kind]
 
     @property
     def name(self) -> str:
-        """Kind, target and level, as in the tables: no other perturbation of a study has it."""
+        """Kind, target and level, as in the tables; unique in a study."""
         return " ".join(part for part in (self.kind, self.target, f"{self.level:g}") if part)
 
     def rng(self) -> np.random.Generator:
-        """Chance that depends on seed, kind and target alone: a higher level is the same draw, larger."""
+        """Return a generator that depends only on seed, kind and target, so that a higher level scales the same draw."""
         words = np.frombuffer(hashlib.sha256(f"{self.kind}/{self.target}".encode()).digest(), dtype=np.uint32)
         return np.random.default_rng([self.seed, *words.tolist()])
 
 
-EVERYTHING = tuple(Wish(kind) for kind in KINDS)
-"""What is tried where nothing is asked for."""
+ALL_KINDS = tuple(KindSelection(kind) for kind in KINDS)
+"""All kinds with their own levels and targets."""
 
 
-def plan(wishes: Sequence[Wish], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
-    """The perturbations of a trial, none twice.
+def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
+    """Return the perturbations of a trial, none twice.
 
     Parameters
     ----------
-    wishes : sequence of Wish
+    selections : sequence of KindSelection
     joints : sequence of str
         Names of the trial's joints.
     seed : int
@@ -84,30 +84,30 @@ def plan(wishes: Sequence[Wish], joints: Sequence[str], seed: int = SEED) -> tup
     Raises
     ------
     ConfigError
-        A target is none of the trial's.
+        The trial does not have a target.
     """
     found = (
-        Perturbation(wish.kind, target, float(level), seed)
-        for wish in wishes
-        for target in _targets(wish, joints)
-        for level in wish.levels or KINDS[wish.kind].levels
+        Perturbation(one.kind, target, float(level), seed)
+        for one in selections
+        for target in _targets(one, joints)
+        for level in one.levels or KINDS[one.kind].levels
     )
     return tuple(dict.fromkeys(found))
 
 
-def _targets(wish: Wish, joints: Sequence[str]) -> Sequence[str]:
-    kind = KINDS[wish.kind]
+def _targets(selection: KindSelection, joints: Sequence[str]) -> Sequence[str]:
+    kind = KINDS[selection.kind]
     if kind.free:
-        return wish.targets or kind.targets
+        return selection.targets or kind.targets
     known = tuple(_of_trial(kind, joints))
-    wrong = [target for target in wish.targets if target not in known]
+    wrong = [target for target in selection.targets if target not in known]
     if wrong:
-        here = f"expected one of {', '.join(known)}" if known else "it acts on everything alike: leave `on` away"
+        here = f"expected one of {', '.join(known)}" if known else "it acts on everything: leave out `on`"
         raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {here}")
-    if wish.targets:
-        return wish.targets
+    if selection.targets:
+        return selection.targets
     if len(joints) == 1 and kind.targets == JOINTS:
-        return joints  # each and all are one
+        return joints  # one joint is all joints
     return kind.usual or known or ("",)
 
 
@@ -115,6 +115,6 @@ def _of_trial(kind: Kind, joints: Sequence[str]) -> Iterator[str]:
     yield from (*joints, ALL) if kind.targets == JOINTS else kind.targets
 
 
-def of_kinds(wishes: Iterable[Wish], kinds: Sequence[str]) -> tuple[Wish, ...]:
-    """The wishes of some kinds alone; all of them where none is named."""
-    return tuple(wish for wish in wishes if not kinds or wish.kind in kinds)
+def of_kinds(selections: Iterable[KindSelection], kinds: Sequence[str]) -> tuple[KindSelection, ...]:
+    """Return the selections of some kinds; all selections if no kind is named."""
+    return tuple(one for one in selections if not kinds or one.kind in kinds)

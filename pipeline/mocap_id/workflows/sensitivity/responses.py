@@ -1,4 +1,4 @@
-"""What a perturbation did: every parameter's change, and what else of the result moved."""
+"""The response to a perturbation: changes of the parameters, and of everything else in the result."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Level, overall
-from mocap_id.workflows.sensitivity.subject import Perturbed
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
 
 STATE_NAMES = ("theta", "dtheta", "ddtheta")
 WRENCH_NAMES = ("Fx", "Fy", "tauz")
@@ -21,15 +22,15 @@ _NAN = math.nan
 
 @dataclass(frozen=True)
 class Parameter:
-    """A base parameter or, in a trial without forces too, a segment's length.
+    """A base parameter, or the length of a segment.
 
     Parameters
     ----------
     name, unit : str
     value, sd : float
-        NaN where not known.
+        NaN if not known.
     size : float
-        What changes are held against: as for the verdict on its standard deviation.
+        Size that changes are relative to, as in the verdict on its standard deviation.
     verdict : str
         ``known``, ``weak`` or ``not identifiable``; empty for a length.
     """
@@ -43,23 +44,23 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Result:
-    """What is known of a trial, perturbed or not.
+class Estimates:
+    """The estimates of a trial, perturbed or not.
 
     Parameters
     ----------
     parameters : mapping of str to Parameter
-        By name.
+        Parameters by name.
     condition, offset, cop_rms : float
-        Condition number, clock offset (s), and rms error of the centre of pressure (m); NaN where not known.
+        Condition number, clock offset (s), and rms error of the centre of pressure (m); NaN if not known.
     wrench_r2 : tuple of float
-        Of Fx, Fy and tauz.
+        r² of Fx, Fy and tauz.
     samples : int
-        Of the fit.
+        Number of samples of the fit.
     level : {"ok", "caution", "refused"}
-        Of the verdict.
+        Level of the verdict.
     codes : frozenset of str
-        Of the verdict's reasons; notes do not count.
+        Codes of the verdict's reasons, without notes.
     """
 
     parameters: Mapping[str, Parameter]
@@ -73,17 +74,15 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Moved:
-    """How far the series of a perturbed trial are from those of the unperturbed one, at common times.
+class SeriesChanges:
+    """Changes of the series of a perturbed trial from the unperturbed one, at common times.
 
     Parameters
     ----------
     state_r2 : (3, n) array
-        r² of angle, velocity and acceleration against the unperturbed ones: 1 = the same.
-    angle_rms : (n,) array
-        rad.
-    torque_rms : (n,) array
-        N·m.
+        r² of angle, velocity and acceleration against the unperturbed ones; 1 = no change.
+    angle_rms, torque_rms : (n,) arrays
+        Changes of angles and torques, rms, rad and N·m.
     torque_size : (n,) array
         rms of the unperturbed torques, N·m.
     """
@@ -95,17 +94,17 @@ class Moved:
 
     @property
     def torque_share(self) -> float:
-        """Largest change of a joint's torque, rms, as a share of the unperturbed one's; NaN where none is known."""
+        """Largest rms change of a joint torque, relative to the rms of the unperturbed torque; NaN if none is known."""
         known = np.isfinite(self.torque_rms) & (self.torque_size > 0)
         return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else _NAN
 
 
-def result(trial: Perturbed) -> Result:
-    """What the artefacts of a trial say."""
+def read_estimates(trial: TrialInputs) -> Estimates:
+    """Return the estimates in a trial's artefacts."""
     facts = trial.tree("dynamics.h5").facts
     wrench: Mapping[str, Any] = facts["wrench"] or {}
     reasons = [reason for artefact in trial.artefacts.values() for reason in artefact.reasons]
-    return Result(
+    return Estimates(
         parameters={one.name: one for one in (*_base(trial), *_lengths(trial))},
         condition=_number(facts["condition_number"]),
         offset=_number(facts["clock_offset_s"]),
@@ -117,16 +116,15 @@ def result(trial: Perturbed) -> Result:
     )
 
 
-def moved(own: Perturbed, changed: Perturbed) -> Moved:
-    """How far the perturbed series are off the unperturbed ones."""
-    before, now = common(_times(own), _times(changed))
+def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
+    """Return the changes of the perturbed series from the unperturbed ones."""
+    before, now = common_rows(_times(own), _times(changed))
     states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
-    joints = range(1, len(own.joints) + 1)
     torques = [
-        trial.table("dynamics.parquet").stack([f"tau_{j}" for j in joints])[rows]
+        joint_columns(trial.table("dynamics.parquet"), "tau", len(own.joints))[rows]
         for trial, rows in ((own, before), (changed, now))
     ]
-    return Moved(
+    return SeriesChanges(
         state_r2=np.array([_r2(*pair) for pair in states]),
         angle_rms=_rms(states[0][1] - states[0][0]),
         torque_rms=_rms(torques[1] - torques[0]),
@@ -134,19 +132,19 @@ def moved(own: Perturbed, changed: Perturbed) -> Moved:
     )
 
 
-def common(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
-    """Rows of two rising time columns, s, that are of the same times."""
+def common_rows(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the rows of two increasing time columns, s, that have the same times."""
     nearest = np.clip(np.searchsorted(own, changed - _CLOCK), 0, len(own) - 1)
     same = np.abs(own[nearest] - changed) <= _CLOCK
     return nearest[same], np.flatnonzero(same)
 
 
-def _times(trial: Perturbed) -> FloatArray:
+def _times(trial: TrialInputs) -> FloatArray:
     return trial.table("states.parquet")["time"]
 
 
 def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
-    """r² of each column; NaN where one has no sample in common or does not move."""
+    """r² of each column; NaN for a column without common samples, or that is constant."""
     both = np.isfinite(own) & np.isfinite(changed)
     counted = np.maximum(both.sum(axis=0), 1)
     mean = np.where(both, own, 0.0).sum(axis=0) / counted
@@ -156,15 +154,15 @@ def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
 
 
 def _rms(off: FloatArray) -> FloatArray:
-    """Of each column, where it is known; NaN where it is nowhere."""
+    """Root mean square of each column over its known samples; NaN if none is known."""
     known = np.isfinite(off)
     squares = np.where(known, off**2, 0.0).sum(axis=0)
     return np.where(known.any(axis=0), np.sqrt(squares / np.maximum(known.sum(axis=0), 1)), np.nan)
 
 
-def _base(trial: Perturbed) -> list[Parameter]:
-    at = {name: trial.node("dynamics.h5", "base", name) for name in ("name", "unit", "value", "sd", "verdict")}
-    relative = trial.node("dynamics.h5", "base", "relative_sd").astype(np.float64)
+def _base(trial: TrialInputs) -> list[Parameter]:
+    at = {name: trial.tree("dynamics.h5").array(f"base/{name}") for name in ("name", "unit", "value", "sd", "verdict")}
+    relative = trial.tree("dynamics.h5").numbers("base/relative_sd")
     rows = zip(at["name"], at["unit"], at["value"], at["sd"], relative, at["verdict"], strict=True)
     return [
         Parameter(str(name), str(unit), float(value), float(sd), _size(value, sd, share), str(verdict))
@@ -173,13 +171,13 @@ def _base(trial: Perturbed) -> list[Parameter]:
 
 
 def _size(value: float, sd: float, relative: float) -> float:
-    """Size of a parameter: what its standard deviation was held against."""
+    """Size of a parameter: the quantity that its relative standard deviation refers to."""
     return float(sd / relative) if relative > 0 and math.isfinite(sd) else abs(float(value))
 
 
-def _lengths(trial: Perturbed) -> list[Parameter]:
-    """Lengths of the segments that have one."""
-    names, length, sd = (trial.node("chain.h5", "segments", name) for name in ("name", "length", "length_sd"))
+def _lengths(trial: TrialInputs) -> list[Parameter]:
+    """The known segment lengths."""
+    names, length, sd = (trial.tree("chain.h5").array(f"segments/{name}") for name in ("name", "length", "length_sd"))
     return [
         Parameter(f"length of {name}", "m", float(value), float(spread), float(value))
         for name, value, spread in zip(names[1:], length, sd, strict=False)  # the last segment has none
@@ -191,10 +189,11 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else _NAN
 
 
-def ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> float:
-    """Change of a parameter over what is tolerated: a share of its size, or its standard deviation if that is more.
+def tolerance_ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> float:
+    """Return the change of a parameter over the tolerated change.
 
-    NaN where the unperturbed parameter is not known; infinite where the perturbed one is not.
+    The tolerated change is a share of the parameter's size, or its standard deviation if that is larger. The ratio is
+    NaN if the unperturbed parameter is not known, and infinite if the perturbed one is not.
     """
     if not math.isfinite(parameter.value):
         return _NAN
@@ -205,8 +204,13 @@ def ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> 
     return change / allowed if allowed > 0 else (math.inf if change > 0 else 0.0)
 
 
-def worst(own: Result, changed: Result | None, names: Sequence[str], tolerance: float) -> tuple[float, str]:
-    """The largest ratio among some parameters, and whose it is; (NaN, "") where none is known."""
-    found = [(ratio(own.parameters[n], changed.parameters.get(n) if changed else None, tolerance), n) for n in names]
+def largest_ratio(
+    own: Estimates, changed: Estimates | None, names: Sequence[str], tolerance: float
+) -> tuple[float, str]:
+    """Return the largest tolerance ratio of some parameters, and the parameter's name; (NaN, "") if none is known."""
+    found = [
+        (tolerance_ratio(own.parameters[n], changed.parameters.get(n) if changed else None, tolerance), n)
+        for n in names
+    ]
     known = [pair for pair in found if not math.isnan(pair[0])]
     return max(known, key=lambda pair: pair[0]) if known else (_NAN, "")

@@ -1,162 +1,193 @@
-"""``mocap-id sensitivity``: a trial perturbed in every way, and what it tolerates."""
+"""``mocap-id sensitivity``: perturb a trial and write what its parameters tolerate."""
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import count
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from mocap_id import __version__, runner
 from mocap_id.errors import ConfigError
-from mocap_id.store import Folder, Table
-from mocap_id.store.atomic import replace_together
-from mocap_id.store.parquet import arrow
-from mocap_id.workflows.sensitivity.asking import Asked
-from mocap_id.workflows.sensitivity.columns import TABLES
+from mocap_id.reporting.results.columns import ResultTable, finite
+from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
+from mocap_id.store import Folder
 from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.plan import Wish, plan
-from mocap_id.workflows.sensitivity.responses import result
-from mocap_id.workflows.sensitivity.studied import Studied
-from mocap_id.workflows.sensitivity.subject import Perturbed, located, read
-from mocap_id.workflows.sensitivity.tables import document, tables
-from mocap_id.workflows.sensitivity.trying import Tried, try_all
-from mocap_id.workflows.study.writing import csv, parquet
+from mocap_id.workflows.sensitivity.options import SensitivityOptions
+from mocap_id.workflows.sensitivity.plan import KindSelection, plan
+from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, read_estimates
+from mocap_id.workflows.sensitivity.runs import PerturbationRun, run_perturbations
+from mocap_id.workflows.sensitivity.tables import make_tables
+from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 
 DOCUMENT, PAGE = "sensitivity.json", "sensitivity.html"
 
+PerturbationCallback = Callable[[PerturbationRun, int, int], None]
+"""Called with each perturbation that is done, its number and the number of perturbations."""
+
 
 @dataclass(frozen=True)
-class Outcome:
-    """A sensitivity study and where it stands.
+class SensitivityResult:
+    """The result of a sensitivity study.
 
     Parameters
     ----------
-    studied : Studied
-    folder : Path
-        Where everything was written.
-    document : mapping
-        What sensitivity.json holds.
+    trial : str
+        Name of the trial.
+    options : SensitivityOptions
+    own : Estimates
+        Estimates of the unperturbed trial.
+    runs : tuple of PerturbationRun
+    note : str
+        What could not be studied on this trial; empty if nothing.
     """
 
-    studied: Studied
+    trial: str
+    options: SensitivityOptions
+    own: Estimates
+    runs: tuple[PerturbationRun, ...]
+    note: str
+
+    @property
+    def judged_parameters(self) -> tuple[str, ...]:
+        """The parameters that are judged: the base parameters, or the lengths if nothing was identified."""
+        known = [one for one in self.own.parameters.values() if math.isfinite(one.value)]
+        return tuple(one.name for one in known if bool(one.verdict) == bool(self.own.samples))
+
+    @cached_property
+    def tolerances(self) -> tuple[Tolerance, ...]:
+        """The tolerated levels of each kind on each target."""
+        return find_tolerances(self.own, self.runs, self.judged_parameters, self.options.tolerance)
+
+
+@dataclass(frozen=True)
+class SensitivityOutput:
+    """A sensitivity study with its folder and the content of sensitivity.json."""
+
+    result: SensitivityResult
     folder: Path
     document: Mapping[str, Any]
 
 
-Tell = Callable[[Tried, int, int], None]
-"""Told of each perturbation once it is done: the how-many-th of how many."""
-
-
 def sensitivity(
     path: Path,
-    asked: Asked | None = None,
+    options: SensitivityOptions | None = None,
     *,
     jobs: int = 2,
     out: Path | None = None,
     progress: runner.Progress = lambda step: None,
-    tell: Tell = lambda done, number, count: None,
-) -> Outcome:
-    """Perturb a trial and write what came of it.
+    tell: PerturbationCallback = lambda run, number, total: None,
+) -> SensitivityOutput:
+    """Perturb a trial and write the results.
 
     Parameters
     ----------
     path : Path
-        The trial's YAML file, or its run folder. The run folder is only read, once the trial is computed.
-    asked : Asked, optional
-        What to try; everything by default.
+        The trial's YAML file or run folder. The run folder is only read once the trial is computed.
+    options : SensitivityOptions, optional
+        The perturbations; all of them by default.
     jobs : int
-        Perturbations at a time, each in a process of its own. The answers do not depend on it.
+        Number of perturbations that run at the same time, each in its own process. The results do not depend on it.
     out : Path, optional
         Folder of the results; by default the run folder's name with ``-sensitivity``, beside it.
     progress : callable, optional
-        Told of the stages that have to run first.
+        Called with every stage that has to run first.
     tell : callable, optional
-        Told of each perturbation.
+        Called with each perturbation that is done.
 
     Raises
     ------
     ConfigError
-        There is nothing to try on this trial, or the results would go into its run folder.
+        No perturbation is possible on this trial, or the results would go into its run folder.
     Refused, RecordingError, NumericalError, StoreError
-        As for :func:`mocap_id.workflows.sensitivity.subject.located`.
+        As for :func:`mocap_id.workflows.sensitivity.trial_inputs.locate_trial`.
     """
-    asked = asked or Asked()
-    source = located(path, progress)
+    options = options or SensitivityOptions()
+    source = locate_trial(path, progress)
     folder = out or source.folder.with_name(f"{source.folder.name}-sensitivity")
     if folder.resolve() == source.folder.resolve():
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose another")
-    trial = read(source)
-    wishes, note = _possible(asked.wishes, trial)
-    changes = plan(wishes, trial.joints, asked.seed)
+    trial = read_inputs(source)
+    selections, note = _possible(options.selections, trial)
+    perturbations = plan(selections, trial.joints, options.seed)
+    numbers = count(1)
     with Folder(folder).locked():
-        tried = try_all(source, changes, jobs, _counting(tell, len(changes)))
-        studied = Studied(source.name, asked, result(trial), tried, note)
-        frames = tables(studied)
-        files = {**_table_files(frames), **_shown(studied, frames)}
-        told = document(studied, frames, files)
-        text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        replace_together(folder, {**files, DOCUMENT: text.encode()})
-    return Outcome(studied, folder, told)
+        runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
+        result = SensitivityResult(source.name, options, read_estimates(trial), runs, note)
+        output = _output(result)
+        output.write(folder)
+    return SensitivityOutput(result, folder, output.document)
 
 
-def _possible(wishes: Sequence[Wish], trial: Perturbed) -> tuple[tuple[Wish, ...], str]:
-    """The wishes that make sense on a trial, and what was left out."""
+def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
+    """The selections that are possible on a trial, and a note on what is left out."""
     if trial.has_plate:
-        samples = int(trial.tree("dynamics.h5").facts["samples"] or 0)
-        why = trial.tree("dynamics.h5").facts["why"]
-        return tuple(
-            wishes
-        ), "" if samples else f"nothing was identified ({why}): lengths and states alone are compared"
-    left = tuple(wish for wish in wishes if not KINDS[wish.kind].needs_plate)
-    if not left:
+        facts = trial.tree("dynamics.h5").facts
+        note = (
+            "" if facts["samples"] else f"nothing was identified ({facts['why']}): only lengths and states are compared"
+        )
+        return tuple(selections), note
+    possible = tuple(one for one in selections if not KINDS[one.kind].needs_plate)
+    if not possible:
         raise ConfigError(f"trial {trial.source.name} has no force plate: no perturbation of the wrench can be tried")
-    without = [KINDS[wish.kind].title for wish in wishes if wish not in left]
+    without = [KINDS[one.kind].title for one in selections if one not in possible]
     about = f"; left out: {', '.join(without)}" if without else ""
-    return left, f"there is no force plate: lengths and states alone are compared{about}"
+    return possible, f"there is no force plate: only lengths and states are compared{about}"
 
 
-def _counting(tell: Tell, count: int) -> Callable[[Tried], None]:
-    done: list[None] = []
+def _output(result: SensitivityResult) -> Result:
+    tables, own = make_tables(result), result.own
 
-    def told(one: Tried) -> None:
-        done.append(None)
-        tell(one, len(done), count)
+    def page() -> dict[str, bytes]:
+        from mocap_id.reporting.sensitivity.page import sensitivity_page  # noqa: PLC0415  it loads the page's templates
 
-    return told
+        return {PAGE: sensitivity_page(_page_data(result, tables))}
+
+    content = {
+        "trial": result.trial,
+        "product": __version__,
+        "seed": result.options.seed,
+        "tolerance": {"share_of_size": result.options.tolerance, "or_stated_sd": 1.0},
+        "note": result.note or None,
+        "verdict": {"level": own.level, "codes": sorted(own.codes)},
+        "condition_number": finite(own.condition),
+        "parameters": [_parameter(one) for one in own.parameters.values()],
+        "tolerates": tables["tolerates"].records,
+        "perturbations": tables["perturbations"].records,
+        "tables": {name: table.columns for name, table in tables.items()},
+    }
+    return Result("sensitivity", DOCUMENT, content, tables, page, hashed=True)
 
 
-def _table_files(frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
-    """CSV and Parquet of each table."""
-    files = {}
-    for name, frame in frames.items():
-        whole = arrow(Table.from_frame(TABLES[name], frame))
-        files[f"{name}.csv"] = csv(whole)
-        files[f"{name}.parquet"] = parquet(whole, TABLES[name], "sensitivity")
-    return files
+def _parameter(one: Parameter) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "value": finite(one.value),
+        "sd": finite(one.sd),
+        "size": finite(one.size),
+        "verdict": one.verdict or None,
+    }
 
 
-def _shown(studied: Studied, frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
-    """The page."""
-    from mocap_id.reporting.sensitivity import material, page  # noqa: PLC0415  whoever writes a page loads templates
-
-    changes, parameters = [one.change for one in studied.tried], studied.own.parameters
-    seen = material.SensitivityMaterial(
-        trial=studied.trial,
-        product=__version__,
-        verdict=studied.own.level,
-        note=studied.note,
-        share=studied.asked.tolerance,
-        seed=studied.asked.seed,
+def _page_data(result: SensitivityResult, tables: Mapping[str, ResultTable]) -> SensitivityData:
+    kinds = {run.perturbation.kind: run.perturbation.definition.title for run in result.runs}
+    return SensitivityData(
+        trial=result.trial,
+        verdict=result.own.level,
+        note=result.note,
+        tolerance=result.options.tolerance,
+        seed=result.options.seed,
         parameters=tuple(
-            material.ParameterEntry(name, one.unit, one.value, one.sd, one.size)
-            for name, one in parameters.items()
-            if name in studied.counted
+            ParameterEntry(name, one.unit, one.value, one.sd, one.size)
+            for name, one in result.own.parameters.items()
+            if name in result.judged_parameters
         ),
-        titles={change.kind: change.of.title for change in changes},
-        tables=frames,
+        titles=kinds,
+        tables={name: table.frame for name, table in tables.items()},
     )
-    return {PAGE: page.page(seen)}

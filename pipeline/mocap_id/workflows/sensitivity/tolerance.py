@@ -1,8 +1,8 @@
-"""How much of each kind of error a trial tolerates, and whether the program notices when it is too much.
+"""How much of each kind of error a trial tolerates, and whether the verdict shows when it is too much.
 
-A perturbation is tolerated where no base parameter moves by more than a share of its size (5 % by default), or by its
-own stated standard deviation where that is more: a smaller change is one that the trial does not claim to know of.
-Between the levels tried, the level at which the worst parameter crosses that limit is interpolated.
+A perturbation is tolerated if no base parameter changes by more than a share of its size (5 % by default), or by its
+own stated standard deviation if that is larger: a smaller change is within the uncertainty of the trial. Between the
+tried levels, the level at which the first parameter exceeds this limit is interpolated.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mocap_id.workflows.sensitivity.kinds import Kind
-from mocap_id.workflows.sensitivity.responses import Result, worst
-from mocap_id.workflows.sensitivity.trying import Tried
+from mocap_id.workflows.sensitivity.responses import Estimates, largest_ratio
+from mocap_id.workflows.sensitivity.runs import PerturbationRun
 
 
 @dataclass(frozen=True)
 class Point:
-    """A level of one kind on one target; where it was tried both ways, the worse of the two.
+    """A level of one kind on one target; of a level that was tried with both signs, the worse one.
 
     Parameters
     ----------
     level : float
-        Its size, without sign.
+        Absolute level.
     ratio : float
-        Largest change of a parameter over what is tolerated; infinite where there are no parameters any more.
+        Largest change of a parameter over the tolerated change; infinite if the parameters are lost.
     parameter : str
-        Whose change that is.
+        The parameter with this change.
     percent : float
-        That change, % of the parameter's size.
+        The change, % of the parameter's size.
     noticed : bool
-        The verdict has a caution that the unperturbed one has not, or there is no result.
+        The verdict has a new caution, or there is no result.
     torque : float
-        Largest change of a joint's torque, rms, % of the unperturbed one's.
+        Largest rms change of a joint torque, % of the rms of the unperturbed torque.
     """
 
     level: float
@@ -45,22 +45,22 @@ class Point:
 
     @property
     def within(self) -> bool:
-        """It is tolerated."""
+        """Whether the level is tolerated."""
         return self.ratio <= 1
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What a trial tolerates of one kind on one target.
+    """The tolerated levels of one kind on one target.
 
     Parameters
     ----------
     kind : Kind
     target : str
     points : tuple of Point
-        From the mildest to the worst level; for a kind that is worse on either side, by level.
+        From the mildest to the worst level; by level for a kind that gets worse in both directions.
     low, high : float
-        Ends of the tolerated levels, interpolated; NaN where none of those tried is, and no proportion tells.
+        Ends of the tolerated levels, interpolated; NaN if no tried level is tolerated and none can be estimated.
     """
 
     kind: Kind
@@ -71,7 +71,7 @@ class Tolerance:
 
     @property
     def broken(self) -> Point | None:
-        """The mildest level that is too much; the worst of all where a kind is worse on either side."""
+        """The mildest level that is too much; the worst one for a kind that gets worse in both directions."""
         beyond = [point for point in self.points if not point.within]
         if self.kind.worse == "either":
             return max(beyond, key=lambda point: point.ratio, default=None)
@@ -79,47 +79,50 @@ class Tolerance:
 
     @property
     def silent(self) -> tuple[float, ...]:
-        """Levels that are too much without a word of the verdict."""
+        """Levels that are too much without a new caution in the verdict."""
         return tuple(point.level for point in self.points if not (point.within or point.noticed))
 
 
-def tolerances(own: Result, tried: Sequence[Tried], names: Sequence[str], share: float) -> tuple[Tolerance, ...]:
-    """What a trial tolerates.
+def find_tolerances(
+    own: Estimates, runs: Sequence[PerturbationRun], names: Sequence[str], share: float
+) -> tuple[Tolerance, ...]:
+    """Return the tolerated levels of each kind on each target.
 
     Parameters
     ----------
-    own : Result
-        Of the unperturbed trial.
-    tried : sequence of Tried
+    own : Estimates
+        Estimates of the unperturbed trial.
+    runs : sequence of PerturbationRun
     names : sequence of str
-        Parameters that count.
+        Parameters that are judged.
     share : float
-        Of a parameter's size, that it may move by.
+        Tolerated change of a parameter, as a share of its size.
     """
     series: dict[tuple[str, str], dict[float, Point]] = {}
-    for one in tried:
-        points = series.setdefault((one.change.kind, one.change.target), {})
-        point = _point(own, one, names, share)
+    for run in runs:
+        points = series.setdefault((run.perturbation.kind, run.perturbation.target), {})
+        point = _point(own, run, names, share)
         if math.isnan(point.ratio):
             continue
-        there = points.get(point.level)
-        points[point.level] = point if there is None or point.ratio > there.ratio else there
-    kinds = {one.change.kind: one.change.of for one in tried}
+        other = points.get(point.level)
+        points[point.level] = point if other is None or point.ratio > other.ratio else other
+    kinds = {run.perturbation.kind: run.perturbation.definition for run in runs}
     return tuple(_tolerance(kinds[kind], target, points.values()) for (kind, target), points in series.items())
 
 
-def _point(own: Result, one: Tried, names: Sequence[str], share: float) -> Point:
-    ratio, name = worst(own, one.result, names, share)
+def _point(own: Estimates, run: PerturbationRun, names: Sequence[str], share: float) -> Point:
+    ratio, name = largest_ratio(own, run.estimates, names, share)
     before = own.parameters.get(name)
-    after = one.result.parameters.get(name) if one.result is not None else None
+    after = run.estimates.parameters.get(name) if run.estimates is not None else None
     percent = math.nan
     if before is not None and after is not None and before.size > 0:
         percent = 100 * abs(after.value - before.value) / before.size
-    return Point(abs(one.change.level), ratio, name, percent, noticed(own, one.result), 100 * one.moved.torque_share)
+    torque = 100 * run.changes.torque_share
+    return Point(abs(run.perturbation.level), ratio, name, percent, noticed(own, run.estimates), torque)
 
 
-def noticed(own: Result, changed: Result | None) -> bool:
-    """Whether the program says of a perturbed trial what it did not say of the unperturbed one."""
+def noticed(own: Estimates, changed: Estimates | None) -> bool:
+    """Return whether the perturbed trial has no result, or a caution that the unperturbed one does not have."""
     return changed is None or bool(changed.codes - own.codes)
 
 
@@ -130,7 +133,7 @@ def _tolerance(kind: Kind, target: str, points: Iterable[Point]) -> Tolerance:
 
 
 def _up_to(kind: Kind, points: Sequence[Point]) -> float:
-    """The worst level that is tolerated together with all milder ones."""
+    """The worst level of which it and all milder levels are tolerated."""
     mild = None
     for point in points:
         if not point.within:
@@ -140,16 +143,16 @@ def _up_to(kind: Kind, points: Sequence[Point]) -> float:
 
 
 def _crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
-    """Where the limit lies between a level that is tolerated and the next, which is not."""
+    """The limit between a tolerated level and the next, which is not tolerated."""
     if kind.counted:
         return math.nan if mild is None else mild.level
-    if mild is None or mild.level == 0:  # nothing moves without a perturbation
+    if mild is None or mild.level == 0:  # without a perturbation nothing changes
         return beyond.level / beyond.ratio if math.isfinite(beyond.ratio) else math.nan
     return _between(mild, beyond)
 
 
 def _between(within: Point, beyond: Point) -> float:
-    """Level of ratio 1, along a power law; the level within where there is no number beyond, or nothing moved."""
+    """The level of ratio 1 by a power law; the tolerated level if one of the ratios is zero or infinite."""
     if not math.isfinite(beyond.ratio) or within.ratio <= 0:
         return within.level
     share = math.log(1 / within.ratio) / math.log(beyond.ratio / within.ratio)
@@ -157,7 +160,7 @@ def _between(within: Point, beyond: Point) -> float:
 
 
 def _either(points: Sequence[Point]) -> tuple[float, float]:
-    """Ends of the tolerated stretch that holds the level of least change."""
+    """Ends of the tolerated range around the level of least change."""
     if not any(point.within for point in points):
         return math.nan, math.nan
     best = min(range(len(points)), key=lambda k: points[k].ratio)

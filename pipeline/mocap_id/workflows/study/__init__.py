@@ -1,9 +1,10 @@
-"""A study: trials of several people by several strategies, and the tables of the thesis's chapter 6 over them.
+"""A study: trials of several people by several strategies, and the tables of the thesis's chapter 6.
 
-`cases` reads what the trials left, one module a table says what stands in its rows, `columns`
-what the columns are, `writing` makes files of them, `study` puts it together.
+`discovery` and `draft` make the study's file from a folder of recordings. `study` runs the trials and writes the
+results: `trial_results` reads the result of each trial, `tables` declares the tables, and the modules `*_table` make
+their rows.
 """
 
-from mocap_id.workflows.study.study import Outcome, run
+from mocap_id.workflows.study.study import StudyResult, run_study
 
-__all__ = ["Outcome", "run"]
+__all__ = ["StudyResult", "run_study"]

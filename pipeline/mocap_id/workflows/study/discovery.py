@@ -1,4 +1,4 @@
-"""The recordings in a folder: C3D files, and TRC files with their MOT; what is none is told with the reason."""
+"""The recordings in a folder: C3D files, and TRC files with their MOT. Other files are listed with the reason."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _NO_TRIAL = re.compile(r"(^|[\W_])(static|cal|calib|calibration|t-?pose|anatomic
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundRecording:
     """One recording and its place in the study.
 
-    Parameters
+    BaseParameters
     ----------
     trial, subject, strategy : str
-        Ids as they will stand in the study's file.
+        Ids in the study's file.
     name : str
-        What the person is called in the folder.
+        Name of the person in the folder.
     markers, forces : Path
     """
 
@@ -39,62 +39,62 @@ class Found:
 
 @dataclass(frozen=True)
 class Discovery:
-    """What a folder holds.
+    """The recordings of a folder.
 
-    Parameters
+    BaseParameters
     ----------
     pattern : str
-        By which people and strategies were told.
-    trials : tuple of Found
+        The pattern that gave people and strategies.
+    trials : tuple of FoundRecording
     left_out : mapping of Path to str
-        Files that are no trials of the study, and why.
+        Files that are not trials of the study, and why.
     """
 
     pattern: str
-    trials: tuple[Found, ...]
+    trials: tuple[FoundRecording, ...]
     left_out: Mapping[Path, str]
 
     @property
     def names(self) -> Mapping[str, str]:
-        """What each subject is called in the folder, by id."""
+        """Name of each subject in the folder, by id."""
         return {trial.subject: trial.name for trial in self.trials}
 
 
 def discover(
     folder: Path, pattern: str | None = None, *, keep_names: bool = False, known: Mapping[str, str] | None = None
 ) -> Discovery:
-    """Find the recordings below a folder.
+    """Find the recordings in a folder and its sub-folders.
 
-    Parameters
+    BaseParameters
     ----------
     folder : Path
     pattern : str, optional
-        As :class:`mocap_id.workflows.study.patterns.Pattern`; by default the usual one that fits best.
+        As :class:`mocap_id.workflows.study.patterns.Pattern`; by default the common pattern that fits best.
     keep_names : bool
-        Ids are the names in the folder, and not s01, s02 …
+        Use the names in the folder as ids, instead of s01, s02 …
     known : mapping of str to str, optional
-        Ids that names already have.
+        Existing ids by name.
 
     Raises
     ------
     ConfigError
-        There is no such folder, no recording in it, or the pattern fits none.
+        There is no such folder, it contains no recording, or the pattern fits none.
     """
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: no such folder; expected one with the recordings of a study")
+        raise ConfigError(f"{folder}: no such folder; expected a folder with the recordings of a study")
     files = sorted((path for path in folder.rglob("*") if path.is_file() and not _hidden(path, folder)), key=_natural)
     recordings, left_out = _recordings(files)
     if not recordings:
-        raise ConfigError(f"{folder}: there is no recording in it; expected C3D files, or TRC files with their MOT")
+        raise ConfigError(f"{folder}: it contains no recording; expected C3D files, or TRC files with their MOT")
     places = {path: PurePosixPath(path.relative_to(folder).as_posix()) for path in recordings}
     chosen = Pattern(pattern) if pattern is not None else default(list(places.values()))
-    told = {path: chosen.place(place) for path, place in places.items()}
-    left_out |= {path: f"does not fit the pattern {chosen.text}" for path, place in told.items() if place is None}
-    fitting = {path: place for path, place in told.items() if place is not None}
+    places_of = {path: chosen.place(place) for path, place in places.items()}
+    left_out |= {path: f"does not fit the pattern {chosen.text}" for path, place in places_of.items() if place is None}
+    fitting = {path: place for path, place in places_of.items() if place is not None}
     if not fitting:
         raise ConfigError(
             f"{folder}: none of the {len(recordings)} recordings fits the pattern {chosen.text}, such as "
-            f"{next(iter(places.values()))}. Say where names stand: --pattern '{{subject}}/{{strategy}}*'"
+            f"{next(iter(places.values()))}. Say where the names are: --pattern '{{subject}}/{{strategy}}*'"
         )
     ids = _ids([place.subject for place in fitting.values()], keep_names, known or {})
     counted: Counter[str] = Counter()
@@ -104,13 +104,13 @@ def discover(
         counted[stem] += 1
         trial = f"{stem}-{counted[stem]}"
         forces = _forces(path, files)
-        trials.append(Found(trial, ids[place.subject], place.subject, place.strategy, path, forces))
+        trials.append(FoundRecording(trial, ids[place.subject], place.subject, place.strategy, path, forces))
     order = {subject: k for k, subject in enumerate(sorted({one.subject for one in trials}, key=_natural))}
     return Discovery(chosen.text, tuple(sorted(trials, key=lambda one: order[one.subject])), left_out)
 
 
 def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
-    """Those that may be trials, and those that are surely none."""
+    """Files that may be trials, and files that are certainly not."""
     found, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
     for path in files:
@@ -126,7 +126,7 @@ def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
 
 
 def _forces(markers: Path, files: Iterable[Path]) -> Path | None:
-    """The MOT file that goes with a TRC file."""
+    """The MOT file of a TRC file."""
     if markers.suffix.lower() != ".trc":
         return None
     stems = [f"{markers.stem}{extra}".casefold() for extra in _FORCES]
@@ -136,13 +136,13 @@ def _forces(markers: Path, files: Iterable[Path]) -> Path | None:
 
 
 def _ids(names: Iterable[str], keep: bool, known: Mapping[str, str]) -> dict[str, str]:
-    """An id for each name."""
+    """Ids by name."""
     ordered = sorted(dict.fromkeys(names), key=_natural)
     if keep:
         ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in ordered}
         twice = sorted(name for name, count in Counter(ids.values()).items() if count > 1 or not name)
         if twice:
-            raise ConfigError(f"--keep-names: several folders give the id `{twice[0]}`: rename one, or go without")
+            raise ConfigError(f"--keep-names: several folders give the id `{twice[0]}`: rename one, or leave out the option")
         return ids
     taken, number = set(known.values()), 0
     ids = {name: known[name] for name in ordered if name in known}
@@ -160,6 +160,6 @@ def _hidden(path: Path, folder: Path) -> bool:
 
 
 def _natural(path: Path | str) -> tuple[tuple[int, int | str], ...]:
-    """So that 2 comes before 10."""
+    """Sort key that puts 2 before 10."""
     parts = re.split(r"(\d+)", str(path).casefold())
     return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts)

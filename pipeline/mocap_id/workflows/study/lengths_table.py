@@ -1,4 +1,4 @@
-"""`lengths`: shank and thigh against landmarks or stature, per person and over the cohort (thesis table 6.1)."""
+"""`lengths`: shank and thigh against landmarks or stature, for each person and the cohort (thesis table 6.1)."""
 
 from __future__ import annotations
 
@@ -6,54 +6,52 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mocap_id.reporting.cohort.material import COHORT
-from mocap_id.workflows.study.cases import LANDMARKS, SEGMENTS, Case
-from mocap_id.workflows.study.statistics import groups, mean_sd
+from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.workflows.study.statistics import group_by, mean_sd, named_mean_sd
+from mocap_id.workflows.study.trial_results import LANDMARKS, SEGMENTS, TrialResult
 
 FRAMEWORK, STATURE = "framework", "stature"
-_NOTHING = "neither landmarks_m nor height is given in the study's file"
+_NO_REFERENCE = "neither landmarks_m nor height is given in the study's file"
+_GROUP = ("segment", "reference", "method")
 
 
-def rows(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """The rows of :data:`mocap_id.workflows.study.columns.LENGTHS`: every person's, then the cohort's."""
-    persons = groups(cases, lambda case: case.subject)
-    own = [row for segment in SEGMENTS for subject in persons for row in _person(subject, persons[subject], segment)]
+def length_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
+    """Return the rows of the table `lengths`: those of each person, then those of the cohort."""
+    people = group_by(trials, lambda trial: trial.subject)
+    own = [row for segment in SEGMENTS for subject in people for row in _person(subject, people[subject], segment)]
     return [*own, *_cohort(own)]
 
 
-def _person(subject: str, cases: Sequence[Case], segment: str) -> Iterator[dict[str, Any]]:
-    reference = cases[0].reference
-    found = [length for case in cases if (length := case.length(segment)) is not None]
-    yield _row(subject, segment, FRAMEWORK, cases[0], found)
+def _person(subject: str, trials: Sequence[TrialResult], segment: str) -> Iterator[dict[str, Any]]:
+    reference = trials[0].reference
+    found = [length for trial in trials if (length := trial.length(segment)) is not None]
+    yield _row(subject, segment, FRAMEWORK, trials[0], found)
     if reference.kind == LANDMARKS:
         by_stature = reference.by_stature[segment]
-        yield _row(subject, segment, STATURE, cases[0], [] if by_stature is None else [by_stature])
+        yield _row(subject, segment, STATURE, trials[0], [] if by_stature is None else [by_stature])
 
 
-def _row(subject: str, segment: str, method: str, case: Case, lengths: Sequence[float]) -> dict[str, Any]:
-    truth = case.reference.lengths[segment]
-    mean, sd = mean_sd(lengths)
-    error = (math.nan, math.nan) if truth is None else mean_sd([100 * (length / truth - 1) for length in lengths])
+def _row(subject: str, segment: str, method: str, trial: TrialResult, lengths: Sequence[float]) -> dict[str, Any]:
+    reference = trial.reference.lengths[segment]
+    errors = [math.nan] if reference is None else [100 * (length / reference - 1) for length in lengths]
     return {
         "subject": subject,
         "segment": segment,
-        "reference": case.reference.kind,
+        "reference": trial.reference.kind,
         "method": method,
         "subjects": int(bool(lengths)),
         "trials": len(lengths) if method == FRAMEWORK else 0,
-        "length_mean": mean,
-        "length_sd": sd,
-        "reference_length": truth,
-        "error_mean": error[0],
-        "error_sd": error[1],
-        "why": _why(case, segment, method, lengths),
+        **named_mean_sd("length", lengths),
+        "reference_length": reference,
+        **named_mean_sd("error", errors),
+        "why": _why(trial, segment, method, lengths),
     }
 
 
-def _why(case: Case, segment: str, method: str, lengths: Sequence[float]) -> str:
-    if case.reference.kind == "":
-        return _NOTHING
-    if case.reference.lengths[segment] is None:
+def _why(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]) -> str:
+    if trial.reference.kind == "":
+        return _NO_REFERENCE
+    if trial.reference.lengths[segment] is None:
         return f"landmarks_m does not give the {segment}"
     if not lengths:
         return "the height is not given" if method == STATURE else f"no trial has a {segment}"
@@ -63,17 +61,13 @@ def _why(case: Case, segment: str, method: str, lengths: Sequence[float]) -> str
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Mean and spread over the people, for each segment, reference and method."""
     known = [row for row in own if not row["why"]]
-    for alike in groups(known, lambda row: "\n".join((row["segment"], row["reference"], row["method"]))).values():
-        error = mean_sd(row["error_mean"] for row in alike)
-        length = mean_sd(row["length_mean"] for row in alike)
+    for rows in group_by(known, lambda row: tuple(row[name] for name in _GROUP)).values():
         yield {
-            **{name: alike[0][name] for name in ("segment", "reference", "method")},
+            **{name: rows[0][name] for name in _GROUP},
             "subject": COHORT,
-            "subjects": len(alike),
-            "trials": sum(row["trials"] for row in alike),
-            "length_mean": length[0],
-            "length_sd": length[1],
-            "reference_length": mean_sd(row["reference_length"] for row in alike)[0],
-            "error_mean": error[0],
-            "error_sd": error[1],
+            "subjects": len(rows),
+            "trials": sum(row["trials"] for row in rows),
+            **named_mean_sd("length", (row["length_mean"] for row in rows)),
+            "reference_length": mean_sd(row["reference_length"] for row in rows)[0],
+            **named_mean_sd("error", (row["error_mean"] for row in rows)),
         }

@@ -1,4 +1,4 @@
-"""`models`: every model of a person against every action of the same person (thesis table 6.3)."""
+"""`models`: every model of a person on every trial of the same person (thesis table 6.3)."""
 
 from __future__ import annotations
 
@@ -8,119 +8,111 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.dynamics.predict import Agreement
+from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.cohort.material import COHORT
-from mocap_id.workflows.study.cases import Case
-from mocap_id.workflows.study.statistics import groups, mean_sd, pooled
-from mocap_id.workflows.study.trials_table import condition
-from mocap_id.workflows.transfer import CARRIED, HELD_OUT, OWN, SERIES, Body, apply, rms
+from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.workflows.study.statistics import group_by, named_mean_sd, pooled
+from mocap_id.workflows.study.trial_results import TrialResult
+from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, BodyErrors, apply_model, rms_error
 
 _OWN = (OWN, HELD_OUT)
 
 
-def rows(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """The rows of :data:`mocap_id.workflows.study.columns.MODELS`: every person's, then the cohort's."""
-    done = [case for case in cases if case.done is not None]
-    own = [row for action in done for row in _action(action, [case for case in done if case.subject == action.subject])]
+def model_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
+    """Return the rows of the table `models`: those of each person, then those of the cohort."""
+    people = group_by((trial for trial in trials if trial.identified is not None), lambda trial: trial.subject)
+    own = [row for trial in trials if trial.identified is not None for row in _action(trial, people[trial.subject])]
     return [*own, *_cohort(own)]
 
 
-def _action(action: Case, same_person: Sequence[Case]) -> Iterator[dict[str, Any]]:
+def _action(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
     """Every model on one trial."""
-    for body in action.at_home:
-        yield _row(action, body.name, action.trial.name if body.name in _OWN else "", body)
+    for body in action.bodies:
+        yield _row(action, body.name, action.name if body.name in _OWN else "", body)
     for model in same_person:
         if model is not action:
-            yield _carried(action, model)
+            yield _transferred(action, model)
 
 
-def _carried(action: Case, model: Case) -> dict[str, Any]:
-    """The body of another trial; a row that says why where it cannot be carried over."""
-    assert action.done is not None
-    assert model.done is not None
-    name, source = model.strategy, model.trial.name
-    if not np.isfinite(model.done.parameters).all():
-        why = model.done.facts.get("why") or "its full parameters are not all known"
-        return _row(action, name, source, None, why=f"no body to carry over from {source}: {why}")
+def _transferred(action: TrialResult, model: TrialResult) -> dict[str, Any]:
+    """The body of another trial, or why it cannot be transferred."""
+    assert action.identified is not None and model.identified is not None
+    name, source = model.strategy, model.name
+    if not np.isfinite(model.identified.parameters).all():
+        why = model.identified.facts.get("why") or "its full parameters are not all known"
+        return _row(action, name, source, None, why=f"no body to transfer from {source}: {why}")
     try:
-        found = apply(model.done, action.done)
-    except ConfigError as error:  # it begins with the folder of the trial, which is nobody else's business
-        return _row(action, name, source, None, why=str(error).removeprefix(f"{action.done.source}: "))
-    body = next(body for body in found.bodies if body.name == CARRIED)
-    known = [value for value in found.registration.residual[1:].tolist() if math.isfinite(value)]
+        found = apply_model(model.identified, action.identified)
+    except ConfigError as error:  # the message begins with the trial's folder, which is not published
+        return _row(action, name, source, None, why=str(error).removeprefix(f"{action.identified.source}: "))
+    body = next(body for body in found.bodies if body.name == TRANSFERRED)
     return _row(action, name, source, body) | {
-        "registration_residual": max(known, default=math.nan),
+        "registration_residual": found.registration_residual,
         "supported": {True: "yes", False: "no", None: ""}[found.supported],
         "codes": ", ".join(reason.code for reason in found.reasons),
     }
 
 
-def _row(action: Case, name: str, source: str, body: Body | None, why: str = "") -> dict[str, Any]:
-    assert action.done is not None
-    nothing = action.done.facts.get("why") if action.parameters is None else None
+def _row(action: TrialResult, name: str, source: str, body: BodyErrors | None, why: str = "") -> dict[str, Any]:
+    assert action.identified is not None
+    nothing = action.identified.facts.get("why") if action.parameters is None else None
     row: dict[str, Any] = {
         "subject": action.subject,
         "action": action.strategy,
         "model": name,
-        "action_trial": action.trial.name,
+        "action_trial": action.name,
         "model_trial": source,
         "subjects": 1,
         "pairs": int(body is not None and any(error is not None for error in body.errors.values())),
-        "samples": int(action.done.dynamics["in_fit"].sum()),
-        "condition_number_mean": condition(action),
-        "why": why or (f"nothing was identified on {action.trial.name}: {nothing}" if nothing else ""),
+        "samples": int(action.identified.dynamics["in_fit"].sum()),
+        "condition_number_mean": action.value("dynamics", "condition_number"),
+        "why": why or (f"nothing was identified on {action.name}: {nothing}" if nothing else ""),
     }
     if body is not None:
         for series, error in body.errors.items():
-            row |= _numbers(series, error, rms(error))
+            row |= _bias_sd(series, error) | {f"{series}_rms": rms_error(error)}
         for j, torque in enumerate(body.torques, start=1):
-            row |= _numbers(f"tau_{j}", torque)
+            row |= _bias_sd(f"tau_{j}", torque)
     return row
 
 
-def _numbers(name: str, error: Agreement | None, root: float | None = None) -> dict[str, float]:
+def _bias_sd(name: str, error: Agreement | None) -> dict[str, float]:
     bias, sd = (math.nan, math.nan) if error is None else (error.bias, error.sd)
-    return {f"{name}_mean": bias, f"{name}_sd": sd} | ({} if root is None else {f"{name}_rms": root})
+    return {f"{name}_mean": bias, f"{name}_sd": sd}
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Each model of each action over everybody: errors put together, condition numbers' mean and spread."""
+    """Every model on every strategy over all people: pooled errors; mean and spread of the condition numbers."""
     known = [row for row in own if math.isfinite(row.get("Fy_mean", math.nan))]
-    series = [
-        *SERIES,
-        *sorted({name[:-5] for row in own for name in row if name.startswith("tau_") and name.endswith("_mean")}),
-    ]
-    for alike in groups(
-        sorted(known, key=_order(known)), lambda row: "\n".join((row["action"], row["model"]))
-    ).values():
-        first = alike[0]
+    torques = {name.removesuffix("_mean") for row in own for name in row if name.startswith("tau_")}
+    series = [*SERIES, *sorted(name for name in torques if not name.endswith("_sd"))]
+    for rows in group_by(sorted(known, key=_order(known)), lambda row: (row["action"], row["model"])).values():
         row: dict[str, Any] = {
             "subject": COHORT,
-            "action": first["action"],
-            "model": first["model"],
-            "subjects": len({one["subject"] for one in alike}),
-            "pairs": len(alike),
-            "samples": sum(one["samples"] for one in alike),
+            "action": rows[0]["action"],
+            "model": rows[0]["model"],
+            "subjects": len({one["subject"] for one in rows}),
+            "pairs": len(rows),
+            "samples": sum(one["samples"] for one in rows),
         }
-        conditions = {one["action_trial"]: one["condition_number_mean"] for one in alike}
-        row["condition_number_mean"], row["condition_number_sd"] = mean_sd(conditions.values())
+        conditions = {one["action_trial"]: one["condition_number_mean"] for one in rows}
+        row |= named_mean_sd("condition_number", conditions.values())
         for name in series:
-            together = pooled([_agreement(one, name) for one in alike])
-            row |= {f"{name}_mean": together[0], f"{name}_sd": together[1]}
+            mean, sd = pooled([_agreement(one, name) for one in rows])
+            row |= {f"{name}_mean": mean, f"{name}_sd": sd}
             if name in SERIES:
-                row[f"{name}_rms"] = math.hypot(*together)
+                row[f"{name}_rms"] = math.hypot(mean, sd)
         yield row
 
 
 def _order(known: Sequence[Mapping[str, Any]]) -> Any:
-    """Actions as they come; for each the table, the own model, then those of other trials by their strategies."""
+    """Sort key: strategies as they come; for each the table, the own model, then other trials by their strategies."""
     actions = list(dict.fromkeys(row["action"] for row in known))
 
     def place(row: Mapping[str, Any]) -> tuple[int, int, int]:
-        carried = row["model"] not in _OWN and bool(row["model_trial"])
-        rank = 2 if carried else 1 if row["model"] in _OWN else 0
-        other = actions.index(row["model"]) if carried and row["model"] in actions else 0
+        transferred = row["model"] not in _OWN and bool(row["model_trial"])
+        rank = 2 if transferred else 1 if row["model"] in _OWN else 0
+        other = actions.index(row["model"]) if transferred and row["model"] in actions else 0
         return actions.index(row["action"]), rank, other + (row["model"] == HELD_OUT)
 
     return place

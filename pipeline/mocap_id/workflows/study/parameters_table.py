@@ -1,31 +1,29 @@
-"""`parameters`: the base parameters of every trial with their deviations, beside the allometric body's."""
+"""`parameters`: the base parameters of every trial with their deviations, beside those of the allometric body."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from mocap_id.workflows.study.cases import Case
+from mocap_id.workflows.study.trial_results import TrialResult
 
 
-def rows(cases: Sequence[Case]) -> Iterator[dict[str, Any]]:
-    """The rows of :data:`mocap_id.workflows.study.columns.PARAMETERS`."""
-    for case in cases:
-        found = case.parameters
+def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table `parameters`."""
+    for trial in trials:
+        found = trial.parameters
         if found is None:
             continue
-        names, numbers = (found.symbols, found.expressions, found.units), (found.value, found.sd, found.reference)
-        rows_of = zip(*names, found.verdicts, *numbers, strict=True)
-        for symbol, expression, unit, verdict, value, sd, reference in rows_of:
+        for k, symbol in enumerate(found.symbols):
             yield {
-                "trial": case.trial.name,
-                "subject": case.subject,
-                "strategy": case.strategy,
+                "trial": trial.name,
+                "subject": trial.subject,
+                "strategy": trial.strategy,
                 "parameter": symbol,
-                "expression": expression,
-                "unit": unit,
-                "value": float(value),
-                "sd": float(sd),
-                "verdict": verdict,
-                "reference": float(reference),
+                "expression": found.expressions[k],
+                "unit": found.units[k],
+                "value": float(found.value[k]),
+                "sd": float(found.sd[k]),
+                "verdict": found.verdicts[k],
+                "reference": float(found.reference[k]),
             }

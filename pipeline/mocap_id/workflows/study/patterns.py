@@ -1,4 +1,4 @@
-"""Who and how, from where a recording lies: patterns such as ``{subject}/{strategy}*.c3d``."""
+"""Person and strategy from the path of a recording, by patterns such as ``{subject}/{strategy}*.c3d``."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from pathlib import PurePosixPath
 from mocap_id.errors import ConfigError
 
 UNNAMED = "movement"
-"""The strategy where a pattern has none."""
+"""The strategy if a pattern has none."""
 _KNOWN = re.compile("normal|natural|comfort|self|select|prefer|usual|dynamic|momentum|fast|quick|stab|slow|forced")
-"""Words of strategies, by which folders named after these are told from folders named after people."""
+"""Words for strategies; they distinguish folders named after strategies from folders named after people."""
 _COUNTERS = "trial|take|rep|repetition|run|test|t|r|n"
-"""Words before a number: which one, not how."""
+"""Words before the number of a trial, which do not belong to the strategy."""
 _NUMBERED = re.compile(rf"[\s_.-]+(?:{_COUNTERS})?[\s_.-]*\d+$", re.IGNORECASE)
 _LEVEL = re.compile("(session|ses|visit|day|data|raw|recordings?|c3d|trc|mocap|markers|export)(-.*)?")
-"""Folders between a person's and the recordings, which say nothing of how the person moves."""
+"""Folders between a person and the recordings, which are not strategies."""
 _PLAIN = ("{subject}/{strategy}*", "{subject}/{strategy}/*", "{subject}/**/{strategy}*")
 _BY_STRATEGY = ("{strategy}/{subject}*", "{strategy}/{subject}/*")
 _FLAT = ("{subject}_{strategy}*", "{subject}-{strategy}*", "{subject} {strategy}*")
 DEFAULTS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*")
-"""Tried in this order; those of whole folders named after strategies before those named after people."""
+"""The common patterns, in the order in which they are tried."""
 _PIECES = {
     "{subject}": r"(?P<subject>[^/]+?)",
     "{strategy}": r"(?P<strategy>[^/]*[^\W\d_][^/]*?)",
@@ -33,22 +33,22 @@ _PIECES = {
 
 @dataclass(frozen=True)
 class Place:
-    """What a recording's place says: the person's name as it stands there, and the strategy as a plain word."""
+    """Person, as named in the path, and strategy, in plain words, of a recording."""
 
     subject: str
     strategy: str
 
 
 class Pattern:
-    """A path pattern, relative to the folder that is looked through.
+    """A path pattern, relative to the folder with the recordings.
 
     ``{subject}`` and ``{strategy}`` stand for a part of one name, ``*`` for any part of a name, ``**/`` for any folders
-    between. What a pattern says of the file's ending counts (``*.c3d``); without one any recording will do.
+    between. A pattern with an ending (``*.c3d``) fits only this ending; one without an ending fits any recording.
 
     Raises
     ------
     ConfigError
-        It has no ``{subject}``, or a name in braces that means nothing.
+        It has no ``{subject}``, or another name in braces.
     """
 
     def __init__(self, text: str) -> None:
@@ -60,7 +60,7 @@ class Pattern:
                 "'{subject}/{strategy}*.c3d'"
             )
         pieces = re.split(r"(\{subject\}|\{strategy\}|\*\*/|\*)", text)
-        # A name that may be followed by anything reaches as far as it can, and loses its number afterwards.
+        # A name before * takes as much as it can; its number is removed later.
         source = "".join(_PIECES.get(piece, re.escape(piece)) for piece in pieces)
         greedy = source.replace("+?)[^/]*", "+)[^/]*").replace("*?)[^/]*", "*)[^/]*")
         self._regex = re.compile(greedy, re.IGNORECASE)
@@ -68,7 +68,7 @@ class Pattern:
         self._ending = bool(re.search(r"\.\w+$", text))
 
     def place(self, path: PurePosixPath) -> Place | None:
-        """What the pattern makes of a path; None where it does not fit."""
+        """Return person and strategy of a path; None if the pattern does not fit."""
         match = self._regex.fullmatch(str(path) if self._ending else str(path.with_suffix("")))
         if match is None:
             return None
@@ -80,7 +80,7 @@ class Pattern:
 
 
 def default(paths: Sequence[PurePosixPath]) -> Pattern:
-    """The first usual pattern that fits every path; of several people if any does, and else the one that fits most."""
+    """Return the common pattern that fits most paths; of equal ones the first, and one with a strategy before others."""
     patterns = [Pattern(text) for text in DEFAULTS]
     scored = [(_fit(pattern, paths), -k, pattern) for k, pattern in enumerate(patterns)]
     return max(scored, key=lambda one: one[:2])[2]
@@ -102,7 +102,7 @@ def _is_strategy(text: str) -> bool:
 
 
 def _words(text: str, subject: str) -> str:
-    """A strategy as plain words joined by hyphens, without the person's name, numbers and what counts trials."""
+    """A strategy as plain words joined by hyphens, without the person's name and the trial's number."""
     if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
         text = text[len(subject) :]
     words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]

@@ -2,59 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from mocap_id.reporting.cohort.material import COHORT
-from mocap_id.workflows.study.cases import Case
-from mocap_id.workflows.study.statistics import groups, mean_sd
-from mocap_id.workflows.study.trials_table import condition, length_error, reprojection
+from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.workflows.study.statistics import group_by, named_mean_sd
+from mocap_id.workflows.study.trial_results import TrialResult
 
-QUANTITIES = {
-    "shank_error": lambda case: length_error(case, "shank"),
-    "thigh_error": lambda case: length_error(case, "thigh"),
-    "reprojection": reprojection,
-    "condition_number": condition,
+QUANTITIES: Mapping[str, Callable[[TrialResult], float | None]] = {
+    "shank_error": lambda trial: trial.length_error("shank"),
+    "thigh_error": lambda trial: trial.length_error("thigh"),
+    "reprojection": lambda trial: trial.metres("markers", "reprojection_rms_mm"),
+    "condition_number": lambda trial: trial.value("dynamics", "condition_number"),
 }
 
 
-def rows(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """The rows of :data:`mocap_id.workflows.study.columns.STRATEGIES`: every person's, then the cohort's."""
-    done = [case for case in cases if case.done is not None]
-    strategies = groups(done, lambda case: case.strategy)
+def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
+    """Return the rows of the table `strategies`: those of each person, then those of the cohort."""
+    identified = [trial for trial in trials if trial.identified is not None]
+    strategies = group_by(identified, lambda trial: trial.strategy)
     own = [
-        _person(alike)
-        for subject in groups(done, lambda case: case.subject)
+        _person(same)
+        for subject in group_by(identified, lambda trial: trial.subject)
         for strategy in strategies
-        if (alike := [case for case in strategies[strategy] if case.subject == subject])
+        if (same := [trial for trial in strategies[strategy] if trial.subject == subject])
     ]
     return [*own, *_cohort(own)]
 
 
-def _person(cases: Sequence[Case]) -> dict[str, Any]:
-    first = cases[0]
+def _person(trials: Sequence[TrialResult]) -> dict[str, Any]:
     row: dict[str, Any] = {
-        "subject": first.subject,
-        "strategy": first.strategy,
-        "reference": first.reference.kind,
+        "subject": trials[0].subject,
+        "strategy": trials[0].strategy,
+        "reference": trials[0].reference.kind,
         "subjects": 1,
-        "trials": len(cases),
+        "trials": len(trials),
     }
     for name, quantity in QUANTITIES.items():
-        row[f"{name}_mean"], row[f"{name}_sd"] = mean_sd(quantity(case) for case in cases)
+        row |= named_mean_sd(name, map(quantity, trials))
     return row
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Mean and spread over the people; what is held against landmarks and what against stature stay apart."""
-    for alike in groups(own, lambda row: "\n".join((row["strategy"], row["reference"]))).values():
+    """Mean and spread over the people; landmarks and stature are not mixed."""
+    for rows in group_by(own, lambda row: (row["strategy"], row["reference"])).values():
         row: dict[str, Any] = {
             "subject": COHORT,
-            "strategy": alike[0]["strategy"],
-            "reference": alike[0]["reference"],
-            "subjects": len(alike),
-            "trials": sum(person["trials"] for person in alike),
+            "strategy": rows[0]["strategy"],
+            "reference": rows[0]["reference"],
+            "subjects": len(rows),
+            "trials": sum(person["trials"] for person in rows),
         }
         for name in QUANTITIES:
-            row[f"{name}_mean"], row[f"{name}_sd"] = mean_sd(person[f"{name}_mean"] for person in alike)
+            row |= named_mean_sd(name, (person[f"{name}_mean"] for person in rows))
         yield row

@@ -1,69 +1,68 @@
-"""``mocap-id study``: run every trial, then make the tables and the page of the cohort, unless they are up to date."""
+"""``mocap-id study``: run every trial, then write the tables and the page of the cohort unless they are up to date."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from mocap_id import __version__
 from mocap_id.config.study import Study, load_study
-from mocap_id.reporting.cohort.material import PAGE_FILE, CohortMaterial, TrialEntry
-from mocap_id.reporting.shape import ReasonEntry
+from mocap_id.reporting.cohort.page_data import PAGE_FILE, CohortData
+from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results.result import Result
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
-from mocap_id.store.atomic import replace_together
-from mocap_id.workflows.performing import Here, Performed, Tell, perform_all
-from mocap_id.workflows.study import (
-    lengths_table,
-    models_table,
-    parameters_table,
-    strategies_table,
-    trials_table,
-    variation_table,
-    writing,
-)
-from mocap_id.workflows.study.cases import Case, case
-from mocap_id.workflows.study.columns import TABLES, frame
+from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
+from mocap_id.workflows.study.lengths_table import length_rows
+from mocap_id.workflows.study.models_table import model_rows
+from mocap_id.workflows.study.parameters_table import parameter_rows
+from mocap_id.workflows.study.strategies_table import strategy_rows
+from mocap_id.workflows.study.tables import TABLES
+from mocap_id.workflows.study.trial_results import TrialResult, read_trial_result
+from mocap_id.workflows.study.variation_table import variation_rows
 
+DOCUMENT = "study.json"
 _VERSION = 3  # raised whenever the same trials would give other tables or another page
-_ROWS: Mapping[str, Callable[[Sequence[Case]], Any]] = {
-    "trials": trials_table.rows,
-    "lengths": lengths_table.rows,
-    "strategies": strategies_table.rows,
-    "models": models_table.rows,
-    "parameters": parameters_table.rows,
-    "variation": variation_table.rows,
+_ABOUT = (
+    "Each table stands as CSV and as Parquet (units and meanings in the field metadata). A row of the "
+    "subject `cohort` is about all people. Missing is empty in CSV and NaN in Parquet."
+)
+_ROWS: Mapping[str, Callable[[Sequence[TrialResult]], Iterable[Any]]] = {
+    "trials": lambda trials: trials,
+    "lengths": length_rows,
+    "strategies": strategy_rows,
+    "models": model_rows,
+    "parameters": parameter_rows,
+    "variation": variation_rows,
 }
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a study went.
+class StudyResult:
+    """The result of a study.
 
     Parameters
     ----------
     study : Study
-    performed : tuple of Performed
-        Its trials.
+    runs : tuple of TrialRun
+        How the trials ended.
     document : mapping
-        What study.json holds.
+        Content of study.json.
     reused : bool
         Tables and page were up to date.
     """
 
     study: Study
-    performed: tuple[Performed, ...]
+    runs: tuple[TrialRun, ...]
     document: Mapping[str, Any]
     reused: bool
 
     @property
-    def failed(self) -> tuple[Performed, ...]:
+    def failed(self) -> tuple[TrialRun, ...]:
         """Trials that failed or were refused."""
-        return tuple(one for one in self.performed if one.exit_code != 0)
+        return tuple(run for run in self.runs if run.exit_code != 0)
 
     @property
     def page(self) -> Path:
@@ -71,87 +70,106 @@ class Outcome:
         return self.study.folder / PAGE_FILE
 
 
-def run(
+def run_study(
     file: Path,
     jobs: int = 1,
     begin: Callable[[int], None] = lambda trials: None,
-    tell: Tell = lambda done: None,
-) -> Outcome:
+    tell: TrialCallback = lambda run: None,
+) -> StudyResult:
     """Run a study.
 
     Parameters
     ----------
     file : Path
-        Its YAML file.
+        The study's YAML file.
     jobs : int
-        Trials at a time.
+        Number of trials that run at the same time.
     begin : callable, optional
-        Told how many trials there are.
+        Called with the number of trials before the first one runs.
     tell : callable, optional
-        Told of every trial once it is done.
+        Called with each trial that ends.
 
     Raises
     ------
     ConfigError
         The file is wrong; nothing was run.
     StoreError
-        The study's folder is in use or cannot be written. What goes wrong with one trial is told in its row.
+        The study's folder is in use or cannot be written. The failure of a trial is reported in its row instead.
     """
     study = load_study(file)
-    folder = Folder(study.folder)
-    with folder.locked():
+    with Folder(study.folder).locked():
         begin(len(study.trials))
-        performed = perform_all([one.trial for one in study.trials], Here(jobs), tell)
-        key = _key(study, performed)
-        standing = _standing(study.folder, key)
-        if standing is not None:
-            return Outcome(study, performed, standing, reused=True)
-        cases = [case(study, one, done) for one, done in zip(study.trials, performed, strict=True)]
-        frames = tables(cases)
-        files = {**writing.table_files(frames), **_documents(study, cases, frames)}
-        document = writing.document(study, cases, frames, files, key)
-        replace_together(study.folder, {**files, writing.DOCUMENT: writing.as_bytes(document)})
-    return Outcome(study, performed, document, reused=False)
+        runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
+        key = _key(study, runs)
+        document = _up_to_date(study.folder, key)
+        if document is not None:
+            return StudyResult(study, runs, document, reused=True)
+        trials = [read_trial_result(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
+        result = _result(study, trials, key)
+        result.write(study.folder)
+    return StudyResult(study, runs, result.document, reused=False)
 
 
-def tables(cases: Sequence[Case]) -> dict[str, pd.DataFrame]:
-    """Every table of :data:`mocap_id.workflows.study.columns.TABLES`."""
-    return {name: frame(schema, _ROWS[name](cases)) for name, schema in TABLES.items()}
+def make_tables(trials: Sequence[TrialResult]) -> dict[str, ResultTable]:
+    """Return every table of a study."""
+    return {name: ResultTable.of(schema, _ROWS[name](trials)) for name, schema in TABLES.items()}
 
 
-def _documents(study: Study, cases: Sequence[Case], frames: Mapping[str, pd.DataFrame]) -> dict[str, bytes]:
-    from mocap_id.reporting.cohort.page import page  # noqa: PLC0415  templates are imported by whoever writes a page
+def _result(study: Study, trials: Sequence[TrialResult], key: str) -> Result:
+    tables = make_tables(trials)
 
-    return {PAGE_FILE: page(CohortMaterial(study.name, __version__, tuple(map(_entry, cases)), frames))}
+    def page() -> dict[str, bytes]:
+        from mocap_id.reporting.cohort.page import cohort_page  # noqa: PLC0415  it loads the page's templates
+
+        entries = [
+            one.entry(one.name, f"{one.subject}, {one.strategy}", f"../{one.name}/report.html") for one in trials
+        ]
+        frames = {name: table.frame for name, table in tables.items()}
+        return {PAGE_FILE: cohort_page(CohortData(study.name, tuple(entries), frames))}
+
+    content = {
+        "study": study.name,
+        "product": __version__,
+        "about": _ABOUT,
+        "page": PAGE_FILE,
+        "subjects": {
+            subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
+        },
+        "trials": [_trial_document(trial) for trial in trials],
+        "tables": {name: table.description for name, table in tables.items()},
+        "key": key,
+    }
+    return Result("study", DOCUMENT, content, tables, page, hashed=True)
 
 
-def _entry(case: Case) -> TrialEntry:
-    return TrialEntry(
-        name=case.trial.name,
-        subject=case.subject,
-        strategy=case.strategy,
-        fate=trials_table.level(case),
-        reasons=[] if case.summary is None else [ReasonEntry(**one) for one in case.summary["verdict"]["reasons"]],
-        message=case.performed.published,
-        report=writing.report_of(case),
-    )
+def _trial_document(trial: TrialResult) -> dict[str, Any]:
+    return {
+        "trial": trial.name,
+        "subject": trial.subject,
+        "strategy": trial.strategy,
+        "exit_code": trial.run.exit_code,
+        "verdict": trial.level,
+        "codes": trial.codes,
+        "message": trial.run.published,
+        "report": trial.report,
+    }
 
 
-def _key(study: Study, performed: Sequence[Performed]) -> str:
-    """Changes with whatever tables and page depend on: what the trials' reports tell, the people, the file's words."""
+def _key(study: Study, runs: Sequence[TrialRun]) -> str:
+    """A hash of everything that tables and page depend on: the trials' reports, the people and the file's entries."""
     trials = [
-        [one.name, one.subject, one.strategy, done.exit_code, done.published, done.key]
-        for one, done in zip(study.trials, performed, strict=True)
+        [one.name, one.subject, one.strategy, run.exit_code, run.published, run.key]
+        for one, run in zip(study.trials, runs, strict=True)
     ]
     people = {name: person.model_dump(mode="json") for name, person in study.subjects.items()}
     return hash_bytes(dumps([_VERSION, __version__, study.name, trials, people]).encode())
 
 
-def _standing(folder: Path, key: str) -> Mapping[str, Any] | None:
-    """study.json, if it and all that it names are what would be written now."""
+def _up_to_date(folder: Path, key: str) -> Mapping[str, Any] | None:
+    """study.json, if it has this key and every file that it names is unchanged."""
     try:
-        document: Mapping[str, Any] = json.loads((folder / writing.DOCUMENT).read_text("utf-8"))
-        sound = all(hash_file(folder / file) == content for file, content in document["files"].items())
-        return document if sound and document["key"] == key else None
+        document: Mapping[str, Any] = json.loads((folder / DOCUMENT).read_text("utf-8"))
+        unchanged = all(hash_file(folder / file) == content for file, content in document["files"].items())
+        return document if unchanged and document["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # nothing there, or nothing that can be trusted: it is made anew
+        return None  # missing or unreadable: write it again

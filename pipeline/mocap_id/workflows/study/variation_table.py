@@ -1,11 +1,11 @@
 """`variation`: how much base and modified base parameters vary over a person's trials (thesis figure 6.8).
 
-A segment's frame turns a little from trial to trial, and takes mx into my. The modified parameters are free of that:
-for each segment of which both are known they hold
+A segment's frame turns a little from trial to trial, which mixes mx and my. The modified parameters do not depend on
+it: a segment of which both are known has, instead of the two,
 
     mr = |(mx, my)|
 
-with all that is regrouped into mx and my. Of the base only mx is a base parameter; it stays as it is.
+with everything that is regrouped into mx and my. Of the base only mx is a base parameter, and is kept.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting.cohort.material import COHORT
-from mocap_id.workflows.study.cases import Case, Parameters
-from mocap_id.workflows.study.statistics import groups, mean_sd
+from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.workflows.study.statistics import group_by, mean_sd
+from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult
 
-BASE, MODIFIED = "base", "modified"
 _ROUNDING = 1e-9  # kg, kg m, kg m²: the table's body has its masses on the lines between the joints
+_GROUP = ("set", "parameter", "expression", "unit", "segments")
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """One parameter of a trial: its names, unit and value, and what the allometric body has."""
+class ParameterValue:
+    """One parameter of a trial: names, unit, value, and the value of the allometric body."""
 
     symbol: str
     expression: str
@@ -38,27 +38,27 @@ class Parameter:
     reference: float
 
 
-def rows(cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """The rows of :data:`mocap_id.workflows.study.columns.VARIATION`: every person's, then the cohort's."""
+def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
+    """Return the rows of the table `variation`: those of each person, then those of the cohort."""
     own = [
         row
-        for subject, theirs in groups(cases, lambda case: case.subject).items()
-        for row in _person(subject, [case.parameters for case in theirs if case.parameters is not None])
+        for subject, theirs in group_by(trials, lambda trial: trial.subject).items()
+        for row in _person(subject, [trial.parameters for trial in theirs if trial.parameters is not None])
     ]
     return [*own, *_cohort(own)]
 
 
-def base(parameters: Parameters) -> list[Parameter]:
-    """The base parameters as they are."""
+def base(parameters: BaseParameters) -> list[ParameterValue]:
+    """Return the base parameters."""
     columns = (parameters.symbols, parameters.expressions, parameters.units, parameters.value, parameters.reference)
     return [
-        Parameter(symbol, expression, unit, float(value), float(reference))
+        ParameterValue(symbol, expression, unit, float(value), float(reference))
         for symbol, expression, unit, value, reference in zip(*columns, strict=True)
     ]
 
 
-def modified(parameters: Parameters) -> list[Parameter]:
-    """The same with every (mx, my) as one length."""
+def modified(parameters: BaseParameters) -> list[ParameterValue]:
+    """Return the base parameters with every (mx, my) as one length mr."""
     by_name = {parameter.symbol: parameter for parameter in base(parameters)}
     found = []
     for symbol, parameter in by_name.items():
@@ -70,8 +70,8 @@ def modified(parameters: Parameters) -> list[Parameter]:
     return found
 
 
-def _length(mx: Parameter, my: Parameter) -> Parameter:
-    return Parameter(
+def _length(mx: ParameterValue, my: ParameterValue) -> ParameterValue:
+    return ParameterValue(
         mx.symbol.replace("mx", "mr"),
         f"|({mx.expression}, {my.expression})|",
         mx.unit,
@@ -80,18 +80,16 @@ def _length(mx: Parameter, my: Parameter) -> Parameter:
     )
 
 
-def _person(subject: str, trials: Sequence[Parameters]) -> Iterator[dict[str, Any]]:
-    """Over the trials whose chains have as many segments as most have."""
+def _person(subject: str, trials: Sequence[BaseParameters]) -> Iterator[dict[str, Any]]:
+    """Variation over the trials whose chains have the most common number of segments."""
     if not trials:
         return
     segments = Counter(trial.segments for trial in trials).most_common(1)[0][0]
-    alike = [trial for trial in trials if trial.segments == segments]
-    left_out = len(trials) - len(alike)
+    counted = [trial for trial in trials if trial.segments == segments]
+    left_out = len(trials) - len(counted)
     why = f"{left_out} trials have another number of segments and do not count" if left_out else ""
-    for kind, of in ((BASE, base), (MODIFIED, modified)):
-        for same in zip(*map(of, alike), strict=True):
-            mean, sd, cv = _variation(np.array([parameter.value for parameter in same]))
-            expected, spread, share = _variation(np.array([parameter.reference for parameter in same]))
+    for kind, parameters in (("base", base), ("modified", modified)):
+        for same in zip(*map(parameters, counted), strict=True):
             yield {
                 "subject": subject,
                 "set": kind,
@@ -100,34 +98,30 @@ def _person(subject: str, trials: Sequence[Parameters]) -> Iterator[dict[str, An
                 "unit": same[0].unit,
                 "segments": segments,
                 "subjects": 1,
-                "trials": len(alike),
-                "mean": mean,
-                "sd": sd,
-                "cv": cv,
-                "reference_mean": expected,
-                "reference_sd": spread,
-                "reference_cv": share,
-                "why": why if len(alike) > 1 else "one trial shows no variation",
+                "trials": len(counted),
+                **_variation("", np.array([parameter.value for parameter in same])),
+                **_variation("reference_", np.array([parameter.reference for parameter in same])),
+                "why": why if len(counted) > 1 else "one trial shows no variation",
             }
 
 
-def _variation(values: FloatArray) -> tuple[float, float, float]:
-    """Mean, standard deviation and coefficient of variation; none of what is zero by construction, but for rounding."""
+def _variation(prefix: str, values: FloatArray) -> dict[str, float]:
+    """Mean, standard deviation and coefficient of variation, which a value that is zero but for rounding lacks."""
     mean, sd = mean_sd(values.tolist())
-    return mean, sd, sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
+    cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
+    return {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Mean and spread of the people's coefficients of variation."""
     known = [row for row in own if row["trials"] > 1]
-    keys = ("set", "parameter", "expression", "unit", "segments")
-    for alike in groups(known, lambda row: "\n".join(str(row[key]) for key in keys)).values():
-        cv, reference = mean_sd(row["cv"] for row in alike), mean_sd(row["reference_cv"] for row in alike)
+    for rows in group_by(known, lambda row: tuple(row[name] for name in _GROUP)).values():
+        cv, reference = mean_sd(row["cv"] for row in rows), mean_sd(row["reference_cv"] for row in rows)
         yield {
-            **{key: alike[0][key] for key in keys},
+            **{name: rows[0][name] for name in _GROUP},
             "subject": COHORT,
-            "subjects": len(alike),
-            "trials": sum(row["trials"] for row in alike),
+            "subjects": len(rows),
+            "trials": sum(row["trials"] for row in rows),
             "cv": cv[0],
             "cv_sd": cv[1],
             "reference_cv": reference[0],

@@ -1,7 +1,7 @@
-"""``mocap-id workspace``: what the tip of a recovered chain, or of one written in YAML, can reach (thesis 7.2)."""
+"""The workspace of the tip of a recovered chain, or of a chain in YAML (thesis 7.2)."""
 
-from mocap_id.workflows.workspace.performing import Reach, compare, measure
-from mocap_id.workflows.workspace.sources import Subject, subject
-from mocap_id.workflows.workspace.writing import as_json, write
+from mocap_id.workflows.workspace.arm_source import SubjectArm, read_arm
+from mocap_id.workflows.workspace.output import workspace_result
+from mocap_id.workflows.workspace.reach import Reach, compare, measure
 
-__all__ = ["Reach", "Subject", "as_json", "compare", "measure", "subject", "write"]
+__all__ = ["Reach", "SubjectArm", "compare", "measure", "read_arm", "workspace_result"]

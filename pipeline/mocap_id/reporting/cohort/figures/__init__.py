@@ -1,22 +1,22 @@
-"""The figures of a cohort's page: a figure, or a sentence that says why there is none."""
+"""The figures of a cohort's page; where there is no figure, a sentence says why."""
 
 from __future__ import annotations
 
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort.figures import lengths, parameters, pressure
-from mocap_id.reporting.cohort.material import CohortMaterial
+from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Drawing, Drawings
 
 
-def drawings(material: CohortMaterial) -> Drawings:
-    """Every figure of the page."""
+def cohort_figures(data: CohortData) -> Drawings:
+    """Return every figure of the page."""
     made = (
         Drawing(
             "lengths",
             "Segment lengths against their reference",
-            "A dot for each trial with its 95 % interval, coloured by strategy. Bars are what was measured on the "
-            "body, crosses what the allometric table says for the person's height.",
-            lengths.shown(material),
+            "A dot for each trial with its 95 % interval, coloured by strategy. Bars are the lengths measured on the "
+            "body, crosses those that the allometric table gives for the person's height.",
+            lengths.draw(data),
         ),
         Drawing(
             "pressure",
@@ -24,14 +24,14 @@ def drawings(material: CohortMaterial) -> Drawings:
             "Root mean square error of the predicted centre of pressure off the chair, a mark for each prediction. "
             "Own: the trial's model on its own samples; held out: on repetitions that it was not fitted to; other "
             "trial: the model of another trial of the same person.",
-            pressure.shown(material),
+            pressure.draw(data),
         ),
         Drawing(
             "parameters",
             "Base parameters of every person",
             "A dot for each trial with its 95 % interval, coloured by strategy; crosses are the allometric body. Each "
-            "panel has a scale of its own.",
-            parameters.shown(material),
+            "panel has its own scale.",
+            parameters.draw(data),
         ),
     )
-    return Drawings(style.printable(material.study), made)
+    return Drawings(style.printable(data.study), made)

@@ -7,32 +7,32 @@ import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.cohort.figures import people
-from mocap_id.reporting.cohort.material import CohortMaterial
+from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Figure, Item, Panel, Points, Symbol
 
 _SEGMENTS = ("shank", "thigh")
 
 
-def shown(material: CohortMaterial) -> Figure | str:
-    """A panel a segment, a row a person."""
-    trials = material.tables["trials"]
+def draw(data: CohortData) -> Figure | str:
+    """Return a panel for each segment with a row for each person, or why there is none."""
+    trials = data.tables["trials"]
     if not np.isfinite(trials[list(_SEGMENTS)].to_numpy(dtype=np.float64)).any():
         return "No segment lengths: no trial has a shank or a thigh."
-    return Figure((tuple(_panel(material, segment) for segment in _SEGMENTS),))
+    return Figure((tuple(_panel(data, segment) for segment in _SEGMENTS),))
 
 
-def _panel(material: CohortMaterial, segment: str) -> Panel:
+def _panel(data: CohortData, segment: str) -> Panel:
     items = (
-        *people.between(material),
-        *_references(material, segment),
-        *people.dots(material, material.tables["trials"], segment, f"{segment}_sd", factor=100),
+        *people.separators(data),
+        *_references(data, segment),
+        *people.dots(data, data.tables["trials"], segment, f"{segment}_sd", factor=100),
     )
-    height = 0.7 + 0.3 * len(material.subjects)
-    return Panel(items, segment, "length (cm)", rows=people.names(material), height=height)
+    height = 0.7 + 0.3 * len(data.subjects)
+    return Panel(items, segment, "length (cm)", rows=people.row_names(data), height=height)
 
 
-def _references(material: CohortMaterial, segment: str) -> list[Item]:
-    lengths = material.of_people("lengths")
+def _references(data: CohortData, segment: str) -> list[Item]:
+    lengths = data.of_people("lengths")
     own = lengths[lengths["segment"] == segment]
     framework, stature = own[own["method"] == "framework"], own[own["method"] == "stature"]
     measured = framework["reference"] == "landmarks"
@@ -50,7 +50,7 @@ def _references(material: CohortMaterial, segment: str) -> list[Item]:
     for frame, colour, label, symbol, size in kinds:
         known = frame[np.isfinite(frame["reference_length"].to_numpy(dtype=np.float64))]
         if not known.empty:
-            y = np.array([material.subjects.index(subject) for subject in known["subject"]], dtype=np.float64)
+            y = np.array([data.subjects.index(subject) for subject in known["subject"]], dtype=np.float64)
             x = 100 * known["reference_length"].to_numpy(dtype=np.float64)
             items.append(Points(x, y, colour, label, symbol, size))
     return items

@@ -1,4 +1,4 @@
-"""The figures of a robot study (thesis figures 5.2 to 5.6): a figure, or a sentence that says why there is none."""
+"""The figures of a robot study (thesis figures 5.2 to 5.6); where there is no figure, a sentence says why."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from collections.abc import Iterator
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings
 from mocap_id.reporting.robot.figures import accelerations, recovery, wrench
-from mocap_id.reporting.robot.material import RobotMaterial
+from mocap_id.reporting.robot.page_data import RobotStudyData
 
 
-def drawings(material: RobotMaterial) -> Drawings:
-    """Every figure of the page."""
-    return Drawings(style.printable(material.study), tuple(_drawings(material)))
+def robot_figures(data: RobotStudyData) -> Drawings:
+    """Return every figure of the page."""
+    return Drawings(style.printable(data.study), tuple(_drawings(data)))
 
 
-def _drawings(material: RobotMaterial) -> Iterator[Drawing]:
-    for k, one in enumerate(material.recoveries, start=1):
+def _drawings(data: RobotStudyData) -> Iterator[Drawing]:
+    for k, one in enumerate(data.recoveries, start=1):
         title = style.printable(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})")
-        yield Drawing(f"recovery-{k}", title, recovery.CAPTION, recovery.shown(one))
-    averaged, missing = material.averaged, "No repetition is complete in any trial that went through."
+        yield Drawing(f"recovery-{k}", title, recovery.CAPTION, recovery.draw(one))
+    averaged, missing = data.averaged, "No repetition is complete in any trial that went through."
     cell = "" if averaged is None else f": {averaged.cell}, {averaged.repetitions} swings"
     yield Drawing(
         "wrench",
         f"Measured and recovered contact wrench{cell}",
         wrench.CAPTION,
-        missing if averaged is None else wrench.shown(averaged),
+        missing if averaged is None else wrench.draw(averaged),
     )
     yield Drawing(
         "residuals",
         f"Errors of the recovered contact wrench{cell}",
         wrench.RESIDUALS,
-        missing if averaged is None else wrench.errors(averaged),
+        missing if averaged is None else wrench.draw_errors(averaged),
     )
-    traces = material.traces
+    traces = data.traces
     yield Drawing(
         "accelerations",
         "Acceleration by the smoother and by differences",
         accelerations.CAPTION,
-        "No trial went through." if traces is None else accelerations.shown(traces),
+        "No trial went through." if traces is None else accelerations.draw(traces),
     )

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from mocap_id.reporting import style
-from mocap_id.reporting.decimation import envelope
+from mocap_id.reporting.downsampling import envelope
 from mocap_id.reporting.figure import Dash, Figure, Item, Line, Panel
-from mocap_id.reporting.robot.material import Traces
+from mocap_id.reporting.robot.page_data import StateTraces
 
 CAPTION = (
     "Angular acceleration of a single trial: the smoother's (P, blue), and by a 20 Hz low-pass and differences of the "
-    "frames' angles (red, dotted); the truth in black where it is known. Below, what is left of each against the truth."
+    "frames' angles (red, dotted); the truth, if known, in black. Below, the error of each against the truth."
 )
 _LOOKS: tuple[tuple[str, str, Dash, float], ...] = (("Diff.", style.OTHER, ":", 0.7), ("P", style.BLUE, "-", 1.1))
 _BINS = 200
 
 
-def shown(traces: Traces) -> Figure:
-    """The curves, and their errors where the truth is known."""
+def draw(traces: StateTraces) -> Figure:
+    """Return the curves, and their errors if the truth is known."""
     curves: list[Item] = []
     errors: list[Item] = []
     for name, colour, dash, width in _LOOKS:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.reporting import style
-from mocap_id.reporting.decimation import envelope
+from mocap_id.reporting.downsampling import envelope
 from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, Text
-from mocap_id.reporting.robot.material import Recovery
+from mocap_id.reporting.robot.page_data import Recovery
 
 CAPTION = (
-    "Above, the markers' ways in the plane: stationary ones as crosses, those of the moving body in colour, and the "
+    "Above, the markers' paths in the plane: stationary ones as crosses, those of the moving body in colour, and the "
     "joint's centre as a circle; beside it, the moving markers in their segment's frame. Below, angle, velocity and "
     "acceleration by the smoother (blue) over low-pass and differences at 20 Hz (red)."
 )
@@ -18,8 +18,8 @@ _QUANTITIES = ("angle (rad)", "velocity (rad/s)", "acceleration (rad/s²)")
 _LOOKS = {"Diff.": (style.OTHER, 0.6), "P": (style.BLUE, 1.1)}
 
 
-def shown(one: Recovery) -> Figure:
-    """The plane beside the segment, and below them the states over time."""
+def draw(one: Recovery) -> Figure:
+    """Return the plane beside the segment, and below them the states over time."""
     return Figure(((_plane(one), _segment(one)), *((_states(one, order),) for order in range(3))))
 
 

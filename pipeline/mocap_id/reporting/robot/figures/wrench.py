@@ -9,10 +9,10 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
-from mocap_id.reporting.robot.material import Averaged
+from mocap_id.reporting.robot.page_data import AveragedWrench
 
 CAPTION = (
-    "Mean over the repetitions of the cell's trials, one standard deviation either way as a band. Measured (black), "
+    "Mean over the repetitions of the cell's trials, with one standard deviation to either side as a band. Measured (black), "
     "reference parameters (orange), states from the encoder (R, green), states from the cameras (P, blue)."
 )
 RESIDUALS = "The same models less the measured wrench: mean and one standard deviation over the repetitions."
@@ -25,17 +25,17 @@ _LOOKS: Mapping[str, tuple[str, Dash, float]] = {
 }
 
 
-def shown(found: Averaged) -> Figure:
-    """Measured and modelled."""
+def draw(found: AveragedWrench) -> Figure:
+    """Return measured and modelled wrench."""
     return _figure(found, {"measured": found.measured, **found.models})
 
 
-def errors(found: Averaged) -> Figure:
-    """Modelled less measured."""
+def draw_errors(found: AveragedWrench) -> Figure:
+    """Return the modelled less the measured wrench."""
     return _figure(found, found.errors)
 
 
-def _figure(found: Averaged, series: Mapping[str, FloatArray]) -> Figure:
+def _figure(found: AveragedWrench, series: Mapping[str, FloatArray]) -> Figure:
     panels = []
     for d, title in enumerate(_NAMES):
         items: list[Item] = []

@@ -1,0 +1,171 @@
+"""Command lines, simulated trials, worker processes, Markdown tables and generated sections of pages.
+
+Every benchmark prints its sections. ``--write`` also writes each of them into the pages that have a place for it::
+
+    <!-- begin NAME -->
+
+    <!-- end NAME -->
+
+Everything outside these markers is the page's own text.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import Trial, load
+from mocap_id.runner import run_stage
+from mocap_id.simulation import Kind, Options, simulate
+from mocap_id.store import Folder, Table, Tree
+
+ROOT = Path(__file__).resolve().parents[1]
+JOINTS = ("ankle", "knee", "hip")
+SEGMENTS = 4
+KINEMATIC = ("planarise", "segment", "fit-joints", "ukf-smooth")
+DYNAMIC = (*KINEMATIC, "identify-dim")
+SHORT = Options(repetitions=2, analog_rate=100)
+QUANTILE = 1.96
+"""Half the width of a 95 % interval, in standard deviations."""
+
+
+def command_line(description: str | None, *, parallel: bool = False, **defaults: int) -> argparse.ArgumentParser:
+    """Return a parser with ``--write``, an integer option for each default and, if ``parallel``, ``--jobs``."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, default in defaults.items():
+        text = "first seed" if name == "first" else f"number of {name.replace('_', ' ')}"
+        parser.add_argument(f"--{name}", type=int, default=default, help=f"{text} (default: {default})")
+    if parallel:
+        parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="worker processes")
+    parser.add_argument("--write", action="store_true", help="write the sections into the pages of docs/")
+    return parser
+
+
+def recordings() -> Path | None:
+    """Return the folder of the shared recordings, from MOCAP_ID_RECORDINGS."""
+    folder = os.environ.get("MOCAP_ID_RECORDINGS")
+    return Path(folder).resolve() if folder else None
+
+
+def run_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | None) -> list[Any]:
+    """Return the results of all tasks, computed by ``jobs`` processes."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process would start as many threads as there are cores
+    with ProcessPoolExecutor(jobs) as pool:
+        return list(pool.map(function, tasks))
+
+
+def progress(text: object) -> None:
+    """Write a line to standard error."""
+    sys.stderr.write(f"{text}\n")
+
+
+def run_simulated(
+    place: Path, options: Options, stages: Sequence[str] = KINEMATIC, kind: Kind = "sit-to-stand"
+) -> tuple[Trial, Path] | None:
+    """Simulate a trial in ``place`` and run the stages; return it and its configuration, None if it was refused."""
+    configuration = simulate(kind, place, options)
+    trial = load(configuration)
+    if any(run_stage(trial, name).refused is not None for name in stages):
+        return None
+    return trial, configuration
+
+
+def read_truth(configuration: Path) -> dict[str, Any]:
+    """Return ``truth.json`` of a simulated trial."""
+    truth: dict[str, Any] = json.loads(configuration.with_name("truth.json").read_text())
+    return truth
+
+
+def read_true_arrays(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return arrays of ``truth.npz`` at these times, s."""
+    with np.load(configuration.with_name("truth.npz")) as arrays:
+        at = np.searchsorted(arrays["t"], time - 1e-6)
+        return {name: arrays[name][at].astype(np.float64) for name in names}
+
+
+def has_true_segments(states: Table) -> bool:
+    """Return whether the states have the joints of a simulated person."""
+    return f"theta_{SEGMENTS - 1}" in states.names and f"theta_{SEGMENTS}" not in states.names
+
+
+def state_arrays(states: Table, prefix: str = "") -> FloatArray:
+    """Return (F, n, 3) angles, velocities and accelerations, or with ``sd_`` their standard deviations."""
+    orders = ("theta", "dtheta", "ddtheta")
+    return np.stack([states.stack([f"{prefix}{s}_{j}" for j in range(1, SEGMENTS)]) for s in orders], axis=2)
+
+
+def read_artefacts(folder: Folder, *names: str) -> list[Any]:
+    """Return several artefacts of a run folder."""
+    return [folder.read(name) for name in names]
+
+
+def read_group(tree: Tree, name: str) -> dict[str, FloatArray]:
+    """Return the arrays of one group of an HDF5 artefact."""
+    node: Any = tree.data[name]
+    return {key: np.asarray(value) for key, value in node.items()}
+
+
+def rms(values: FloatArray) -> FloatArray:
+    """Return the root mean square along the first axis, ignoring NaN."""
+    return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
+
+
+def clopper_pearson(good: int, trials: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share."""
+    low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
+    high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
+    return float(low), float(high)
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: int | None = None) -> str:
+    """Return a table; columns from ``numbers_from`` on are aligned to the right."""
+    aligned = len(head) if numbers_from is None else numbers_from
+    rule = ["---"] * aligned + ["---:"] * (len(head) - aligned)
+    return "\n".join("| " + " | ".join(line) + " |" for line in [head, rule, *rows])
+
+
+def pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] = (0.5, 0.9)) -> list[str]:
+    """Return "median / 90th percentile" of each column, ignoring NaN."""
+    return [f"{a:{form}} / {b:{form}}" for a, b in np.nanquantile(values, quantiles, axis=0).T]
+
+
+def measured_by(file: str, trials: str) -> str:
+    """Return the sentence that names the benchmark and its trials."""
+    return f"Measured by `benchmarks/{Path(file).name}` on {trials}."
+
+
+def publish(sections: Mapping[str, str], *, write: bool, folder: Path = ROOT / "docs") -> None:
+    """Print the sections; with ``write`` also put them between their markers in the pages of a folder."""
+    sys.stdout.write("\n\n".join(_section(name, text) for name, text in sections.items()) + "\n")
+    if write:
+        missing = set(sections) - {name for page in folder.rglob("*.md") for name in splice(page, sections)}
+        if missing:
+            raise SystemExit(f"no page has the markers of: {', '.join(sorted(missing))}")
+
+
+def splice(page: Path, sections: Mapping[str, str]) -> list[str]:
+    """Replace the sections that a page has markers for, and return their names."""
+    old = page.read_text("utf-8")
+    found = [name for name in sections if f"<!-- begin {name} -->" in old]
+    new = old
+    for name in found:
+        pattern = re.compile(rf"<!-- begin {re.escape(name)} -->.*?<!-- end {re.escape(name)} -->", re.DOTALL)
+        new = pattern.sub(lambda _, name=name: _section(name, sections[name]), new)  # type: ignore[misc]
+    if new != old:
+        page.write_text(new, "utf-8")
+    return found
+
+
+def _section(name: str, text: str) -> str:
+    return f"<!-- begin {name} -->\n\n{text}\n\n<!-- end {name} -->"

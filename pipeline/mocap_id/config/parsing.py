@@ -1,0 +1,179 @@
+"""From YAML data to a pydantic model, with one line for every mistake: file, line, key, value, expected value."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from mocap_id.config.source import Location, Source
+from mocap_id.errors import ConfigError
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+_MAX_LINES = 12
+_MAX_CONTRADICTIONS = 30
+_ALTERNATIVE = re.compile(r"str|int|tuple\[.*\]")  # names that pydantic adds to a location for each type of a union
+_NUMBERS = {
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "int_from_float": "expected a whole number",
+}
+
+
+def parse(
+    source: Source,
+    model: type[_Model],
+    expected: str,
+    complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda data: data,
+) -> _Model:
+    """Return the model of a YAML file's data.
+
+    Parameters
+    ----------
+    source : Source
+        Data and lines of the file.
+    model : type of BaseModel
+    expected : str
+        Typical keys, for the message about a file without keys.
+    complete : callable, optional
+        Writes out short forms before the check.
+
+    Raises
+    ------
+    ConfigError
+        One line for every mistake.
+    """
+    if not isinstance(source.data, dict):
+        raise ConfigError(f"{source.where(())}: expected {expected}")
+    try:  # as JSON: types are strict, yet lists become tuples and texts become paths
+        return model.model_validate_json(json.dumps(complete(source.data)), strict=True)
+    except ValidationError as error:
+        lines = [_line(one, model, source) for one in error.errors(include_url=False)]
+        raise ConfigError(_shortened(lines, _MAX_LINES)) from error
+
+
+def raise_mistakes(lines: Iterable[str]) -> None:
+    """Raise a ConfigError with these lines; do nothing if there are none."""
+    found = list(lines)
+    if found:
+        raise ConfigError(_shortened(found, _MAX_CONTRADICTIONS))
+
+
+def _shortened(lines: Sequence[str], most: int) -> str:
+    more = [f"… and {len(lines) - most} more"] if len(lines) > most else []
+    return "\n".join([*lines[:most], *more])
+
+
+def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the JSON Schema of a model, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema(by_alias=True)}
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return ``did you mean …?`` with the nearest name, or all known names if none is near."""
+    lowered = {candidate.lower().replace("_", "-"): candidate for candidate in known}
+    close = difflib.get_close_matches(name.lower().replace("_", "-"), lowered, n=1, cutoff=0.6)
+    return f"did you mean `{lowered[close[0]]}`?" if close else f"expected one of {', '.join(known)}"
+
+
+def _line(detail: ErrorDetails, model: type[BaseModel], source: Source) -> str:
+    location: Location = tuple(detail["loc"])
+    if detail["type"] != "extra_forbidden":
+        location = tuple(step for step in location if not _ALTERNATIVE.fullmatch(str(step)))
+    key = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in location).lstrip(".")
+    where = source.where(location)
+    if detail["type"] == "extra_forbidden":
+        return f"{where}: unknown key `{key}`: {_suggest(str(location[-1]), location[:-1], model)}"
+    field = _field(model, location)
+    about = f" ({field.description})" if field and field.description else ""
+    if detail["type"] == "missing" and isinstance(location[-1], int):
+        return f"{where}: `{key}` is missing: the list is too short{about}"
+    if detail["type"] == "missing":
+        return f"{where}: `{key}` is missing{about}"
+    return f"{where}: `{key}` is {_shown(detail['input'])}, {_expected(detail, location)}{about}"
+
+
+def _suggest(name: str, above: Location, model: type[BaseModel]) -> str:
+    """Suggest the nearest key here, or the section that has a key of exactly this name."""
+    here = _model(model, above)
+    known = names(here)
+    if name.isdigit():
+        return "a number takes a decimal point, not a comma, as in 1.75"
+    if not above:
+        sections = [section for section in known if name in names(_model(model, (section,)))]
+        if sections:
+            return f"it belongs under `{sections[0]}:`"
+    return nearest(name, known)
+
+
+def names(model: type[BaseModel] | None) -> list[str]:
+    """Return a model's keys as written in YAML."""
+    return [field.alias or name for name, field in model.model_fields.items()] if model else []
+
+
+def _expected(detail: ErrorDetails, location: Location) -> str:
+    """Return what was expected, from pydantic's message."""
+    message = detail["msg"].removeprefix("Value error, ")
+    if message != detail["msg"]:
+        return f"but {message}"
+    if detail["type"] == "string_type" and not isinstance(detail["input"], list | dict):
+        return f'expected text: write it in quotes, "{detail["input"]}"'
+    if detail["type"] == "string_pattern_mismatch":
+        return "which is not allowed"
+    if detail["type"] == "literal_error":
+        choices = re.findall(r"'([^']*)'", detail["ctx"]["expected"])
+        near = nearest(str(detail["input"]), choices)
+        return f"expected {detail['ctx']['expected']}" + (f": {near}" if near.startswith("did you") else "")
+    if detail["type"] in _NUMBERS:
+        return _NUMBERS[detail["type"]] + (" without a unit" if isinstance(detail["input"], str) else "")
+    if detail["type"] in ("tuple_type", "list_type"):
+        return "expected a list"
+    if detail["type"] == "too_long":
+        return f"expected {detail['ctx']['max_length']} values"
+    message = re.sub(r"^Input should be (a valid )?", "expected ", message)
+    message = message.replace("an object", "keys and values").replace("expected dictionary", "expected keys and values")
+    return message[0].lower() + message[1:]
+
+
+def _shown(value: Any) -> str:
+    text = "empty" if value is None else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def _field(model: type[BaseModel], location: Location) -> FieldInfo | None:
+    """Return the field at a location; list indices and keys chosen by the user are skipped."""
+    field: FieldInfo | None = None
+    here: type[BaseModel] | None = model
+    free = False  # whether the next step is a key chosen by the user
+    for step in location:
+        if isinstance(step, int) or free:
+            free = False
+            continue
+        if here is None:
+            break
+        field = next((field for name, field in here.model_fields.items() if step in (field.alias, name)), None)
+        here = next(_models(field.annotation), None) if field else None
+        free = here is not None and field is not None and get_origin(field.annotation) is dict
+    return field
+
+
+def _model(model: type[BaseModel], location: Location) -> type[BaseModel] | None:
+    field = _field(model, location) if location else None
+    return next(_models(field.annotation), None) if field else None if location else model
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models in an annotation such as ``Model | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models(argument)

@@ -1,0 +1,1 @@
+"""Experiment design: which movement to record next so that the parameters are known better."""

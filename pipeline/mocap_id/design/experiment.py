@@ -1,0 +1,157 @@
+"""Experiment design: the best movement to record next, among simple changes and movements of all joints.
+
+The search is small and reproducible: it starts from a seed and from the best simple changes, so that its result is
+hardly ever worse than the best of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.design.movement_limits import MovementLimits
+from mocap_id.design.movement_search import search_movement
+from mocap_id.design.predicted_covariance import CovariancePredictor, PredictedUncertainty
+from mocap_id.design.proposal import MovementScorer, Objective, Proposal, objective_value
+from mocap_id.design.recommendation import change_movement
+from mocap_id.design.simple_movements import MovementFamily, SimpleMovement, compose_trajectory, simple_movements
+from mocap_id.dynamics.excitation import parameter_sizes
+
+HELPS = 0.8
+"""Factor on the objective from which a movement helps; a smaller gain is within the error of the prediction."""
+_KEPT = 8  # simple changes that are evaluated exactly
+_STARTS_KNOWN = 3  # of them that the search starts from too
+
+
+@dataclass(frozen=True)
+class ExperimentDesign:
+    """Proposed movements, and the present one to compare them with.
+
+    Parameters
+    ----------
+    objective : Objective
+    size : (b,) array
+        Size of each parameter that its standard deviation is divided by, SI.
+    now : PredictedUncertainty
+        Uncertainty of the present movement.
+    value : float
+        Objective of the present movement.
+    simple : tuple of Proposal
+        The best simple changes, best first.
+    designed : Proposal or None
+        The best movement of all joints together that the search found; None if the limits allow none.
+    seconds : float
+        Length of the recording, s.
+    rest : (n,) array
+        Posture in which the designed movement starts and ends, rad.
+    """
+
+    objective: Objective
+    size: FloatArray
+    now: PredictedUncertainty
+    value: float
+    simple: tuple[Proposal, ...]
+    designed: Proposal | None
+    seconds: float
+    rest: FloatArray
+
+    @property
+    def proposals(self) -> tuple[Proposal, ...]:
+        """All proposals: the simple changes, then the designed movement."""
+        return (*self.simple, *([] if self.designed is None else [self.designed]))
+
+    @property
+    def best(self) -> Proposal | None:
+        """The best proposal; None if none is better than the present movement."""
+        better = [each for each in self.proposals if each.value < self.value]
+        return min(better, key=lambda each: each.value, default=None)
+
+    @property
+    def best_standalone(self) -> Proposal | None:
+        """The best proposal without any part of the recorded movement, which a robot can follow."""
+        return min((each for each in self.proposals if each.standalone), key=lambda each: each.value, default=None)
+
+    @property
+    def helps(self) -> bool:
+        """Whether the best proposal reduces the objective by a fifth or more."""
+        return self.best is not None and self.best.value < HELPS * self.value
+
+
+def design_experiment(
+    predictor: CovariancePredictor,
+    limits: MovementLimits,
+    rest: FloatArray,
+    joints: Sequence[str],
+    *,
+    objective: Objective = "intervals",
+    seconds: float | None = None,
+    mixed: bool = True,
+    seed: int = 0,
+) -> ExperimentDesign:
+    """Search for the movement that determines the parameters best.
+
+    Parameters
+    ----------
+    predictor : CovariancePredictor
+        Predictor of the trial.
+    limits : MovementLimits
+    rest : (n,) array
+        Posture at the start and the end, rad.
+    joints : sequence of str
+        Names of the joints.
+    objective : {"intervals", "volume", "condition", "condition-scaled"}
+    seconds : float, optional
+        Length of the recording, s; by default that of the trial.
+    mixed : bool
+        A recording may contain the trial's own movement and another one; not possible if it contains a chair.
+    seed : int
+        Seed of the search's random starts.
+    """
+    body = predictor.body
+    size = np.maximum(parameter_sizes(body.prepared, body.found), 1e-300)
+    scorer = MovementScorer(predictor, limits, objective, size)
+    family = MovementFamily(scorer, rest, predictor.own.seconds if seconds is None else seconds, tuple(joints), mixed)
+    ranked = _ranked(family)
+    simple = [_evaluate_exactly(family, each) for each in ranked[:_KEPT]]
+    singles = [each for each in ranked if len(each.waves) == 1]
+    starts = [(each.waves[0], each.shared) for each in singles[:_STARTS_KNOWN]]
+    return ExperimentDesign(
+        objective=objective,
+        size=size,
+        now=predictor.now,
+        value=objective_value(objective, predictor.now, size),
+        simple=tuple(sorted(simple, key=lambda proposal: proposal.value)),
+        designed=search_movement(family, np.random.default_rng(seed), starts),
+        seconds=family.seconds,
+        rest=rest,
+    )
+
+
+def _ranked(family: MovementFamily) -> list[SimpleMovement]:
+    """The best simple change of each kind, best first."""
+    tried = [(family.scorer.quick_value(each.trajectory, each.seconds), each) for each in simple_movements(family)]
+    chosen: dict[object, SimpleMovement] = {}
+    for _, each in sorted(tried, key=lambda pair: pair[0]):
+        chosen.setdefault(_kind(each), each)
+    return list(chosen.values())
+
+
+def _kind(each: SimpleMovement) -> object:
+    """Key shared by changes that differ only in speed and amplitude."""
+    if each.change is not None:
+        return each.change.change, each.change.joint
+    moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]
+    return tuple(moved), each.shared
+
+
+def _evaluate_exactly(family: MovementFamily, each: SimpleMovement) -> Proposal:
+    """Evaluate a simple change at the trial's own rate and with the trial's filter."""
+    scorer, rate = family.scorer, family.scorer.predictor.own.rate
+    if each.change is not None:
+        movement = change_movement(scorer.predictor.own, each.change.change, each.change.joint)
+        return replace(scorer.propose(each.words, movement, each.seconds), own=True)
+    movement = compose_trajectory(each.waves, family, rate, each.shared)
+    return replace(scorer.propose(each.words, movement), standalone=not each.shared)

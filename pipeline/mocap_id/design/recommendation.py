@@ -1,0 +1,165 @@
+"""Recommended changes of the recorded movement: for each parameter, the one that reduces its deviation most.
+
+The standard deviation after a change is predicted from the same chain and the parameters identified so far
+(:mod:`mocap_id.design.predicted_covariance`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.design.predicted_covariance import SAMPLES, CovariancePredictor, IdentifiedBody
+from mocap_id.design.trajectory import Trajectory, concatenate, recorded_trajectory
+from mocap_id.dynamics.excitation import Excitation
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.preparation import PreparedTrial
+
+Change: TypeAlias = Literal["faster", "larger", "alone"]
+
+FACTOR = 1.5
+"""Factor by which a movement is made faster or larger."""
+_HELPS = 0.8  # of the standard deviation: a smaller reduction is within the error of the prediction
+_QUICK_SAMPLES, _QUICK_ERROR = 40, 1.1  # samples of a first estimate, and the factor by which it may be wrong
+_RATE = 40.0  # Hz; movements are below 3 Hz
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """A change of the movement that would reduce a parameter's standard deviation.
+
+    Parameters
+    ----------
+    change : {"faster", "larger", "alone"}
+        1.5 times as fast, 1.5 times as far, or half of the time with the other joints at rest.
+    joint : int or None
+        The joint, from 0; None for all joints.
+    ratio : float
+        Predicted standard deviation for a recording of the same length, divided by the present one.
+    """
+
+    change: Change
+    joint: int | None
+    ratio: float
+
+    def describe(self, joints: Sequence[str]) -> str:
+        """Describe the movement in words; ``joints`` are the names of the joints."""
+        moved = "the whole movement" if self.joint is None else f"the {joints[self.joint]}'s movement"
+        if self.change == "alone":
+            return f"{moved} by itself for half of the time (the other joints at rest)"
+        step = ", out of step with the others," if self.change == "faster" and self.joint is not None else ""
+        return f"{moved} {FACTOR:g} times {self.change}{step}"
+
+
+Recommendations: TypeAlias = tuple[Recommendation | None, ...]
+"""For each base parameter the best change; None where no change reduces its deviation by a fifth."""
+
+
+def recommend_where_needed(prepared: PreparedTrial, found: Identification, excited: Excitation) -> Recommendations:
+    """Recommend changes for the parameters in doubt; empty if all are known, since the search takes a fit's time."""
+    if not excited.doubtful:
+        return ()
+    return recommend_changes(prepared, found, np.array(excited.verdict) != "known")
+
+
+def recommend_changes(
+    prepared: PreparedTrial, found: Identification, wanted: BoolArray | None = None
+) -> Recommendations:
+    """Find for each parameter the change of the movement that reduces its standard deviation most.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    found : Identification
+    wanted : (b,) bool array, optional
+        Parameters that need a smaller deviation; all by default.
+
+    Returns
+    -------
+    tuple of (Recommendation or None)
+        One for each of the b parameters.
+    """
+    wanted = np.ones(len(found.base), dtype=np.bool_) if wanted is None else wanted
+    own = recorded_trajectory(prepared.recorded, found.fit.in_fit).thinned(_RATE)
+    predictor = CovariancePredictor.from_trial(IdentifiedBody(prepared, found), own)
+    best: list[Recommendation | None] = [None] * len(found.base)
+    for change, joint in possible_changes(len(prepared.recorded.centres)):
+        movement = change_movement(predictor.own, change, joint)
+        if np.min(_ratios(predictor, movement, _QUICK_SAMPLES)[wanted]) > _QUICK_ERROR * _HELPS:
+            continue
+        ratios = _ratios(predictor, movement, SAMPLES)
+        for i in np.flatnonzero(wanted):
+            present = best[i]
+            if ratios[i] < (_HELPS if present is None else present.ratio):
+                best[i] = Recommendation(change, joint, float(ratios[i]))
+    return tuple(best)
+
+
+def recommendation_text(excited: Excitation, recommendations: Recommendations, joints: Sequence[str]) -> str:
+    """Describe the recommended movements of the doubtful parameters, one sentence for each movement."""
+    best: dict[tuple[str, int | None], list[tuple[int, Recommendation]]] = {}
+    beyond = []
+    for i in excited.doubtful:
+        each = recommendations[i]
+        if each is None:
+            beyond.append(excited.names[i])
+        else:
+            best.setdefault((each.change, each.joint), []).append((i, each))
+    sentences = [
+        f"{_capitalise(group[0][1].describe(joints))} would take "
+        + ", ".join(f"{excited.names[i]} to {100 * each.ratio * excited.relative_sd[i]:.0f} %" for i, each in group)
+        + "."
+        for group in best.values()
+    ]
+    if beyond:
+        sentences.append(
+            f"No other movement of these joints would determine {', '.join(beyond)} better: the limit is the error of "
+            "the plate's zero, of the joint centres or of the skin."
+        )
+    return " ".join(sentences)
+
+
+def _capitalise(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _ratios(predictor: CovariancePredictor, movement: Trajectory, samples: int) -> FloatArray:
+    """Predicted standard deviations (b,) for a recording of the trial's length, divided by the trial's own."""
+    after = predictor.predict(movement, seconds=predictor.now.samples, samples=samples, exactly=False).sd
+    return np.asarray(after / np.maximum(predictor.now.sd, 1e-300))
+
+
+def possible_changes(joints: int) -> list[tuple[Change, int | None]]:
+    """Return the changes to try: of all joints together, then of single joints."""
+    each: list[tuple[Change, int | None]] = [("faster", None), ("larger", None)]
+    if joints > 1:
+        each += [(change, joint) for joint in range(joints) for change in ("faster", "larger", "alone")]
+    return each
+
+
+def change_movement(own: Trajectory, change: Change, joint: int | None) -> Trajectory:
+    """Return the trajectory with one joint, or all joints, moved faster, larger or alone.
+
+    With "alone", every other sample of the recording is replaced by one in which the joint moves by itself.
+
+    Parameters
+    ----------
+    own : Trajectory
+        The recorded movement, with its fitted samples.
+    change : {"faster", "larger", "alone"}
+    joint : int or None
+        None for all joints.
+    """
+    joints = own.q.shape[1]
+    ones, chosen = np.ones(joints), np.arange(joints) == joint if joint is not None else np.ones(joints, bool)
+    if change == "alone":
+        assert own.fitted is not None
+        half = np.arange(len(own.time)) % 2 == 0
+        alone = own.scaled(ones, np.where(chosen, 1.0, 0.0))
+        return concatenate(replace(own, fitted=own.fitted & half), replace(alone, fitted=own.fitted & ~half))
+    more = np.where(chosen, FACTOR, 1.0)
+    return own.scaled(more, ones) if change == "faster" else own.scaled(ones, more)

@@ -1,0 +1,111 @@
+"""A sampled movement: joint angles and derivatives at even times, and the samples that an identification fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.preparation import TrialData
+
+_ROUNDING = 1e-9  # so that a whole divisor of the rate is found in spite of rounding
+_DEGREE = 5  # of the splines behind derivatives: two more than the acceleration needs
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Joint angles and their derivatives, sample by sample.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Even steps, s.
+    q, dq, ddq : (T, n) arrays
+        Joint angles, rad, and derivatives; NaN where unknown.
+    fitted : (T,) bool array or None
+        Samples that an identification uses; None for all that its filter leaves.
+    """
+
+    time: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    fitted: BoolArray | None = None
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+    @property
+    def seconds(self) -> float:
+        """Duration, s."""
+        return float(len(self.time) / self.rate)
+
+    @property
+    def known(self) -> BoolArray:
+        """Samples (T,) with a known state."""
+        return np.asarray(np.isfinite(np.hstack([self.q, self.dq, self.ddq])).all(axis=1))
+
+    def thinned(self, rate: float) -> Trajectory:
+        """Return every k-th sample, with the largest k that leaves at least ``rate`` samples per second."""
+        return self._part(slice(None, None, max(1, int(self.rate / rate + _ROUNDING))))
+
+    def until(self, seconds: float) -> Trajectory:
+        """Return the first ``seconds`` of the movement."""
+        return self._part(slice(None, max(2, round(seconds * self.rate))))
+
+    def _part(self, own: slice) -> Trajectory:
+        fitted = None if self.fitted is None else self.fitted[own]
+        return Trajectory(self.time[own], self.q[own], self.dq[own], self.ddq[own], fitted)
+
+    def scaled(self, speed: FloatArray, size: FloatArray) -> Trajectory:
+        """Return the movement with each joint's speed and size (n,) multiplied, about its median angle.
+
+        A joint that is faster than the others runs back and forth through its own recording. If all joints have the
+        same speed, they pass through the recorded postures.
+        """
+        middle = np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0)
+        time, length = self.time - self.time[0], float(self.time[-1] - self.time[0])
+        if np.all(speed == speed[0]):
+            time = time / speed[0]
+        clock = np.multiply.outer(time, speed)
+        forth = np.floor_divide(clock, length * (1 + 1e-12)) % 2 == 0
+        clock = np.where(forth, clock, 2 * length - clock)
+        return Trajectory(
+            time,
+            middle + size * (self._at(self.q, clock) - middle),
+            np.where(forth, 1.0, -1.0) * size * speed * self._at(self.dq, clock),
+            size * speed**2 * self._at(self.ddq, clock),
+            self.fitted,
+        )
+
+    def _at(self, values: FloatArray, clock: FloatArray) -> FloatArray:
+        """Values (T, n) interpolated at every joint's own times (R, n) from the beginning, s."""
+        stamped = self.time - self.time[0]
+        return np.stack(
+            [np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1
+        )
+
+
+def recorded_trajectory(recorded: TrialData, fitted: BoolArray) -> Trajectory:
+    """Return the recorded movement, with the samples (T,) that were fitted."""
+    return Trajectory(recorded.time, recorded.q, recorded.dq, recorded.ddq, fitted)
+
+
+def spline_trajectory(time: FloatArray, q: FloatArray) -> Trajectory:
+    """Return the smooth movement through angles (T, n), rad, at even times (T,), s."""
+    spline = make_interp_spline(time, q, k=_DEGREE)
+    q, dq, ddq = (np.asarray(spline(time, order), dtype=np.float64) for order in range(3))
+    return Trajectory(time, q, dq, ddq)
+
+
+def concatenate(first: Trajectory, then: Trajectory) -> Trajectory:
+    """Return two movements one after the other; both need ``fitted``, which must exclude the transition."""
+    assert first.fitted is not None and then.fitted is not None
+    time = np.concatenate([first.time, first.time[-1] + 1.0 / first.rate + then.time - then.time[0]])
+    pairs = ((first.q, then.q), (first.dq, then.dq), (first.ddq, then.ddq))
+    q, dq, ddq = (np.concatenate(pair) for pair in pairs)
+    return Trajectory(time, q, dq, ddq, np.concatenate([first.fitted, then.fitted]))

@@ -1,0 +1,174 @@
+"""Base parameters: the combinations of inertial parameters that a wrench determines (thesis 4.1.1.2).
+
+The regressor's columns are taken in their natural order: base to tip, and m, mx, my, Izz within a segment. Columns of
+zeros are dropped. A column that depends linearly on the columns kept before it is regrouped into them. The order
+determines the set; this one gives eq. 6.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
+
+_UNITS = ("kg", "kg*m", "kg*m", "kg*m^2")
+_OUTSIDE = 1e-6  # of the largest entry: rows are outside the span by tenths, or by rounding
+_ENOUGH = 1000  # evenly spaced rows: a row outside the span is so in nearly every posture
+
+
+@dataclass(frozen=True)
+class BaseSet:
+    """The identifiable combinations of the full parameters.
+
+    Parameters
+    ----------
+    kept : (b,) int array
+        Columns of the full regressor that are linearly independent.
+    regrouping : (b, p) array
+        Matrix M of eq. 4.24: base parameters = M · full parameters, and Y[:, kept] · M = Y.
+    """
+
+    kept: IntArray
+    regrouping: FloatArray
+
+
+def every_parameter(count: int) -> BaseSet:
+    """Return the set that keeps all ``count`` full parameters, for a fit in which a prior determines them."""
+    return BaseSet(np.arange(count), np.eye(count))
+
+
+def triangular_factor(rows: FloatArray) -> FloatArray:
+    """Return R (p, p) of the QR decomposition of rows (r, p), which is all that least squares needs."""
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+
+
+def base_set(regressor: FloatArray) -> BaseSet:
+    """Split the columns into independent and regrouped ones (eq. 4.8, 4.9, 4.24).
+
+    An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, without those that are
+    dependent. The diagonal of R alone is not enough: an earlier dependent column leaves an arbitrary direction in Q,
+    which can make a later column look dependent.
+
+    Parameters
+    ----------
+    regressor : (r, p) array
+        Stacked regressor, one row for each wrench component and sample.
+    """
+    factor = triangular_factor(regressor)
+    directions: list[FloatArray] = []
+    remainders = np.zeros(factor.shape[1])
+    kept: list[int] = []
+    zero = _numerical_zero(len(regressor), factor)
+    for column in np.flatnonzero(np.any(factor != 0.0, axis=0)):
+        rest = factor[:, column]
+        for _ in range(2):  # twice gives orthogonality to rounding
+            rest = rest - sum((np.dot(d, rest) * d for d in directions), start=np.zeros_like(rest))
+        remainders[column] = float(np.linalg.norm(rest))
+        if remainders[column] >= zero:
+            directions.append(rest / remainders[column])
+            kept.append(int(column))
+    index = np.array(kept, dtype=np.int64)
+    regrouping = np.asarray(np.linalg.lstsq(factor[:, index], factor, rcond=None)[0], dtype=np.float64)
+    regrouping[:, index] = np.eye(len(index))
+    largest = np.max(np.abs(regrouping), axis=0)
+    regrouping[np.abs(regrouping) <= 1e-9 * np.maximum(largest, 1.0)] = 0.0
+    return BaseSet(index, regrouping)
+
+
+def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
+    """Return whether the base parameters determine what these rows predict.
+
+    Parameters
+    ----------
+    rows : (r, p) array
+        Rows of a full regressor, such as one joint's torque; NaN where unknown.
+    base : BaseSet
+        Base parameters of other rows. A row outside their row space depends on parameters that they do not determine.
+    """
+    known = rows[np.isfinite(rows).all(axis=1)]
+    known = known[:: max(1, len(known) // _ENOUGH)]
+    off = known[:, base.kept] @ base.regrouping - known
+    return float(np.max(np.abs(off), initial=0.0)) <= _OUTSIDE * float(np.max(np.abs(known), initial=0.0))
+
+
+def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)) -> BaseSet:
+    """Return the base parameters of a planar chain that moves every joint: all that a trial can determine.
+
+    Parameters
+    ----------
+    centres : (n, 2) array
+        Centre of each joint in the frame of the segment before it, m.
+    components : tuple of int
+        Rows of (Fx, Fy, tauz) in use.
+    """
+    states = np.random.default_rng(0).normal(size=(3, 50, len(centres)))
+    regressor = planar_regressor(centres, *states)[:, list(components), :]
+    return base_set(regressor.reshape(-1, regressor.shape[-1]))
+
+
+def full_names(segments: int) -> tuple[str, ...]:
+    """Return the names of the full parameters, numbered from 1 for the base as in the thesis: m1, mx1, my1, I1, m2 …"""
+    short = ("m", "mx", "my", "I")
+    return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in short)
+
+
+def base_units(base: BaseSet) -> tuple[str, ...]:
+    """Return the SI unit of each base parameter."""
+    return tuple(_UNITS[column % len(PLANAR_PARAMETERS)] for column in base.kept)
+
+
+def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
+    """Return the base parameters as symbols, as in eq. 6.1.
+
+    The coefficient of a regrouped mass m_j in a parameter of segment k is written as 1, p_{k+1,x}, p_{k+1,y} or
+    |p_{k+1}|² if it has that value, where p_{k+1} is the joint at the segment's end; otherwise as a number.
+
+    Parameters
+    ----------
+    base : BaseSet
+    centres : (n, 2) array
+        Centre of each joint in the frame of the segment before it, m.
+    """
+    symbols = full_names(len(centres) + 1)
+    return tuple(
+        _name(row, int(column), base, centres, symbols) for row, column in zip(base.regrouping, base.kept, strict=True)
+    )
+
+
+def _numerical_zero(samples: int, factor: FloatArray) -> float:
+    """Threshold below which a column counts as dependent (eq. 4.8)."""
+    return samples * float(np.finfo(np.float64).eps) * float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
+
+
+def _name(row: FloatArray, column: int, base: BaseSet, centres: FloatArray, symbols: tuple[str, ...]) -> str:
+    segment, kind = divmod(column, len(PLANAR_PARAMETERS))
+    terms: dict[str, list[str]] = {}
+    for other in np.setdiff1d(np.arange(len(row)), base.kept):
+        beyond, other_kind = divmod(int(other), len(PLANAR_PARAMETERS))
+        structural = other_kind == 0 and beyond > segment and segment < len(centres)
+        value, symbol = _lever(centres[segment], segment + 2, kind) if structural else (0.0, "")
+        if structural and np.isclose(row[other], value, rtol=1e-6, atol=1e-9):
+            terms.setdefault(symbol, []).append(symbols[other])
+        elif row[other] != 0.0:
+            terms.setdefault(f"{row[other]:.4g}*", []).append(symbols[other])
+    return "+".join([symbols[column], *(_term(symbol, masses) for symbol, masses in terms.items())])
+
+
+def _lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
+    """Coefficient of a mass beyond the joint in m, mx, my or Izz of the segment before it, and its symbol."""
+    x, y = float(centre[0]), float(centre[1])
+    return (
+        (1.0, ""),
+        (x, f"p{joint}x*"),
+        (y, f"p{joint}y*"),
+        (x * x + y * y, f"(p{joint}x^2+p{joint}y^2)*"),
+    )[kind]
+
+
+def _term(symbol: str, masses: list[str]) -> str:
+    if not symbol or len(masses) == 1:
+        return symbol + "+".join(masses)
+    return f"{symbol}({'+'.join(masses)})"

@@ -1,0 +1,184 @@
+"""Chain parameters: full and base parameters (eq. 6.1) of the chain from those of separately moving bodies.
+
+The chain has no body for arms and head; they are added to its last segment at their mean position. One body can be two
+segments of the chain; it is then divided between them as in a reference table, as far as their sum allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.base_parameters import BaseSet, structural_base
+from mocap_id.dynamics.body_prior import mean_transform
+from mocap_id.dynamics.measured_motion import BodyPoses
+from mocap_id.geometry import planar
+
+_STEP = 1e-5  # m, of a numerical derivative
+_SHARES = 21  # steps from the table's division of a body to an even one
+_ROUNDING = 1e-9  # of m·Izz
+
+
+@dataclass(frozen=True)
+class ChainMap:
+    """Linear map from the bodies' full parameters to the chain's: ``matrix @ bodies + constant``.
+
+    Parameters
+    ----------
+    matrix : (4(n + 1), 4K) array
+    constant : (4(n + 1),) array
+    open : (4(n + 1), 4(n + 1)) array
+        Covariance of the division of a body between two segments.
+    halves : (4(n + 1), 4K) array
+        Map with every body divided evenly between its segments, without a constant.
+    """
+
+    matrix: FloatArray
+    constant: FloatArray
+    open: FloatArray
+    halves: FloatArray
+
+    def chain(self, full: FloatArray) -> FloatArray:
+        """Return the chain's full parameters (4(n + 1),) from the bodies' (4K,), with physically possible segments.
+
+        If the table's division of a body gives an impossible segment, it is shifted towards an even division as far as
+        necessary. The sum does not change.
+        """
+        likely, even = self.matrix @ full + self.constant, self.halves @ full
+        for share in np.linspace(0.0, 1.0, _SHARES):
+            found = (1.0 - share) * likely + share * even
+            if _exists(found):
+                return np.asarray(found)
+        return np.asarray(likely)
+
+
+def map_to_chain(
+    poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatArray, reference_sd: FloatArray
+) -> ChainMap:
+    """Compute the map from bodies to the segments of the chain.
+
+    Parameters
+    ----------
+    poses : BodyPoses
+    q : (T, n) array
+        The chain's angles, rad.
+    samples : (T,) bool array
+        Samples over which the mean position of the bodies is taken.
+    reference, reference_sd : (4(n + 1),) arrays
+        Full parameters of a reference table and their standard deviations; NaN if no table applies.
+    """
+    count, bodies = len(poses.body), poses.angle.shape[1]
+    matrix, constant, spread = np.zeros((4 * count, 4 * bodies)), np.zeros(4 * count), np.zeros((4 * count, 4 * count))
+    halves = np.zeros_like(matrix)
+    for body in range(bodies):
+        own = np.flatnonzero(poses.body == body)
+        columns = slice(4 * body, 4 * body + 4)
+        if len(own) == 1:
+            matrix[4 * own[0] : 4 * own[0] + 4, columns] = halves[4 * own[0] : 4 * own[0] + 4, columns] = np.eye(4)
+        elif len(own) > 1:
+            rows = np.concatenate([np.arange(4 * k, 4 * k + 4) for k in own])
+            total = merge_segments(poses.centres, q, samples, own)
+            halves[rows, columns] = np.concatenate(
+                [np.linalg.inv(total[:, 4 * k : 4 * k + 4]) / len(own) for k in range(len(own))]
+            )
+            gain, rest, left = _shared(total, reference[rows], reference_sd[rows])
+            matrix[rows, columns] += gain
+            constant[rows] += rest
+            spread[np.ix_(rows, rows)] += left
+    last = int(poses.body[-1])
+    for body in np.setdiff1d(np.arange(bodies), poses.body):
+        angle, shift = relative_pose(poses, int(body), last, samples)
+        transform = mean_transform(angle, shift)
+        columns = slice(4 * body, 4 * body + 4)
+        for each in (matrix, halves):
+            each[:, columns] += each[:, 4 * last : 4 * last + 4] @ transform
+    return ChainMap(matrix, constant, spread, halves)
+
+
+def relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the angle (S,), rad, and origin (S, 2), m, of one body's frame in another's where both are known."""
+    origin, angle = poses.origin, poses.angle
+    known = samples & np.isfinite(angle[:, [body, other]]).all(axis=1)
+    shift = planar.rotate(-angle[known, other], origin[known, body] - origin[known, other])
+    return np.asarray(angle[known, body] - angle[known, other]), shift
+
+
+def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: IntArray) -> FloatArray:
+    """Return the matrix (4, 4s) from parameters of neighbouring segments to those of their sum in the first frame."""
+    known = samples & np.isfinite(q).all(axis=1)
+    blocks, angle, shift = [np.eye(4)], np.zeros(int(known.sum())), np.zeros((int(known.sum()), 2))
+    for segment in segments[1:]:
+        shift = shift + planar.rotate(angle, centres[segment - 1])
+        angle = angle + q[known, segment - 1]
+        blocks.append(mean_transform(angle, shift))
+    return np.concatenate(blocks, axis=1)
+
+
+def base_covariance(folded: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
+    """Return the covariance (b, b) of the chain's base parameters for exact joint centres.
+
+    Parameters
+    ----------
+    folded : ChainMap
+    base : BaseSet
+        Base parameters of the chain.
+    own : (4K, 4K) array
+        Covariance of the bodies' full parameters.
+    """
+    known = folded.matrix @ own @ folded.matrix.T + folded.open
+    return np.asarray(base.regrouping @ known @ base.regrouping.T)
+
+
+def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
+    """Return the change (b, n, 2) of the base parameters with each joint centre, per metre in the segment before it.
+
+    A displaced joint changes the regrouping of the masses beyond it. It also moves the origin of the segment after it,
+    about which this segment's first moments and moment of inertia are taken.
+
+    Parameters
+    ----------
+    base : BaseSet
+    centres : (n, 2) array
+        m.
+    q : (n,) array
+        Mean joint angles, rad.
+    chain : (4(n + 1),) array
+        Full parameters.
+    """
+    out: FloatArray = np.zeros((len(base.kept), *centres.shape))
+    undisturbed = structural_base(centres)
+    regroups = np.array_equal(undisturbed.kept, base.kept)
+    for joint in range(len(centres)):
+        for axis in range(2):
+            shift = np.zeros_like(centres)
+            shift[joint, axis] = _STEP
+            after = chain.copy()
+            block = slice(4 * joint + 4, 4 * joint + 8)
+            own = planar.rotate(-q[joint], shift[joint])  # in the frame of the segment after the joint
+            after[block] = mean_transform(np.zeros(1), -own[None]) @ chain[block]
+            if joint + 1 < len(centres):  # the next joint stays where it is
+                shift[joint + 1] = -own
+            moved = base.regrouping @ (after - chain)
+            if regroups:
+                moved += (structural_base(centres + shift).regrouping - undisturbed.regrouping) @ chain
+            out[:, joint, axis] = moved / _STEP
+    return out
+
+
+def _exists(full: FloatArray) -> bool:
+    """Whether every segment is physically possible: m ≥ 0 and m·Izz ≥ mx² + my²."""
+    mass, mx, my, inertia = full.reshape(-1, 4).T
+    return bool(np.all((mass >= 0) & (mass * inertia * (1 + _ROUNDING) >= mx**2 + my**2)))
+
+
+def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gain (4s, 4), constant (4s,) and open covariance (4s, 4s) of the segments with a given sum nearest to a table."""
+    if not np.isfinite(reference).all():
+        gain = np.zeros((total.shape[1], 4))
+        gain[:4] = np.eye(4)
+        return gain, np.zeros(total.shape[1]), np.zeros((total.shape[1], total.shape[1]))
+    spread: FloatArray = np.diag(sd**2)
+    gain = np.asarray(np.linalg.solve(total @ spread @ total.T, total @ spread).T)
+    return gain, reference - gain @ total @ reference, spread - gain @ total @ spread

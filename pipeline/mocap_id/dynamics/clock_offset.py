@@ -1,0 +1,120 @@
+"""Clock offset between cameras and plate, estimated by profiling the fit over it.
+
+``clock_offset_s`` = δ means that the plate's sample with time t was taken at t + δ on the markers' clock. The wrench at
+marker time t is therefore the plate's at t - δ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from mocap_id.arrays import FloatArray, find_runs
+from mocap_id.dynamics.lowpass import known
+
+_COARSE = 5e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
+_FINE = 1e-6  # s
+_AT_ONCE = 8  # offsets evaluated together in the coarse search, to bound the memory
+_EDGE = 1e-5  # s: a minimum this close to the end of the search counts as beyond it
+
+
+@dataclass(frozen=True)
+class SampledWrench:
+    """A sampled wrench, interpolated by cubic splines.
+
+    Parameters
+    ----------
+    stretches : tuple of (start, end, spline)
+        Finite stretches of the signal.
+    components : int
+        Number of columns.
+    """
+
+    stretches: tuple[tuple[float, float, Callable[[FloatArray], FloatArray]], ...]
+    components: int
+
+    @classmethod
+    def of(cls, time: FloatArray, values: FloatArray) -> SampledWrench:
+        """Build from samples (T, c) at ``time`` (T,), s; NaN marks missing values."""
+        pieces = [run for run in find_runs(known(values)) if run.stop - run.start > 1]
+        splines = tuple(
+            (float(time[run.start]), float(time[run.stop - 1]), CubicSpline(time[run], values[run])) for run in pieces
+        )
+        return cls(splines, values.shape[1])
+
+    def __call__(self, time: FloatArray) -> FloatArray:
+        """Return the values (..., c) at times (...), s; NaN outside the stretches."""
+        out = np.full((*time.shape, self.components), np.nan)
+        for start, end, spline in self.stretches:
+            inside = (time >= start) & (time <= end)
+            out[inside] = spline(time[inside])
+        return out
+
+    def rate_of_change(self, time: FloatArray) -> FloatArray:
+        """Return the time derivative (R, c) at times (R,), s; NaN outside the stretches."""
+        out = np.full((len(time), self.components), np.nan)
+        for start, end, spline in self.stretches:
+            inside = (time >= start) & (time <= end)
+            out[inside] = spline(time[inside], 1)  # type: ignore[call-arg]
+        return out
+
+
+def profile_offset(
+    regressor: FloatArray,
+    wrench: Callable[[FloatArray], FloatArray],
+    time: FloatArray,
+    weights: FloatArray,
+    limit: float,
+    *,
+    prior: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[float, bool]:
+    """Find the clock offset with which the fitted parameters leave the least residual.
+
+    The parameters are fitted again for every offset. This costs one projection, because the regressor does not depend
+    on the offset. A coarse search over the whole range avoids local minima; a bounded search refines its result.
+
+    Parameters
+    ----------
+    regressor : (R, c, b) array
+        Filtered and gated, with the nuisance columns.
+    wrench : callable
+        From plate times (o, R) to the wrench (o, R, c), with the same filter; defined within ``limit`` of every sample.
+    time : (R,) array
+        Marker times of the samples, s.
+    weights : (c,) array
+        Weight of each component's residual.
+    limit : float
+        Largest offset in both directions, s.
+    prior : ((p, b) array, (p,) array), optional
+        Rows and right-hand side of a prior of the parameters.
+
+    Returns
+    -------
+    offset : float
+        δ, s.
+    at_edge : bool
+        Whether the least residual lies at an end of the search, so that there is no minimum inside.
+    """
+    weighted = (regressor * weights[:, None]).reshape(-1, regressor.shape[-1])
+    more, aim = (np.zeros((0, weighted.shape[1])), np.zeros(0)) if prior is None else prior
+    basis, _ = np.linalg.qr(np.concatenate([weighted, more]))
+
+    def costs(offsets: FloatArray) -> FloatArray:
+        targets = (wrench(time - offsets[:, None]) * weights).reshape(len(offsets), -1)
+        targets = np.concatenate([targets, np.broadcast_to(aim, (len(offsets), len(aim)))], axis=1)
+        rest = targets - (targets @ basis) @ basis.T
+        return np.asarray(np.einsum("or,or->o", rest, rest))
+
+    grid = np.linspace(-limit, limit, 2 * int(np.ceil(limit / _COARSE)) + 1)
+    best = int(np.argmin(np.concatenate([costs(grid[k : k + _AT_ONCE]) for k in range(0, len(grid), _AT_ONCE)])))
+    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    found = minimize_scalar(
+        lambda offset: float(costs(np.array([offset]))[0]), bounds=bounds, method="bounded", options={"xatol": _FINE}
+    )
+    if abs(found.x) > limit - _EDGE:
+        return float(np.copysign(limit, found.x)), True
+    return float(found.x), False

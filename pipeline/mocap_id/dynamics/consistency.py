@@ -1,0 +1,177 @@
+"""Physically consistent parameters: fits over bodies that can exist, as point masses on a grid or in the exact cone.
+
+Non-negative least squares solves the fit on the grid (4.12, 4.25), Clarabel that in the cone. Every solution has to
+pass the optimality check (:mod:`mocap_id.dynamics.optimality`), which needs no second solver. OSQP is run only if the
+solution on the grid does not pass. The solution records its solver and the check.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.cone_solver import closest_links, solve_links
+from mocap_id.dynamics.consistency_cone import ConeBodies
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.optimality import BodyCone, SolverAnswer, check_optimality
+from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.point_masses import GridBodies, solve_nnls, solve_osqp, spread_masses
+from mocap_id.dynamics.reference_prior import reference_deviations
+from mocap_id.errors import NumericalError
+
+Consistency = Literal["grid", "cone", "bounded-cone"]
+"""Set of possible bodies: masses on the grid, anywhere, or anywhere within the grid's outlines."""
+_TOLERABLE = 1e-3  # largest relative distance to the least cost with which a solution is accepted
+
+
+@dataclass(frozen=True)
+class ConsistentSolution:
+    """Consistent parameters and the solver's report.
+
+    Parameters
+    ----------
+    requested, consistency : {"grid", "cone", "bounded-cone"}
+        The requested set of bodies, and the one used: ``grid`` if the solution in the cone could not be proven.
+    parameters : (b + k,) array
+        Parameters of the problem: those that the bodies map to, then the free ones.
+    full : (4(n + 1),) array
+        Full parameters of one body with these parameters: closest to the reference, otherwise of the most even point
+        masses. NaN for an Izz that is attained only in a limit of bodies.
+    masses : (p,) array
+        Point masses with these full parameters; NaN for the cone, whose bodies need not be on the grid.
+    answer : SolverAnswer
+        The solution used, checked on the whole problem.
+    price : float
+        Relative increase of the cost over that of unconstrained parameters.
+    """
+
+    requested: Consistency
+    consistency: Consistency
+    parameters: FloatArray
+    full: FloatArray
+    masses: FloatArray
+    answer: SolverAnswer
+    price: float
+
+
+def fit_consistent(
+    problem: CompressedProblem,
+    regrouping: FloatArray,
+    grid: PointGrid,
+    reference: FloatArray,
+    *,
+    consistency: Consistency = "grid",
+    relative_sd: float = 0.15,
+) -> ConsistentSolution:
+    """Minimise ‖R [M φ; c] - d‖² over possible bodies φ and free parameters c.
+
+    Parameters
+    ----------
+    problem : CompressedProblem
+        b + k columns.
+    regrouping : (b, 4(n + 1)) array
+        Matrix M of eq. 4.24, from full parameters to the problem's first b.
+    grid : PointGrid
+    reference : (4(n + 1),) array
+        Full parameters to approach where the problem determines nothing; NaN for none.
+    consistency : {"grid", "cone", "bounded-cone"}
+    relative_sd : float
+        Standard deviation of the reference, relative to each parameter's size.
+
+    Raises
+    ------
+    NumericalError
+        No solver's solution is close enough to the least cost.
+    """
+    small, full_moments = problem.over(len(regrouping)), grid.moments()
+    moments = regrouping @ full_moments
+    bodies = _bodies(regrouping, grid, consistency)
+
+    def spread(answer: SolverAnswer) -> FloatArray:
+        return spread_masses(
+            moments, answer.body, full_moments, reference, reference_deviations(reference, relative_sd)
+        )
+
+    if isinstance(bodies, ConeBodies):
+        links = solve_links(small, bodies)
+        if links.optimality.proven:
+            aim = reference
+            if not np.isfinite(aim).all():
+                aim = np.where(np.isfinite(aim), aim, full_moments @ spread(_point_masses(small, moments)))
+            full = closest_links(bodies, links.body, aim, reference_deviations(aim, relative_sd))
+            nowhere = np.full(full_moments.shape[1], np.nan)
+            return _solution(problem, bodies, (consistency, consistency), (full, nowhere), links)
+    answer = _point_masses(small, moments)
+    found = spread(answer)
+    return _solution(problem, GridBodies(moments), (consistency, "grid"), (full_moments @ found, found), answer)
+
+
+def fit_quickly(
+    problem: CompressedProblem, regrouping: FloatArray, grid: PointGrid, consistency: Consistency
+) -> FloatArray:
+    """Return the parameters (b + k,) of :func:`fit_consistent` without the full body, in a fraction of the time.
+
+    If the solution is not proven to be optimal, :func:`fit_consistent` is called.
+
+    Parameters
+    ----------
+    problem, regrouping, grid, consistency
+        As for :func:`fit_consistent`.
+
+    Raises
+    ------
+    NumericalError
+        As for :func:`fit_consistent`.
+    """
+    small, bodies = problem.over(len(regrouping)), _bodies(regrouping, grid, consistency)
+    answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
+    if answer.optimality.proven:
+        return problem.completed(bodies.mapping @ answer.body)
+    nowhere = np.full(regrouping.shape[1], np.nan)
+    return fit_consistent(problem, regrouping, grid, nowhere, consistency=consistency).parameters
+
+
+def _bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -> GridBodies | ConeBodies:
+    if consistency == "grid":
+        return GridBodies(regrouping @ grid.moments())
+    return ConeBodies(regrouping, grid.boxes() if consistency == "bounded-cone" else None)
+
+
+def _point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
+    """Solution of non-negative least squares; if it is not proven, the better of it and OSQP's."""
+    first = solve_nnls(problem, moments)
+    if first.optimality.proven:
+        return first
+    second = solve_osqp(problem, moments)
+    excess = [answer.optimality.excess if np.isfinite(answer.cost) else np.inf for answer in (first, second)]
+    if not min(excess) <= _TOLERABLE:
+        raise NumericalError(
+            f"the point masses did not converge: {first.solver} reports {first.status!r}, up to {excess[0]:.1e} above "
+            f"the least cost, and {second.solver} reports {second.status!r}, up to {excess[1]:.1e} above it; the limit "
+            f"is {_TOLERABLE:.0e}. Check the chain for two joints at the same place, or for wrong units"
+        )
+    return first if excess[0] <= excess[1] else second
+
+
+def _solution(
+    problem: CompressedProblem,
+    bodies: BodyCone,
+    consistency: tuple[Consistency, Consistency],
+    found: tuple[FloatArray, FloatArray],
+    answer: SolverAnswer,
+) -> ConsistentSolution:
+    parameters = problem.completed(bodies.mapping @ answer.body)
+    optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
+    free = problem.cost(problem.free_solution())
+    return ConsistentSolution(
+        requested=consistency[0],
+        consistency=consistency[1],
+        parameters=parameters,
+        full=found[0],
+        masses=found[1],
+        answer=SolverAnswer(answer.solver, answer.body, answer.cost, optimality, answer.status, answer.iterations),
+        price=max(answer.cost - free, 0.0) / problem.floor(free),
+    )

@@ -1,0 +1,113 @@
+"""Physical consistency without a grid: all planar bodies that can exist, as second-order cones.
+
+A planar link can exist exactly if m·Izz ≥ mx² + my² and m ≥ 0: its second moment is at least that of its whole mass at
+the centre. This is a second-order cone, and equals the set of point masses anywhere in the plane. It is not bounded in
+space: a mass that tends to zero can have any first moment if it moves far enough away. For masses inside a box, mx and
+my are in addition within the box's sides times m, and Izz is at most that of masses at the corners with the same
+centre:
+
+    Izz ≤ (x₀ + x₁) mx + (y₀ + y₁) my - (x₀ x₁ + y₀ y₁) m.
+
+This is the limit of the point masses on ever finer grids over the box.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+
+LENGTH = 0.3
+"""Unit of length in which the parameters of a segment have similar sizes, m."""
+UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
+"""Divisors of a link's m, mx, my and Izz that convert all four to kg."""
+_FAR = 10.0  # m: without a box, masses are searched up to this distance
+
+
+@dataclass(frozen=True)
+class ConeBodies:
+    """Possible links; the full parameters are the numbers of :class:`~mocap_id.dynamics.optimality.BodyCone`.
+
+    Parameters
+    ----------
+    mapping : (b, 4(n + 1)) array
+        Matrix M of eq. 4.24, from full parameters to those of the problem.
+    boxes : (n + 1, 2, 2) array or None
+        Lowest and highest corner of each link in its frame, m; None for masses anywhere.
+    """
+
+    mapping: FloatArray
+    boxes: FloatArray | None = None
+
+    @property
+    def links(self) -> int:
+        """Number of links, base included."""
+        return int(self.mapping.shape[1] // 4)
+
+    def limited(self, link: int) -> bool:
+        """Return whether the cone limits the link's first moments; it does not if Izz is unobservable."""
+        return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
+
+    def round_sides(self) -> FloatArray:
+        """Return rows (l, 4, 4(n + 1)) whose products (m + J, m - J, 2 mx / L, 2 my / L), kg, are second-order cones.
+
+        J is Izz / L² with any length L.
+        """
+        limited = [link for link in range(self.links) if self.limited(link)]
+        rows = np.zeros((len(limited), 4, 4 * self.links))
+        for row, link in zip(rows, limited, strict=True):
+            row[:, 4 * link : 4 * link + 4] = (
+                np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 2, 0, 0], [0, 0, 2, 0]]) / UNITS
+            )
+        return rows
+
+    def flat_sides(self) -> FloatArray:
+        """Return rows (r, 4(n + 1)) whose products, kg, must not be negative: masses and sides of the boxes."""
+        rows = np.zeros((self.links, 6, 4 * self.links))
+        for link, row in enumerate(rows):
+            own = slice(4 * link, 4 * link + 4)
+            row[0, 4 * link] = 1.0
+            if self.boxes is not None:
+                (x0, y0), (x1, y1) = self.boxes[link] / LENGTH
+                walls = [[-x0, 1, 0, 0], [x1, -1, 0, 0], [-y0, 0, 1, 0], [y1, 0, -1, 0]]
+                row[1:, own] = np.array([*walls, [-(x0 * x1 + y0 * y1), x0 + x1, y0 + y1, -1]]) / UNITS
+        used = rows if self.boxes is not None else rows[:, :1]
+        return used.reshape(-1, 4 * self.links)
+
+    def outside(self, body: FloatArray) -> float:
+        """Return the largest violation of any condition, kg, relative to the total mass."""
+        sides = self.round_sides() @ body
+        short = [*(np.linalg.norm(sides[:, 1:], axis=1) - sides[:, 0]), *(-(self.flat_sides() @ body))]
+        return float(np.max([0.0, *short])) / max(self.mass(body), 1e-300)
+
+    def mass(self, body: FloatArray) -> float:
+        """Return the total mass, kg."""
+        return float(np.abs(body[::4]).sum())
+
+    def cheapest(self, prices: FloatArray) -> FloatArray:
+        """Return for each link a unit mass at the point with the least price m + x·mx + y·my + (x² + y²)·Izz."""
+        columns = np.zeros((len(prices), self.links))
+        for link in range(self.links):
+            _, mx, my, izz = prices[4 * link : 4 * link + 4]
+            (x0, y0), (x1, y1) = [[-_FAR] * 2, [_FAR] * 2] if self.boxes is None else self.boxes[link]
+            x, y = _lowest(mx, izz, x0, x1), _lowest(my, izz, y0, y1)
+            columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
+        return columns
+
+    def settled(self, body: FloatArray) -> FloatArray:
+        """Return the body without rounding errors: no mass is negative, and no Izz too small."""
+        links = body.reshape(-1, 4).copy()
+        links[:, 0] = np.maximum(links[:, 0], 0.0)
+        first = np.sum(links[:, 1:3] ** 2, axis=1)
+        for link in filter(self.limited, range(self.links)):
+            least = first[link] / links[link, 0] if links[link, 0] > 0.0 else 0.0
+            links[link, 3] = max(links[link, 3], least)
+        return links.reshape(-1)
+
+
+def _lowest(linear: float, square: float, low: float, high: float) -> float:
+    """The point between two ends at which linear·x + square·x² is least."""
+    inside = [] if square <= 0.0 else [float(np.clip(-linear / (2 * square), low, high))]
+    return min([low, high, *inside], key=lambda x: linear * x + square * x * x)

@@ -1,0 +1,206 @@
+"""Identification: physically consistent parameters with their standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
+from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.preparation import PreparedTrial
+from mocap_id.dynamics.reference_prior import ReferencePrior, reference_deviations
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The identified inertial parameters of an individual.
+
+    Parameters
+    ----------
+    fit : Fit
+    base, base_sd : (b,) arrays
+        Base parameters (eq. 6.1) and their standard deviations, SI.
+    covariance : (b, b) array
+        Covariance of the base parameters from the residuals, the errors of the geometry and the plate's zero.
+    residual_covariance : (b, b) array
+        The part from the residuals: it holds for predictions of the wrench with the same geometry.
+    error : KinematicError
+        Uncertainty of the geometry.
+    response : (b, S) array
+        Change of the base parameters with each mode of that error.
+    offset_sd : float
+        Standard deviation of the clock offset, s.
+    plate_bias, plate_bias_sd : float or None
+        Constant error of the plate's Fx, N; None if it was not estimated.
+    solution : ConsistentSolution
+        The solution among physically possible bodies, and the solver's report.
+    masses : (p,) array
+        Point masses with these base parameters, kg, closest to the reference or spread most evenly; NaN if the exact
+        cone was used instead of the grid.
+    full : (4(n + 1),) array
+        Full parameters: one of many consistent solutions.
+    uses_reference : bool
+        Whether the reference is a prior of the base parameters.
+    refit : callable
+        Repeats the estimate with other data: from a compressed problem in the columns of ``fit.problem`` (b + k) to
+        parameters (b + k,). A prior has the same weight as in the whole trial.
+    """
+
+    fit: Fit
+    base: FloatArray
+    base_sd: FloatArray
+    covariance: FloatArray
+    residual_covariance: FloatArray
+    error: KinematicError
+    response: FloatArray
+    offset_sd: float
+    plate_bias: float | None
+    plate_bias_sd: float | None
+    solution: ConsistentSolution
+    masses: FloatArray
+    full: FloatArray
+    uses_reference: bool
+    refit: Callable[[CompressedProblem], FloatArray]
+
+
+def identify(
+    prepared: PreparedTrial,
+    gate: BoolArray,
+    grid: PointGrid,
+    reference: FloatArray,
+    error: KinematicError,
+    *,
+    consistency: Consistency = "grid",
+    reference_sd: float = 0.15,
+    reference_pulls: bool = False,
+) -> Identification:
+    """Identify the parameters on the gated samples (eq. 4.24-4.26).
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    gate : (T,) bool array
+        Samples in which the body touches only the ground.
+    grid : PointGrid
+    reference : (4(n + 1),) array
+        Full parameters to approach where the wrench determines nothing; NaN for none.
+    error : KinematicError
+        Uncertainty of the geometry.
+    consistency : {"grid", "cone", "bounded-cone"}
+        The set of possible bodies (:mod:`mocap_id.dynamics.consistency`).
+    reference_sd : float
+        Relative standard deviation of the reference's parameters.
+    reference_pulls : bool
+        Whether the reference is also a prior of the base parameters (4.13).
+
+    Raises
+    ------
+    NumericalError
+        The constrained least squares did not converge.
+    """
+    found = fit(prepared, gate)
+    solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
+    refit = partial(fit_quickly, regrouping=prepared.base.regrouping, grid=grid, consistency=consistency)
+    alone = _from_data(prepared, found, solve(found.problem, prepared.base.regrouping), error, refit)
+    if reference_pulls and np.isfinite(reference).all():
+        return _with_reference(
+            alone,
+            prepared.base.regrouping,
+            ReferencePrior(reference, reference_deviations(reference, reference_sd)),
+            solve,
+        )
+    return alone
+
+
+def _from_data(
+    prepared: PreparedTrial,
+    found: Fit,
+    solution: ConsistentSolution,
+    error: KinematicError,
+    refit: Callable[[CompressedProblem], FloatArray],
+) -> Identification:
+    """Identification from the data alone."""
+    base, own = solution.parameters[: found.base], slice(found.base)
+    response = kinematic_response(prepared, found, base, error)
+    kinematic = response @ response.T
+    covariance = found.covariance + kinematic + _plate_covariance(prepared, found)
+    sd = np.sqrt(np.diag(covariance))
+    biased = len(solution.parameters) > found.base
+    return Identification(
+        fit=found,
+        base=base,
+        base_sd=sd[own],
+        covariance=covariance[own, own],
+        residual_covariance=found.covariance[own, own],
+        error=error,
+        response=response[own],
+        offset_sd=float(np.hypot(found.offset_sd, np.sqrt(kinematic[-1, -1]))),
+        plate_bias=float(solution.parameters[-1]) if biased else None,
+        plate_bias_sd=float(sd[found.base]) if biased else None,
+        solution=solution,
+        masses=solution.masses,
+        full=solution.full,
+        uses_reference=False,
+        refit=refit,
+    )
+
+
+def _with_reference(
+    alone: Identification,
+    regrouping: FloatArray,
+    prior: ReferencePrior,
+    solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
+) -> Identification:
+    """Identification from the data and a prior of the full parameters."""
+    problem = alone.fit.problem.over(alone.fit.base)
+    independent = np.linalg.inv(problem.factor.T @ problem.factor)
+    known = alone.covariance + independent  # the first may be singular: there can be fewer blocks than parameters
+
+    def solution_of(data: CompressedProblem) -> ConsistentSolution:
+        small = data.over(alone.fit.base)
+        return solve(prior.added_to(small.free_solution(), known, regrouping, small.rest), np.eye(len(prior.mean)))
+
+    solution = solution_of(alone.fit.problem)
+    base, gain = regrouping @ solution.parameters, prior.gain(known, regrouping)
+    covariance = prior.covariance(gain, regrouping, alone.covariance)
+    biased = alone.plate_bias is not None
+    return replace(
+        alone,
+        base=base,
+        base_sd=np.sqrt(np.diag(covariance)),
+        covariance=covariance,
+        residual_covariance=prior.covariance(gain, regrouping, alone.residual_covariance),
+        response=gain @ alone.response,
+        plate_bias=float(alone.fit.problem.completed(base)[-1]) if biased else None,
+        solution=solution,
+        masses=solution.masses,
+        full=solution.full,
+        uses_reference=True,
+        refit=lambda data: data.completed(regrouping @ solution_of(data).parameters),
+    )
+
+
+def _plate_covariance(prepared: PreparedTrial, found: Fit) -> FloatArray:
+    """Covariance of base parameters, nuisance and offset that constant errors of Fy and tauz cause.
+
+    Under gravity, m1 causes a constant Fy and mx1 a constant tauz, so a constant error of the plate changes only these
+    parameters. With a prior, the fit distributes it over the bodies.
+    """
+    size, gravity = found.design.shape[-1], prepared.settings.gravity
+    if found.prior is not None:
+        components = prepared.settings.components
+        sd = np.array([prepared.settings.plate_zero[c - 1] if c else 0.0 for c in components])
+        constant = np.broadcast_to(np.diag(sd * found.weights), (len(found.design), len(sd), len(sd)))
+        moved = found.response(constant)
+        return np.asarray(moved @ moved.T)
+    variance = np.zeros(size)
+    for column, sd_of in enumerate(prepared.settings.plate_zero):
+        variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd_of / gravity) ** 2
+    return np.diag(variance)

@@ -1,0 +1,70 @@
+"""Linear least squares after a QR decomposition, with as many rows as parameters.
+
+After the fit, the data are used only through the triangular factor R of their QR decomposition: the cost of parameters
+x is ‖R x - d‖² plus a constant. Thousands of rows become a dozen, and the condition number is not squared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.base_parameters import triangular_factor
+
+
+@dataclass(frozen=True)
+class CompressedProblem:
+    """A least-squares problem after QR: cost = ‖R x - d‖² + rest.
+
+    Parameters
+    ----------
+    factor : (b, b) array
+        R.
+    target : (b,) array
+        d = Qᵀ · right-hand side.
+    rest : float
+        The part of the squared residual that no parameters can remove.
+    """
+
+    factor: FloatArray
+    target: FloatArray
+    rest: float
+
+    @classmethod
+    def of(cls, rows: FloatArray, target: FloatArray, rest: float = 0.0) -> CompressedProblem:
+        """Compress any number of rows (r, b) and their right-hand side (r,); ``rest`` is added to the cost."""
+        columns = rows.shape[1]
+        missing = max(columns + 1 - len(rows), 0)
+        filled = np.pad(np.column_stack([rows, target]), ((0, missing), (0, 0)))
+        factor = triangular_factor(filled)
+        return cls(factor[:columns, :columns], factor[:columns, -1], float(factor[columns, -1] ** 2) + rest)
+
+    def free_solution(self) -> FloatArray:
+        """Return the unconstrained solution (b,); if there are several, the shortest."""
+        return np.asarray(np.linalg.lstsq(self.factor, self.target, rcond=None)[0], dtype=np.float64)
+
+    def cost(self, parameters: FloatArray) -> float:
+        """Return the squared residual at these parameters."""
+        return float(np.sum((self.factor @ parameters - self.target) ** 2)) + self.rest
+
+    def floor(self, cost: float) -> float:
+        """Return the cost, but at least a value above rounding, so that other costs can be divided by it."""
+        return max(cost, 1e-9 * float(self.target @ self.target), 1e-300)
+
+    def over(self, kept: int) -> CompressedProblem:
+        """Return the problem in the first ``kept`` parameters, with the others eliminated at their optimum."""
+        others = self.factor[:, kept:]
+        if others.shape[1] == 0:
+            return self
+        basis, size, _ = np.linalg.svd(others, full_matrices=False)
+        basis = basis[:, size > len(others) * np.finfo(np.float64).eps * max(float(size.max()), 1e-300)]
+        rows = self.factor[:, :kept] - basis @ (basis.T @ self.factor[:, :kept])
+        return CompressedProblem.of(rows, self.target - basis @ (basis.T @ self.target), self.rest)
+
+    def completed(self, parameters: FloatArray) -> FloatArray:
+        """Append the optimal values of the remaining parameters to the given first ones."""
+        rest = self.target - self.factor[:, : len(parameters)] @ parameters
+        others = np.linalg.lstsq(self.factor[:, len(parameters) :], rest, rcond=None)[0]
+        return np.concatenate([parameters, others])

@@ -1,0 +1,192 @@
+"""Parameter transfer: inertial parameters of one trial in the frames of another trial of the same person.
+
+Each trial has its own frames. A segment's +Y points to the joint as found in that trial, the last segment's to the
+centroid of its markers; the plane frame belongs to the plate, on which the feet may stand elsewhere. The mass, however,
+does not move relative to the markers of its segment. Each body's frame is therefore registered to that of the other
+trial by their common markers (Procrustes), and m, (mx, my), Izz are transformed accordingly:
+
+    m' = m,  c' = R c + m t,  Izz' = Izz + 2 t·R c + m |t|²,  c = (mx, my).
+
+The full, consistent parameters are transferred, not the base parameters. A base parameter such as my2 + p3y (m3 + m4)
+contains the joint position p3 of its own trial; the full parameters can be combined with that of the other trial. The
+contact wrench does not determine how a mass at a joint is divided between the two adjacent segments. This has no effect
+if both trials locate the joint at the same place among the markers. If the places differ by e, an unknown mass of μ kg
+causes a moment of μ e g and a displacement of the centre of pressure of μ e / M.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+
+LEAST_MARKERS = 2
+LEAST_SPREAD = 0.02
+"""Least rms distance of the common markers from their centroid that determines a body's orientation, m."""
+
+
+@dataclass(frozen=True)
+class BodyFrames:
+    """The joints and markers that define the frames of a trial's bodies.
+
+    Parameters
+    ----------
+    segments : tuple of str
+        Names of the K bodies, base first.
+    centres : (n, 2) array
+        Centre of each joint in the frame of the body before it, m; NaN where unknown.
+    between : (n, 2) int array
+        The bodies before and after each joint. A body of arms and head has no joint.
+    markers : tuple of str
+        Labels of the markers.
+    segment : (M,) int array
+        Body of each marker.
+    local : (M, 2) array
+        Markers in the body's frame, m.
+    """
+
+    segments: tuple[str, ...]
+    centres: FloatArray
+    between: IntArray
+    markers: tuple[str, ...]
+    segment: IntArray
+    local: FloatArray
+
+    @property
+    def jointed(self) -> IntArray:
+        """Bodies beyond a joint: neither the base nor the body of arms and head, which is not rigid."""
+        return np.unique(self.between[:, 1])
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Transformation of the frames of K bodies from one trial to another: a point c becomes R(angle) c + shift.
+
+    Parameters
+    ----------
+    angle : (K,) array
+        rad; 0 for the base, whose frame is the plane frame in both trials.
+    shift : (K, 2) array
+        m; for the base, the displacement of the feet.
+    markers : (K,) int array
+        Number of common markers.
+    residual : (K,) array
+        Rms distance of the common markers after registration, m; NaN without any.
+    mirrored : (K,) array
+        The same for the best registration of the mirrored body, m; close to ``residual`` if the markers are collinear.
+    spread : (K,) array
+        Rms distance of the common markers from their centroid, m.
+    joint : (n,) array
+        Distance between the two trials' positions of each joint, relative to the markers of the body before it, m; NaN
+        where unknown.
+    """
+
+    angle: FloatArray
+    shift: FloatArray
+    markers: IntArray
+    residual: FloatArray
+    mirrored: FloatArray
+    spread: FloatArray
+    joint: FloatArray
+
+
+def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
+    """Register the bodies of one trial to those of another.
+
+    Parameters
+    ----------
+    there, here : BodyFrames
+        With the same bodies and joints. A marker is used if both have it on the same body.
+
+    Returns
+    -------
+    Registration
+        From ``there`` to ``here``; NaN for a body with fewer than two common markers.
+    """
+    count = len(here.segments)
+    angle, shift = np.zeros(count), np.zeros((count, 2))
+    markers, residual = np.zeros(count, dtype=np.int64), np.full(count, np.nan)
+    mirrored, spread = np.full(count, np.nan), np.zeros(count)
+    for k in range(count):
+        before, after = _common(there, here, k)
+        markers[k] = len(before)
+        if k == 0:
+            shift[k], used = _feet(before, after, here.centres[0] - there.centres[0])
+            residual[k] = _rms(after[used] - before[used] - shift[k])
+            continue
+        if len(before) < LEAST_MARKERS:
+            angle[k], shift[k] = np.nan, np.nan
+            continue
+        angle[k], shift[k], residual[k] = _procrustes(before, after)
+        spread[k] = _rms(before - before.mean(axis=0))
+        mirrored[k] = _procrustes(before * [-1.0, 1.0], after)[2]
+    below = there.between[:, 0]
+    moved = [_turned(angle[k], centre) + shift[k] for k, centre in zip(below, there.centres, strict=True)]
+    joint = np.linalg.norm(np.reshape(moved, (-1, 2)) - here.centres, axis=1)
+    return Registration(angle, shift, markers, residual, mirrored, spread, joint)
+
+
+def transfer_parameters(full: FloatArray, registration: Registration) -> FloatArray:
+    """Return the full parameters (4K,), base first, in the frames of the other trial."""
+    out = [
+        _moved(block, angle, shift)
+        for block, angle, shift in zip(full.reshape(-1, 4), registration.angle, registration.shift, strict=True)
+    ]
+    return np.concatenate(out)
+
+
+def transfer_covariance(covariance: FloatArray, registration: Registration) -> FloatArray:
+    """Return the covariance (4K, 4K) after :func:`transfer_parameters`, for an exact registration."""
+    move = np.column_stack([transfer_parameters(unit, registration) for unit in np.eye(len(covariance))])
+    return np.asarray(move @ covariance @ move.T)
+
+
+def _common(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArray, FloatArray]:
+    """Local coordinates (k, 2) in both trials of the markers that both have on this body."""
+    before, after = (
+        {label: i for i, label in enumerate(of.markers) if of.segment[i] == segment} for of in (there, here)
+    )
+    both = [label for label in before if label in after]
+    indices = np.array([(before[label], after[label]) for label in both], dtype=np.int64).reshape(-1, 2)
+    return there.local[indices[:, 0]], here.local[indices[:, 1]]
+
+
+def _feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Displacement of the feet (2,), m, and the markers (k,) that it is taken from.
+
+    Markers of the base are on the feet or on the plate, and those on the plate do not move. A marker counts as on the
+    feet if its displacement is closer to that of the ankle than to zero; if none is, all markers are used. The result
+    affects only the foot's own mass, since the other trial's ankle locates the joints beyond it.
+    """
+    if not len(before):
+        return ankle, np.zeros(0, dtype=bool)
+    moved = after - before
+    on_feet = np.linalg.norm(moved - ankle, axis=1) <= np.linalg.norm(moved, axis=1)
+    used = on_feet if on_feet.any() else ~on_feet
+    return np.median(moved[used], axis=0), used
+
+
+def _procrustes(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray, float]:
+    """Angle, shift (2,) and rms residual of the rigid motion that moves points (k, 2) closest to others (k, 2)."""
+    middle, goal = before.mean(axis=0), after.mean(axis=0)
+    a, b = before - middle, after - goal
+    angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
+    return angle, goal - _turned(angle, middle), _rms(_turned(angle, a) - b)
+
+
+def _turned(angle: float, points: FloatArray) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]))
+
+
+def _rms(distances: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum(distances**2, axis=-1)))) if len(distances) else float("nan")
+
+
+def _moved(block: FloatArray, angle: float, shift: FloatArray) -> FloatArray:
+    """Transform m, mx, my, Izz of one body."""
+    mass, first = block[0], _turned(angle, block[1:3])
+    inertia = block[3] + 2 * float(shift @ first) + mass * float(shift @ shift)
+    return np.array([mass, *(first + mass * shift), inertia])

@@ -1,0 +1,242 @@
+"""Predicted wrench, centre of pressure and joint torques, with their standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.base_parameters import determines_rows
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.composite_inertia import composite_inertia
+from mocap_id.dynamics.external_wrenches import external_effect, stack_wrenches
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.kinematic_error import torque_variance
+from mocap_id.dynamics.lowpass import known
+from mocap_id.dynamics.model_error import ModelError, estimate_model_error
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, torque_regressor
+from mocap_id.dynamics.uncertainty import variance
+
+_MOMENT = WRENCH_COMPONENTS.index("tauz")  # fitted whenever torques are predicted: only it contains moments of inertia
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A model's wrench, centre of pressure and joint torques, with standard deviations.
+
+    Parameters
+    ----------
+    wrench, wrench_sd : (T, 3) arrays
+        Fx, Fy, tauz of the ground, N and N·m: the wrench that the motion requires minus the measured external wrenches.
+    cop, cop_sd : (T,) arrays
+        Centre of pressure, m; NaN where the body does not load the plate.
+    torque, torque_sd : (T, n) arrays
+        Joint torques, N·m.
+    undetermined : tuple of str
+        Columns (Fx, Fy, tauz, cop_x, tau_1 …) that are NaN, because they depend on parameters that the fitted
+        components do not determine.
+    """
+
+    wrench: FloatArray
+    wrench_sd: FloatArray
+    cop: FloatArray
+    cop_sd: FloatArray
+    torque: FloatArray
+    torque_sd: FloatArray
+    undetermined: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PredictionNoise:
+    """Errors of a model's wrench and torques that are not due to its parameters.
+
+    Parameters
+    ----------
+    wrench : (T, 3, 3) array
+        Covariance, N² and (N·m)².
+    torque : (T, n) array
+        Variance, (N·m)².
+    """
+
+    wrench: FloatArray
+    torque: FloatArray
+
+
+def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
+    """Predict wrench, centre of pressure and joint torques at every sample.
+
+    If Fy and tauz were fitted, the base parameters determine all of these. A column outside the span of the fitted
+    components is NaN and listed in ``undetermined``.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    found : Identification
+    noise : PredictionNoise
+        :func:`chain_noise` or :func:`residual_noise`.
+    threshold : float
+        Vertical force up to which there is no centre of pressure, N.
+    """
+    base, own = found.base, found.residual_covariance
+    full_torque = torque_regressor(prepared.motion, prepared.regressor)
+    placed = np.isfinite(prepared.motion.joint).any(axis=(0, 2))
+    determined, torque_determined = (
+        _determined_rows(prepared.regressor, prepared),
+        _determined_rows(full_torque, prepared) & placed,
+    )
+    rows = np.where(determined[:, None], prepared.rows, np.nan)
+    torque_rows = np.where(torque_determined[:, None], full_torque[:, :, prepared.base.kept], np.nan)
+    elsewhere, relieved = _relief(prepared, found.fit.offset)
+    wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
+    cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
+    cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
+    return Prediction(
+        wrench=wrench,
+        wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
+        cop=centre_of_pressure(wrench, threshold),
+        cop_sd=np.sqrt(variance(cop_rows, own) + _variance_of(cop_own[:, None], noise.wrench)[:, 0]),
+        torque=torque,
+        torque_sd=np.sqrt(variance(torque_rows, own) + noise.torque),
+        undetermined=_undetermined(determined, torque_determined),
+    )
+
+
+def chain_noise(
+    prepared: PreparedTrial, found: Identification, correlation: FloatArray, centre_sd: FloatArray | None = None
+) -> PredictionNoise:
+    """Return the noise of a pinned chain from its accelerations; that from angles and velocities is negligible.
+
+    The states give the course of the noise over time and its correlation between the joints. The plate gives its size
+    (:mod:`mocap_id.dynamics.model_error`), and the part of the wrench's error that is independent of the accelerations.
+    The torques are moments, so their noise is scaled like that of tauz. For the wrench, the covariance from the
+    residuals is sufficient, because the fitted parameters compensate errors of the geometry. The torques were not
+    fitted.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    found : Identification
+    correlation : (T, n, n) array
+        Correlation of the joint accelerations' errors.
+    centre_sd : (n,) array, optional
+        Standard deviation of the centres of joints that may give way, m.
+    """
+    recorded, base = prepared.recorded, found.base
+    needed = np.where(_determined_rows(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
+    noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
+    wrench_gain, torque_gain = _acceleration_gains(recorded, base, prepared)
+    errors = _model_errors(prepared, found, needed, _variance_of(wrench_gain, noise))
+    wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
+    torque_gain *= np.sqrt(errors[_MOMENT].overall)
+    steady = np.diag([error.steady for error in errors])
+    geometry = torque_variance(prepared, base, found.error, found.response)
+    if centre_sd is not None:
+        geometry = geometry + _of_centres(prepared, found.full, centre_sd)
+    return PredictionNoise(
+        wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
+        torque=geometry + _variance_of(torque_gain, noise),
+    )
+
+
+def residual_noise(
+    prepared: PreparedTrial,
+    found: Identification,
+    residual: FloatArray,
+    *,
+    centre_sd: FloatArray,
+    of_poses: FloatArray,
+    parameters: float = 0.0,
+) -> PredictionNoise:
+    """Return the noise of a model on measured poses, with its size estimated from residuals.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    found : Identification
+    residual : (T, 3) array
+        Measured minus modelled wrench, without the fit's low-pass, of left-out repetitions if there are any; NaN
+        elsewhere. The plate's white noise is subtracted here.
+    centre_sd : (n,) array
+        Standard deviation of each joint's centre, m. Its effect on the torque is proportional to the force through the
+        joint.
+    of_poses : (T, n) array
+        Variance of the torques from errors of the poses that repeat with the movement, (N·m)².
+    parameters : float
+        Fraction of the squared residual that the fit has absorbed; 0 for left-out repetitions.
+    """
+    recorded, size = prepared.recorded, len(prepared.regressor)
+    valid = known(residual)
+    correlation = np.corrcoef(residual[valid].T)
+    nothing = np.zeros(size)
+    errors = [estimate_model_error(residual[:, k], nothing, valid, recorded.rate) for k in range(3)]
+    spread = np.array([np.var(residual[valid, k]) if e is None else e.steady for k, e in enumerate(errors)])
+    spread = spread + np.mean(residual[valid], axis=0) ** 2
+    covariance = correlation * np.sqrt(np.outer(spread, spread)) / max(1.0 - parameters, 0.1)
+    jacobian = prepared.motion.jacobian
+    moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
+    return PredictionNoise(
+        wrench=np.broadcast_to(covariance, (size, 3, 3)),
+        torque=moment + _of_centres(prepared, found.base, centre_sd) + of_poses,
+    )
+
+
+def _of_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
+    """Variance (T, n) of the torques from the joint centres: the force through a joint times the centre's error."""
+    distal = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
+    force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], distal * full)
+    return np.asarray(centre_sd**2 * np.sum(force**2, axis=2))
+
+
+def _relief(prepared: PreparedTrial, offset: float) -> tuple[FloatArray, FloatArray]:
+    """Reduction of the ground's wrench (T, 3) and of the torques (T, n) by the external wrenches."""
+    recorded = prepared.recorded
+    wrenches, segment = stack_wrenches(recorded.external, prepared.external(offset), len(recorded.time))
+    return external_effect(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
+
+
+def _determined_rows(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
+    """Rows (k,) of a full regressor (T, k, p) that the base parameters determine."""
+    return np.array(
+        [determines_rows(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_
+    )
+
+
+def _undetermined(determined: BoolArray, torque_determined: BoolArray) -> tuple[str, ...]:
+    lost = [name for name, known in zip(WRENCH_COMPONENTS, determined, strict=True) if not known]
+    if {"Fy", "tauz"} & set(lost):
+        lost.append("cop_x")
+    return (*lost, *(f"tau_{j}" for j, known in enumerate(torque_determined, start=1) if not known))
+
+
+def _model_errors(
+    prepared: PreparedTrial, found: Identification, needed: FloatArray, noise: FloatArray
+) -> tuple[ModelError, ...]:
+    """Model's error in each component; from the states alone if the plate does not show it."""
+    recorded = prepared.recorded
+    residual = prepared.measured(found.fit.offset) - needed
+    shown = [estimate_model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]
+    found_errors = [error for error in shown if error is not None]
+    usual = ModelError(0.0, 1.0, max((error.overall for error in found_errors), default=1.0))
+    return tuple(usual if error is None else error for error in shown)
+
+
+def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
+    values: FloatArray = np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True)
+    return np.maximum(values, 0.0)
+
+
+def _acceleration_gains(
+    recorded: TrialData, base: FloatArray, prepared: PreparedTrial
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the wrench (T, 3, n) and the torques (T, n, n) with respect to the joint accelerations.
+
+    They are computed for the body whose regrouped parameters are zero; it has the same base parameters.
+    """
+    full = np.zeros(prepared.regressor.shape[-1])
+    full[prepared.base.kept] = base
+    mass, mx, my, inertia = full.reshape(-1, len(PLANAR_PARAMETERS)).T
+    gains = composite_inertia(recorded.q, recorded.centres, mass, np.column_stack([mx, my]), inertia)
+    return gains.wrench, gains.torque

@@ -1,0 +1,89 @@
+"""Compiled engine: unscented Kalman filter and Rauch–Tung–Striebel smoother.
+
+The update is that of the unscented Kalman filter, arranged for many markers. With the square roots of the weights
+included in the deviations of the sigma points, the innovation covariance is S = R + H Hᵀ. R is diagonal, and H has only
+2n + 1 columns (:mod:`mocap_id.estimation.process_model` explains why not 8n + 1): the deviation of the mean, and the
+sum and the difference of the two points' deviations for each of the first n columns of L = chol(P). The matrix
+inversion lemma reduces the update to A = I + Hᵀ R⁻¹ H. With L₁ the first n columns of L, L₂ the others, and the index d
+for the differences,
+
+    x⁺ = x + L₁ [A⁻¹ Hᵀ R⁻¹ y]_d        P⁺ = L₁ [A⁻¹]_dd L₁ᵀ + L₂ L₂ᵀ
+
+These equal x + K y and P − K S Kᵀ without their cancellation: P⁺ is a sum of squares.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.errors import NumericalError
+from mocap_id.estimation.filter_kernels import FilterModel, FilterOutput, Measurements, run_filter, run_smoother
+from mocap_id.estimation.filter_problem import ANCHOR_SD, FilterProblem, Track, start_sd
+from mocap_id.estimation.process_model import noise_shape, transition
+
+
+def filter_forwards(problem: FilterProblem) -> Track:
+    """Run the filter over all frames.
+
+    Raises
+    ------
+    NumericalError
+        A covariance is not positive definite.
+    """
+    frames, markers = problem.observed.shape[:2]
+    n = problem.joints
+    filtered = FilterOutput(
+        np.empty((frames, 4 * n)),
+        np.empty((frames, 4 * n, 4 * n)),
+        np.zeros((frames, markers), dtype=np.bool_),
+        np.zeros((frames, n), dtype=np.bool_),
+    )
+    failed, log_likelihood = run_filter(_model(problem), _measured(problem), filtered)
+    if failed >= 0:
+        raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {frames}")
+    return Track(*filtered, log_likelihood)
+
+
+def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
+    """Run the Rauch–Tung–Striebel smoother over a filtered track, and overwrite its arrays.
+
+    Raises
+    ------
+    NumericalError
+        A predicted covariance is not positive definite.
+    """
+    failed = run_smoother(_model(problem), track.restarted, track.mean, track.covariance)
+    if failed >= 0:
+        raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed}")
+    return track
+
+
+def _measured(problem: FilterProblem) -> Measurements:
+    anchors = problem.anchors
+    return Measurements(
+        np.ascontiguousarray(problem.observed),
+        np.ascontiguousarray(anchors.angles),
+        np.ascontiguousarray(anchors.covariance),
+        np.ascontiguousarray(anchors.observed),
+        np.ascontiguousarray(anchors.used),
+    )
+
+
+def _model(problem: FilterProblem) -> FilterModel:
+    size = 4 * problem.joints
+    return FilterModel(
+        step=transition(problem.dt)[0],
+        shape=noise_shape(problem.dt),
+        density=np.ascontiguousarray(problem.density),
+        start=start_sd(problem.dt) ** 2,
+        anchor_limit=ANCHOR_SD**2,
+        centres=np.ascontiguousarray(problem.centres),
+        segment=np.ascontiguousarray(problem.segment),
+        local=np.ascontiguousarray(problem.local),
+        variance=np.ascontiguousarray(problem.variance),
+        gate_variance=np.ascontiguousarray(problem.gate_variance),
+        gate=float(problem.gate),
+        patience=problem.patience,
+        weights=problem.sigma_points.weights(size),
+        spread=problem.sigma_points.spread(size),
+    )

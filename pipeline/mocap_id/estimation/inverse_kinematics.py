@@ -1,0 +1,283 @@
+"""Inverse kinematics: the joint angles of each frame from its own markers alone.
+
+These angles start the filter, restart it after gaps, show which angles are observed, and form the linear problem for
+the noise estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
+from mocap_id.estimation.filter_problem import Anchors
+from mocap_id.estimation.frame_angle_kernels import refine
+from mocap_id.geometry.planar import marker_positions, rotate
+
+OBSERVED_SD = 0.1
+"""Largest standard deviation, rad, of an angle that counts as observed in a frame."""
+
+_WEAK_SD = 1.0  # rad; prior of an angle without markers
+_UNOBSERVED_VARIANCE = 1e6  # rad^2; larger than any prior
+_ITERATIONS = 20
+_CONVERGED = 1e-6  # rad
+_DAMPING = 1e-6  # m^2/rad^2; fixes angles that no marker determines, and hardly affects the others
+_OUTLIER_SHARE = 0.25  # largest share of a segment's markers at a reliable joint
+_ROUNDS = 2  # in the first round outliers inflate the ordinary residuals
+_BEYOND = 3.0  # limit of a marker's ordinary residual, relative to its median and its segment
+_ENOUGH = 4000  # residuals per marker, evenly over the trial, for its ordinary size
+_QUANTILE = 0.8  # quantile of the residuals; bursts are rarer than this, movement is not
+
+
+@dataclass(frozen=True)
+class MarkerChain:
+    """Geometry of a chain with markers: ``centres`` (n, 2), m, ``segment`` (M,), ``local`` (M, 2), m."""
+
+    centres: FloatArray
+    segment: IntArray
+    local: FloatArray
+
+
+@dataclass(frozen=True)
+class FrameAngles:
+    """Angles of every frame from its own markers.
+
+    Parameters
+    ----------
+    angles : (F, n) array
+        rad, unwrapped over the observed frames; interpolated where unobserved.
+    information : (F, n, n) array
+        Jᵀ J of the markers used, m^2/rad^2: the inverse covariance for a marker noise of 1 m.
+    used : (F, M) bool array
+        Markers that were seen and are no outliers.
+    reliable : (F, n) bool array
+        Few markers up to the joint's own segment are outliers. With many, the wrong markers may remain.
+    squares : float
+        Sum of squared distances of the markers used from their predictions, m^2, over frames reliable throughout.
+    scale : (M,) array
+        Ordinary size of each marker's residual per coordinate, m; NaN where never seen.
+    """
+
+    angles: FloatArray
+    information: FloatArray
+    used: BoolArray
+    reliable: BoolArray
+    squares: float
+    scale: FloatArray
+
+    def anchors(self, marker_sd: float) -> Anchors:
+        """Return the angles as a linear measurement, for a marker noise in m."""
+        covariance, observed = np.empty_like(self.information), self.reliable.copy()
+        for s in chunks(len(covariance)):
+            found = angle_covariance(self.information[s], marker_sd)
+            observed[s] &= observed_angles(found)
+            both = observed[s, :, None] & observed[s, None, :]
+            covariance[s] = np.where(both, found, np.eye(both.shape[1]) * _UNOBSERVED_VARIANCE)
+        return Anchors(self.angles, covariance, observed, self.used)
+
+
+def angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
+    """Return the covariance (F, n, n) of a frame's angles, rad^2, from Jᵀ J and a prior of one radian each."""
+    n = information.shape[1]
+    return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
+
+
+def determined_angles(angles: FloatArray, used: BoolArray, chain: MarkerChain, marker_sd: float) -> BoolArray:
+    """Return which angles (F, n), rad, the markers used (F, M) of the same frame determine, for a marker noise in m."""
+    found = np.empty(angles.shape, dtype=np.bool_)
+    for s in chunks(len(angles)):
+        found[s] = observed_angles(angle_covariance(information(angles[s], used[s], chain), marker_sd))
+    return found
+
+
+def observed_angles(covariance: FloatArray) -> BoolArray:
+    """Return which angles (F, n) a frame's markers determine, including markers of segments farther out."""
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) <= OBSERVED_SD, dtype=np.bool_)
+
+
+def frame_angles(observed: FloatArray, chain: MarkerChain, gate: float, floor: float) -> FrameAngles:
+    """Find the angles of every frame by Gauss–Newton, and the outliers among its markers.
+
+    A marker is an outlier in a frame if its residual exceeds ``gate`` times its ordinary size. The worst marker of each
+    frame is removed and the frame solved again, until none is left, because an outlier distorts the residuals of the
+    others.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Measured markers of the moving segments, plane frame, m; NaN where missing.
+    chain : MarkerChain
+        Joints and marker coordinates.
+    gate : float
+        Limit of an outlier, in standard deviations.
+    floor : float
+        Least ordinary size of a residual, m.
+
+    Returns
+    -------
+    FrameAngles
+    """
+    parts = chunks(len(observed))
+    used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in parts])
+    angles, residual = _closed_form(observed, used, chain), np.empty(used.shape)
+    _refine(observed, used, angles, chain)
+    for s in parts:
+        residual[s] = _residual(observed[s], angles[s], chain)
+    scale = _scale(residual, used, chain.segment)
+    for _ in range(_ROUNDS):
+        limit = gate * np.fmax(scale, floor)
+        for s in parts:
+            _remove_outliers(observed[s], used[s], angles[s], residual[s], chain, limit=limit)
+        scale = _scale(residual, used, chain.segment)
+    reliable = np.concatenate([_reliable(observed[s], used[s], chain) for s in parts])
+    sound: BoolArray = np.all(reliable, axis=1)
+    counted = residual[used & sound[:, None]]
+    squares = float(counted @ counted)
+    return FrameAngles(angles, information(angles, used, chain), used, reliable, squares, scale)
+
+
+def _remove_outliers(
+    observed: FloatArray,
+    used: BoolArray,
+    angles: FloatArray,
+    residual: FloatArray,
+    chain: MarkerChain,
+    *,
+    limit: FloatArray,
+) -> None:
+    """Remove the worst marker of every frame and solve it again until all are within their limit (M,); in place."""
+    frames = np.arange(len(observed))
+    for _ in range(observed.shape[1]):
+        excess = np.where(used[frames], residual[frames] / limit, 0.0)
+        worst = excess.argmax(axis=1)
+        beyond = excess[np.arange(len(frames)), worst] > 1.0
+        frames, worst = frames[beyond], worst[beyond]
+        if not frames.size:
+            break
+        used[frames, worst] = False
+        refined, seen = angles[frames], observed[frames]
+        _refine(seen, used[frames], refined, chain)
+        angles[frames], residual[frames] = refined, _residual(seen, refined, chain)
+
+
+def information(angles: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
+    """Return Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
+    found = np.empty((*angles.shape, angles.shape[1]))
+    for s in chunks(len(angles)):
+        here = np.array(angles[s])
+        anywhere = np.zeros((*used[s].shape, 2))
+        refine(anywhere, used[s], here, chain.centres, chain.segment, chain.local, _DAMPING, _CONVERGED, 0, found[s])
+    return found
+
+
+def _reliable(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> BoolArray:
+    own = chain.segment[:, None] == np.arange(1, len(chain.centres) + 1)  # (M, n)
+    seen = np.isfinite(observed).all(axis=-1).astype(np.int64) @ own
+    out = seen - used.astype(np.int64) @ own
+    return np.asarray(np.cumsum(out > _OUTLIER_SHARE * seen, axis=1) == 0, dtype=np.bool_)
+
+
+def _refine(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: MarkerChain) -> None:
+    """Run Gauss–Newton from ``angles`` (f, n), in place; angles that no marker determines stay unchanged."""
+    n = angles.shape[1]
+    for s in chunks(len(angles)):
+        passed = np.empty((len(angles[s]), n, n))
+        refine(
+            observed[s],
+            used[s],
+            angles[s],
+            chain.centres,
+            chain.segment,
+            chain.local,
+            _DAMPING,
+            _CONVERGED,
+            _ITERATIONS,
+            passed,
+        )
+
+
+def _closed_form(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
+    """Return approximate angles, from base to tip.
+
+    Each segment is turned onto its own markers, or else towards the next joint, located by the next segment's markers.
+    Frames with neither are interpolated.
+    """
+    n = len(chain.centres)
+    angles = np.zeros((len(observed), n))
+    absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
+    for j in range(n):
+        origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
+        turned = np.concatenate([_turned(observed[s], used[s], chain, j, origin[s]) for s in chunks(len(observed))])
+        found = np.flatnonzero(np.isfinite(turned))
+        if found.size:
+            relative = np.unwrap((turned - absolute)[found])
+            angles[:, j] = np.interp(np.arange(len(observed)), found, relative)
+        absolute = absolute + angles[:, j]
+    return angles
+
+
+def _turned(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
+    """Return the absolute angle (f,) of segment j + 1 from its own or the next segment's markers, or NaN."""
+    turned = _towards_own(observed, used, chain, j, origin)
+    unseen = np.flatnonzero(np.isnan(turned))
+    if unseen.size and j + 1 < len(chain.centres):
+        turned[unseen] = _towards_next(observed[unseen], used[unseen], chain, j, origin[unseen])
+    return turned
+
+
+def _towards_own(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
+    """Return the absolute angle (F,) that turns segment j + 1 about its joint onto its markers; NaN without any."""
+    own = chain.segment == j + 1
+    arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
+    turned = _turn(chain.local[own][None], arm)
+    return np.where(used[:, own].any(axis=1), turned, np.nan)
+
+
+def _towards_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
+    """Return the absolute angle (F,) that points segment j + 1 at the next joint, from the next segment's markers."""
+    own = chain.segment == j + 2
+    weight = used[:, own, None].astype(np.float64)
+    count = np.maximum(weight.sum(axis=1), 1.0)
+    z, local = np.where(weight > 0, observed[:, own], 0.0), chain.local[own]
+    middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
+    turned = _turn(weight * (local - local_middle[:, None]), z - middle[:, None])
+    joint = middle - rotate(turned, local_middle)
+    pointed = _turn(chain.centres[j + 1][None, None], (joint - origin)[:, None])
+    return np.where(count[:, 0] >= 2.0, pointed, np.nan)
+
+
+def _turn(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the angle (F,) that best turns vectors ``start`` (F or 1, m, 2) onto ``end`` (F, m, 2)."""
+    across = (start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]).sum(axis=1)
+    return np.asarray(np.arctan2(across, (start * end).sum(axis=(1, 2))))
+
+
+def _residual(observed: FloatArray, angles: FloatArray, chain: MarkerChain) -> FloatArray:
+    off = observed - marker_positions(angles, chain.centres, chain.segment, chain.local)
+    return np.asarray(np.abs(off.view(np.complex128)[..., 0]))
+
+
+def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArray:
+    """Return the ordinary standard deviation (M,) per coordinate, from a quantile of normal residuals.
+
+    A marker with more bursts than the quantile allows would set its own limit. Its value is therefore limited by its
+    median and by the markers of its segment.
+    """
+    scale, middle = _from_quantiles(residual, used, (_QUANTILE, 0.5))
+    limit = np.full(len(scale), np.nan)
+    for s in np.unique(segment):
+        own = (segment == s) & np.isfinite(scale)
+        if not own.any():
+            continue
+        limit[own] = _BEYOND * np.fmax(middle[own], np.median(scale[own]))
+    return np.asarray(np.fmin(scale, limit))
+
+
+def _from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
+    """Return the standard deviations (S, M) per coordinate of normal residuals with these quantiles."""
+    quantiles = np.full((len(shares), residual.shape[1]), np.nan)
+    for m in np.flatnonzero(used.any(axis=0)):
+        own = residual[used[:, m], m]
+        quantiles[:, m] = np.quantile(own[:: max(1, len(own) // _ENOUGH)], shares)
+    return quantiles / np.sqrt(-2.0 * np.log(1.0 - np.array(shares)))[:, None]

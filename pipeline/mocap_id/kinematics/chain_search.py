@@ -1,0 +1,220 @@
+"""Search for chains from the base to a tip over real joints, at every level of detail.
+
+The best chain of each number of segments is kept for the report. Only the best chain of a level can be chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules
+from mocap_id.kinematics.joint import PairJoint
+from mocap_id.kinematics.rigid_body import RigidBody
+
+_APART = 0.2  # m; least distance between two limbs on either side of their parent
+_MIDDLE = 0.03  # m; largest distance of their parent from the middle between two limbs
+_ASIDE = 0.05  # m; least distance of a limb to one side of its parent
+_SAME_PLACE = 0.15  # m; largest distance between the joints of a pair of limbs in the side view
+_NEEDED = 1.2  # least growth of the joint residual when a real segment is skipped
+_DEEPEST = 9  # most segments of a path, with the base
+_LEVELS = 12  # number of levels of detail
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A chain as found by the search, before it is cut."""
+
+    chain: tuple[RigidBody, ...]
+    joints: tuple[PairJoint, ...]
+    cost: float
+
+
+def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
+    """Yield the best chain of every level, then the level's best of every other length, each chain once."""
+    known: set[tuple[tuple[int, ...], ...]] = set()
+    sorted_before: set[tuple[tuple[int, ...], ...]] = set()
+    others: list[Hypothesis] = []
+    for level in range(1, min(_LEVELS, len(problem.moving) // 2) + 1):
+        bodies = _bodies(problem, level)
+        if _key(bodies) in sorted_before:
+            continue
+        sorted_before.add(_key(bodies))
+        for hypothesis in _of_level(problem, level, bodies):
+            if not hypothesis.best_of_level:
+                others.append(hypothesis)
+            elif _key(hypothesis.chain) not in known:
+                known.add(_key(hypothesis.chain))
+                yield hypothesis
+    for other in others:
+        if _key(other.chain) not in known:
+            known.add(_key(other.chain))
+            yield other
+
+
+def _key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
+    return tuple(tuple(int(marker) for marker in body.markers) for body in bodies)
+
+
+def _bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
+    bodies = problem.clusters.at(level)
+    if not all(problem.constraints.allow(body.markers) for body in bodies):
+        return []
+    return problem.clusters.merged(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
+
+
+def _of_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
+    """Yield the best chain of a level, cut to the allowed length, then the best of every other allowed length."""
+    rules = problem.rules
+    found = _best_chains(problem, bodies)
+    if not found:
+        return
+    longest = rules.longest - 1
+    best = min(found, key=lambda path: path.cost)
+    first = _hypothesis(problem, level, bodies, _Path(best.chain[:longest], best.joints[:longest], best.cost))
+    yield first
+    for path in found:
+        if path is not best and len(path.chain) <= longest:
+            yield _hypothesis(problem, level, bodies, path, first.cost - best.cost)
+
+
+def _hypothesis(
+    problem: SegmentationProblem, level: int, bodies: list[RigidBody], path: _Path, cut: float | None = None
+) -> Hypothesis:
+    """Return a path with the bodies that it leaves out; without ``cut`` it is the best of its level."""
+    carried = np.concatenate([link.markers for link in path.chain])
+    left_out = tuple(body for body in bodies if not np.isin(body.markers, carried).all())
+    predicted = _predicted(problem, path.chain, path.joints)
+    cost = _cost(problem, predicted, len(path.chain)) + (cut or 0.0)
+    return Hypothesis(level, path.chain, path.joints, left_out, predicted, cost, cut is None, cut or 0.0)
+
+
+def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[_Path]:
+    """Return the cheapest path from the base over real joints for each number of segments, by exhaustive search."""
+    rules = problem.rules
+    links: list[RigidBody] = [problem.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
+    pairs = [(i, j) for i in range(len(links)) for j in range(1, len(links)) if i != j]
+    joints = {(i, j): problem.clusters.joint(links[i], links[j]) for i, j in pairs}
+    real = {pair for pair, joint in joints.items() if rules.is_joint(joint)}
+    real -= _paired(real, joints, np.array([np.nanmean(problem.lateral[body.markers]) for body in links]))
+    real = {(i, j) for i, j in real if i == 0 or not _straddles(problem.lateral, links[j], links[i])}
+    if rules.count is not None:
+        for tip, below in list(merged_tips(links, real, problem.clusters.joined, rules.max_residual)):
+            joints |= {(k, len(links)): problem.clusters.joint(link, tip) for k, link in enumerate(links)}
+            of_tip = {k for k in below if not _straddles(problem.lateral, tip, links[k])}
+            real |= {(k, len(links)) for k in of_tip if rules.is_joint(joints[k, len(links)])}
+            links.append(tip)
+    best: dict[int, _Path] = {}
+    for path in _paths((0,), real, len(links), rules):
+        chain = tuple(links[i] for i in path[1:])
+        if not _disjoint(chain) or _skips_as_well(path, joints):
+            continue
+        found = tuple(joints[pair] for pair in pairwise(path))
+        cost = _cost(problem, _predicted(problem, chain, found), len(chain))
+        if len(path) not in best or cost < best[len(path)].cost:
+            best[len(path)] = _Path(chain, found, cost)
+    return list(best.values())
+
+
+def _disjoint(chain: tuple[RigidBody, ...]) -> bool:
+    """Return whether every marker is on one segment only: a merged tip may contain a body of the chain."""
+    markers = np.concatenate([body.markers for body in chain])
+    return len(np.unique(markers)) == len(markers)
+
+
+def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
+    """Return whether a segment of the path can be skipped at little cost, and so is not between its neighbours."""
+    triples = zip(path, path[1:], path[2:], strict=False)
+    return any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
+
+
+def _paired(
+    real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
+) -> set[tuple[int, int]]:
+    """Return joints to one of two limbs on either side of the same place, through which a serial chain cannot pass."""
+    aside = {(i, j): lateral[j] - lateral[i] for i, j in real}
+    return {
+        (i, j)
+        for i, j in real
+        for k in range(len(lateral))
+        if (i, k) in real
+        and min(abs(aside[i, j]), abs(aside[i, k])) > _ASIDE
+        and aside[i, j] * aside[i, k] < 0
+        and abs(joints[i, j].in_parent - joints[i, k].in_parent) < _SAME_PLACE
+    }
+
+
+def _straddles(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool:
+    """Return whether a body is two limbs that move alike on either side of their parent, such as arms on a trunk.
+
+    Legs do not count: the bodies below and above them, up to the pelvis, are as two-sided as they are.
+    """
+    across = np.sort(lateral[child.markers])
+    between = int(np.argmax(np.diff(across)))
+    low, high = across[between], across[between + 1]
+    from_middle = np.abs(lateral[parent.markers] - (low + high) / 2)
+    return bool(high - low > _APART and (from_middle < _MIDDLE).any())
+
+
+def _paths(
+    path: tuple[int, ...], real: set[tuple[int, int]], count: int, rules: SegmentationRules
+) -> Iterator[tuple[int, ...]]:
+    """Yield every path from the base over real joints, of ``rules.count`` segments if given."""
+    if len(path) > 1 and rules.count in (None, len(path)):
+        yield path
+    if len(path) < (rules.count or _DEEPEST):
+        for following in range(1, count):
+            if following not in path and (path[-1], following) in real:
+                yield from _paths((*path, following), real, count, rules)
+
+
+def _predicted(problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]) -> FloatArray:
+    """Return the residuals (M,) of the markers predicted through their joint, m; the scatter for those left out."""
+    floor = max(problem.base.noise, FLOOR)
+    residual = np.maximum(problem.base.scatter, floor)
+    for body, joint in zip(chain, joints, strict=True):
+        residual[body.markers] = np.sqrt(body.residual**2 + joint.residual**2 + floor**2)
+    return residual
+
+
+def _cost(problem: SegmentationProblem, predicted: FloatArray, segments: int) -> float:
+    return float(np.sum(np.log(predicted[problem.moving]))) + problem.rules.split_gain * segments
+
+
+def merged_tips(
+    links: Sequence[RigidBody],
+    real: set[tuple[int, int]],
+    joined: Callable[[RigidBody, RigidBody], RigidBody | None],
+    limit: float,
+) -> Iterator[tuple[RigidBody, set[int]]]:
+    """Yield every two bodies with a real joint between them as one last segment.
+
+    A chain of a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
+    Without a merged tip, the markers beyond would be on no segment, and a model based on the chain would add their mass
+    to the pelvis.
+
+    Parameters
+    ----------
+    links : sequence of RigidBody
+        Bodies of a level, the base first.
+    real : set of (int, int)
+        Pairs of links with a real joint, the lower one first.
+    joined : callable
+        Returns two bodies as one; None if they must not be joined.
+    limit : float
+        Largest rms distance of the markers from their places on the merged body, m.
+
+    Yields
+    ------
+    tip : RigidBody
+    below : set of int
+        Links with a real joint to one of the two.
+    """
+    for i, j in sorted({(min(pair), max(pair)) for pair in real if 0 not in pair}):
+        tip = joined(links[i], links[j])
+        if tip is not None and tip.residual <= limit:
+            yield tip, {below for below, above in real if above in {i, j}} - {i, j}

@@ -1,0 +1,203 @@
+"""Clusters of markers that move as one body: the fixed base and the rigid bodies above it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.constraints import Constraints
+from mocap_id.kinematics.joint import PairJoint, fit_joint
+from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals, variance_over_time
+
+_REASSIGNMENTS = 20
+_AS_WELL = 1.2  # largest growth of the residual at which one body fits as well as two
+_WOBBLE = 6.0  # 2.5 to 97.5 % range of an angle of pure noise, in standard deviations, with a margin
+
+
+@dataclass(frozen=True)
+class Base:
+    """The markers that stand still.
+
+    Parameters
+    ----------
+    markers : int array
+        Columns of the still markers; empty if there are none.
+    noise : float
+        rms of one coordinate of the still markers, m: the noise floor.
+    gap : float
+        Scatter of the stillest moving marker over that of the least still base marker.
+    scatter : (M,) array
+        rms distance of every marker from its mean, m.
+    """
+
+    markers: IntArray
+    noise: float
+    gap: float
+    scatter: FloatArray
+
+
+def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
+    """Split still from moving markers at the largest jump in their scatter.
+
+    A still marker that shares a unit with a moving one is not a base marker. Of two barred markers, the one that moves
+    more is not.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m.
+    limit : float
+        Largest scatter of a still marker, m.
+    constraints : Constraints, optional
+    """
+    scatter = _scatter(points)
+    order = np.argsort(scatter)[: np.isfinite(scatter).sum()]
+    floor = np.maximum(scatter[order], 1e-5)  # ratios of smaller values show rounding only
+    still = int(np.sum(scatter[order] <= limit))
+    if still == 0:
+        return Base(np.array([], dtype=np.int64), 0.0, 1.0, scatter)
+    jumps = np.append(floor[1:], np.inf if still == len(order) else floor[-1]) / floor
+    last = int(np.argmax(jumps[:still]))
+    markers = _permitted(order[: last + 1], order[last + 1 :], constraints)
+    noise = float(np.median(scatter[markers]) / np.sqrt(2)) if len(markers) else 0.0
+    return Base(markers, noise, float(jumps[last]), scatter)
+
+
+def _permitted(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
+    """Return the still markers, given in order of scatter, that the constraints allow on the base together."""
+    if constraints is None:
+        return np.sort(still)
+    alone = still[~np.isin(constraints.unit[still], constraints.unit[moving])]
+    kept: list[int] = []
+    for marker in alone:
+        if not constraints.barred[marker, kept].any():
+            kept.append(int(marker))
+    return np.sort(np.array(kept, dtype=np.int64))
+
+
+class Clusters:
+    """Moving markers sorted into rigid bodies at any level of detail. Fits of bodies and joints are cached.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    moving : int array
+        Columns of the markers to sort.
+    constraints : Constraints
+        Markers that belong together or apart.
+    """
+
+    def __init__(self, points: ComplexArray, moving: IntArray, constraints: Constraints) -> None:
+        self.points, self.moving, self.constraints = points, moving, constraints
+        self._bodies: dict[bytes, RigidBody] = {}
+        self._joints: dict[tuple[bytes, bytes], PairJoint] = {}
+        variance = constraints.constrained_variance(_distance_variance(points[:, moving]), moving)
+        self._tree = linkage(squareform(variance, checks=False), "average") if len(moving) > 1 else None
+
+    def at(self, count: int) -> list[RigidBody]:
+        """Return at most ``count`` bodies of at least two markers.
+
+        The bodies start from average linkage on the variance of the mutual distances. Every marker then moves to the
+        body that fits it best, until none changes.
+        """
+        if self._tree is None:
+            return []
+        labels = fcluster(self._tree, count, "maxclust")
+        groups = [self.moving[labels == label] for label in np.unique(labels)]
+        for _ in range(_REASSIGNMENTS):
+            bodies = self._rigid(groups)
+            if len(bodies) < 2:
+                break
+            residuals = np.stack([marker_residuals(body, self.points[:, self.moving]) for body in bodies])
+            best = self.constraints.nearest_bodies(residuals**2, self.moving)
+            regrouped = [self.moving[best == index] for index in range(len(bodies))]
+            if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
+                break
+            groups = regrouped
+        return self._rigid(groups)
+
+    def merged(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
+        """Merge bodies that one rigid body fits nearly as well as two.
+
+        Parameters
+        ----------
+        bodies : list of RigidBody
+        min_arc : float
+            Two bodies that turn by less than this (rad) against each other, or by no more than their own wobble,
+            hardly turn.
+        tolerance : float
+            Two bodies that hardly turn are merged if the merged residual stays below this multiple of their own.
+            Other bodies are merged only if it hardly grows.
+        """
+        bodies = list(bodies)
+        while len(bodies) > 1:
+            candidates = []
+            for (i, first), (j, second) in combinations(enumerate(bodies), 2):
+                both = self.joined(first, second)
+                if both is None:
+                    continue
+                growth = both.residual / _pooled(first, second)
+                if growth <= _AS_WELL or (growth <= tolerance and self._hardly_turn(first, second, min_arc)):
+                    candidates.append((growth, i, j, both))
+            if not candidates:
+                break
+            _, i, j, both = min(candidates, key=lambda candidate: candidate[0])
+            bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [both]
+        return bodies
+
+    def joined(self, first: RigidBody, second: RigidBody) -> RigidBody | None:
+        """Return two bodies as one, or None where the constraints keep their markers apart."""
+        markers = np.sort(np.concatenate([first.markers, second.markers]))
+        return self._fit(markers) if self.constraints.allow(markers) else None
+
+    def joint(self, parent: RigidBody, child: RigidBody) -> PairJoint:
+        """Return the joint between two bodies."""
+        key = parent.markers.tobytes(), child.markers.tobytes()
+        if key not in self._joints:
+            self._joints[key] = fit_joint(parent, child)
+        return self._joints[key]
+
+    def _hardly_turn(self, first: RigidBody, second: RigidBody, min_arc: float) -> bool:
+        """Return whether two bodies turn against each other by less than ``min_arc`` (rad) or than their wobble."""
+        wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
+        return bool(self.joint(first, second).arc < max(min_arc, wobble))
+
+    def _rigid(self, groups: list[IntArray]) -> list[RigidBody]:
+        return [self._fit(group) for group in groups if len(group) > 1]
+
+    def _fit(self, markers: IntArray) -> RigidBody:
+        key = markers.tobytes()
+        if key not in self._bodies:
+            self._bodies[key] = fit_body(self.points, markers)
+        return self._bodies[key]
+
+
+def _pooled(first: RigidBody, second: RigidBody) -> float:
+    counts = len(first.markers), len(second.markers)
+    square = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
+    return float(max(np.sqrt(square), 1e-4))
+
+
+def _scatter(points: ComplexArray) -> FloatArray:
+    """Return the rms distance (M,) of every marker from its mean, m; inf for a marker that is hardly ever seen."""
+    square, counts = variance_over_time(points)
+    return np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
+
+
+def _distance_variance(points: ComplexArray) -> FloatArray:
+    """Return the variance (M, M) of every mutual distance, m^2; the largest for pairs never seen together."""
+    count = points.shape[1]
+    variance = np.zeros((count, count))
+    for marker in range(count):
+        square, counts = variance_over_time(np.abs(points - points[:, marker : marker + 1]))
+        variance[marker] = np.where(counts > 1, square, np.nan)
+    variance = np.where(np.isfinite(variance), variance, np.nanmax(variance, initial=0.0))
+    variance = (variance + variance.T) / 2
+    np.fill_diagonal(variance, 0)
+    return variance

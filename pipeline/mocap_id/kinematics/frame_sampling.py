@@ -1,0 +1,55 @@
+"""Frames for a fit: enough of every posture, and few of those that are held for long."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray, chunks
+
+_STILL_SHARE = 0.1  # share of the frames that is spread evenly over time
+_WINDOWS = 200  # windows of a trial, over which the speed is measured
+
+
+def frames_along_motion(points: ComplexArray, count: int, among: IntArray | None = None) -> IntArray:
+    """Return at most ``count`` frames, evenly along the path of the markers.
+
+    Skin has the same error at the same posture. A hundred frames of quiet standing are worth one, but would count a
+    hundred times if frames were chosen evenly in time.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    count : int
+        Largest number of frames.
+    among : int array, optional
+        Frames to choose from, ascending; default: all.
+
+    Returns
+    -------
+    int array
+        Frames, ascending.
+    """
+    among = np.arange(len(points)) if among is None else among
+    frames = len(among)
+    if frames <= count:
+        return among
+    speed = _speed(points, among, max(1, frames // _WINDOWS))
+    moving = np.maximum(speed - np.quantile(speed, 0.05), 0)  # still markers move by noise only
+    total = moving.mean()
+    density = _STILL_SHARE + (1 - _STILL_SHARE) * (moving / total if total > 0 else np.ones(frames))
+    travelled = np.cumsum(density)
+    middles = (np.arange(count) + 0.5) / count * travelled[-1]
+    return np.asarray(among[np.unique(np.searchsorted(travelled, middles))])
+
+
+def _speed(points: ComplexArray, among: IntArray, window: int) -> FloatArray:
+    """Return the rms displacement (A,) over a window around each frame of ``among``, of markers seen at both ends."""
+    rms = np.empty(len(among) - window)
+    for here in chunks(len(rms)):
+        step = np.abs(points[among[window:][here]] - points[among[here]])
+        seen = np.isfinite(step)
+        square = np.where(seen, step, 0) ** 2
+        rms[here] = np.sqrt(square.sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+    before = window // 2
+    return np.pad(rms, (before, window - before), mode="edge")

@@ -1,0 +1,143 @@
+"""Rigid bodies in the plane: markers with constant mutual distances.
+
+Points of the plane are complex numbers: a rotation by phi and a shift is ``z = p + exp(i phi) q``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+
+_ITERATIONS = 50
+_TOLERANCE = 1e-7  # m
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Markers that move as one rigid body.
+
+    Parameters
+    ----------
+    markers : (k,) int array
+        Columns of the trajectories.
+    template : (k,) complex array
+        Marker coordinates in the body's frame, whose origin is their centroid, m.
+    rotation : (F,) complex array
+        ``exp(i phi)`` of the body in each frame; NaN where fewer than two markers are seen.
+    position : (F,) complex array
+        Origin of the body's frame, m.
+    residual : float
+        rms distance of the markers from their places on the body, m.
+    """
+
+    markers: IntArray
+    template: ComplexArray
+    rotation: ComplexArray
+    position: ComplexArray
+    residual: float
+
+    @property
+    def angle_noise(self) -> float:
+        """Return the standard deviation of the angle of ``rotation``, rad, if the residual were white noise.
+
+        The pose absorbs three of a frame's 2 k coordinates, so the residual is smaller than the noise; infinite if
+        nothing is left.
+        """
+        spread, coordinates = float(np.sqrt(np.sum(np.abs(self.template) ** 2))), 2 * len(self.markers)
+        if spread == 0 or coordinates <= 3:
+            return np.inf
+        return float(self.residual * np.sqrt(coordinates / (coordinates - 3) / 2) / spread)
+
+    def local(self, points: ComplexArray) -> ComplexArray:
+        """Return trajectories (F, ...) in the body's frame."""
+        shape = (-1,) + (1,) * (points.ndim - 1)
+        return np.asarray(np.conj(self.rotation).reshape(shape) * (points - self.position.reshape(shape)))
+
+
+def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBody:
+    """Fit a rigid body to some markers by least squares (generalised Procrustes over the frames, ignoring gaps).
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    markers : sequence of int
+        At least two columns of ``points``.
+    """
+    columns = np.asarray(markers, dtype=np.int64)
+    seen = np.isfinite(points[:, columns])
+    z = np.where(seen, points[:, columns], 0)
+    weight = seen.astype(np.float64)
+    template = z[int(np.argmax(seen.sum(axis=1)))]
+    for _ in range(_ITERATIONS):
+        rotation, position = rigid_poses(z, weight, template)
+        back = np.conj(rotation)
+        updated = (back @ z - (back * position) @ weight) / np.maximum(weight.sum(axis=0), 1)
+        updated -= updated.mean()
+        moved = float(np.max(np.abs(updated - template)))
+        template = updated
+        if moved < _TOLERANCE:
+            break
+    rotation, position = rigid_poses(z, weight, template)
+    enough = seen.sum(axis=1) >= 2
+    off = np.abs(z - position[:, None] - rotation[:, None] * template)[seen & enough[:, None]]
+    residual = float(np.sqrt(np.mean(off**2))) if off.size else np.inf
+    unknown = np.where(enough, 1.0, np.nan)
+    return RigidBody(columns, template, rotation * unknown, position * unknown, residual)
+
+
+def still_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBody:
+    """Return the fixed base as a rigid body whose frame is the plane frame."""
+    columns = np.asarray(markers, dtype=np.int64)
+    template = np.nanmean(points[:, columns], axis=0)
+    frames = len(points)
+    off = np.abs(points[:, columns] - template)
+    return RigidBody(
+        columns,
+        template,
+        np.ones(frames, dtype=np.complex128),
+        np.zeros(frames, dtype=np.complex128),
+        float(np.sqrt(np.nanmean(off**2))),
+    )
+
+
+def marker_residuals(body: RigidBody, points: ComplexArray) -> FloatArray:
+    """Return the rms distance (M,) of every marker from its mean place on a body, m; inf if never seen with it."""
+    square, counts = variance_over_time(body.local(points))
+    return np.where(counts > 1, np.sqrt(square), np.inf)
+
+
+def variance_over_time(values: FloatArray | ComplexArray) -> tuple[FloatArray, IntArray]:
+    """Return the variance (M,) of each column (F, M), ignoring NaN, and the number of its values (M,)."""
+    seen = np.isfinite(values)
+    counts = seen.sum(axis=0)
+    filled = np.where(seen, values, 0)
+    mean = filled.sum(axis=0) / np.maximum(counts, 1)
+    return np.where(seen, np.abs(filled - mean) ** 2, 0).sum(axis=0) / np.maximum(counts, 1), counts
+
+
+def rigid_poses(
+    z: ComplexArray, seen: BoolArray | FloatArray, template: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the rotation and position (F,) that fit a template to each frame (closed form in the plane).
+
+    Parameters
+    ----------
+    z : (F, k) complex array
+        Markers, m; 0 where unseen.
+    seen : (F, k) bool or float array
+        1 where seen, else 0.
+    template : (k,) complex array
+        Marker coordinates in the body's frame, m.
+    """
+    counts = np.maximum(seen.sum(axis=1), 1)
+    centroid = z.sum(axis=1) / counts
+    template_centroid = seen @ template / counts
+    moment = z @ np.conj(template) - counts * centroid * np.conj(template_centroid)
+    size = np.abs(moment)
+    rotation = np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
+    return rotation, centroid - rotation * template_centroid

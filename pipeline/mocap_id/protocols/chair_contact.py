@@ -1,0 +1,140 @@
+"""Chair contact in sit-to-stand and squat trials (thesis ch. 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, find_runs
+from mocap_id.dynamics.external_wrenches import SEAT
+from mocap_id.dynamics.fit import determined, fit
+from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.preparation import PreparedTrial
+from mocap_id.protocols import contact_rules
+from mocap_id.protocols.contact_rules import ContactRule, DecidingRule
+from mocap_id.protocols.posture import Posture
+
+_ROUNDS = 8
+_SETTLED = 0.02  # s: smaller changes of contact do not matter; the filter reaches ten times as far
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Chair contact of a trial.
+
+    Parameters
+    ----------
+    chair : bool or None
+        Whether a chair is used; False for squats, None if the plates do not show it.
+    touching : (T,) bool array or None
+        Samples with contact, on the clock of the markers; None if unknown.
+    free : (T,) bool array
+        Samples for identification.
+    weight : float
+        Standing weight, N.
+    threshold : float or None
+        Threshold of the chair force for contact, N; None for rules without one.
+    rule : DecidingRule
+        Rule that was used: the chair's own plate if there is one, and a fallback if the requested rule was not
+        applicable.
+    converged : bool or None
+        Whether the iteration of model and contact converged; None for rules without iteration.
+    above_noise : (T,) bool array or None
+        Samples with a chair force above the noise; ``touching`` extends them to the instants of zero force. None for
+        rules without a threshold.
+    """
+
+    chair: bool | None
+    touching: BoolArray | None
+    free: BoolArray
+    weight: float
+    threshold: float | None
+    rule: DecidingRule
+    converged: bool | None = None
+    above_noise: BoolArray | None = None
+
+
+def find_contact(
+    prepared: PreparedTrial, posture: Posture, rule: ContactRule, *, weight_share: float, knee_bend: float
+) -> Contact:
+    """Find the chair contact of a trial.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    posture : Posture
+    rule : {"seat-force", "weight", "knee"}
+        See :mod:`mocap_id.protocols.contact_rules`.
+    weight_share : float
+        Share of the standing weight under the feet at which the chair is released (rule ``weight``).
+    knee_bend : float
+        Angle of the second joint, rad, below which the person is off the chair (rule ``knee``).
+    """
+    if prepared.recorded.seat is not None:
+        return contact_from_seat_plate(prepared, posture)
+    vertical = prepared.recorded.surroundings[:, 1]
+    weight = contact_rules.standing_weight(posture, vertical)
+    chair = contact_rules.uses_chair(posture, vertical, weight)
+    if chair is False:
+        nowhere = np.zeros(len(vertical), dtype=bool)
+        return Contact(False, nowhere, ~nowhere, weight, None, rule)
+    with np.errstate(invalid="ignore"):
+        by_weight = contact_rules.contact_in_low_phases(posture, vertical < weight_share * weight)
+        straight = np.abs(prepared.recorded.q[:, min(1, prepared.recorded.q.shape[1] - 1)]) < knee_bend
+    if chair is None:
+        return Contact(None, None, straight, weight, None, "knee")
+    if rule == "knee":
+        return Contact(True, by_weight, straight, weight, None, rule)
+    first = contact_rules.clearly_off_chair(posture) & ~by_weight
+    # the chair force is found as the Fy missing under the feet, which only a model fitted to Fy can predict
+    if rule == "weight" or 1 not in prepared.settings.components or not determined(prepared, first):
+        return Contact(True, by_weight, ~by_weight, weight, None, "weight")
+    return _contact_from_seat_force(prepared, posture, first, weight)
+
+
+def contact_from_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
+    """Find chair contact from the chair's own plate; all samples are free, because every force is measured."""
+    everything = np.ones(len(prepared.recorded.time), dtype=bool)
+    offset = fit(prepared, everything).offset if determined(prepared, everything) else 0.0
+    seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
+    weight = contact_rules.standing_weight(posture, prepared.measured(offset)[:, 1])
+    if np.isnan(weight):  # nobody stands: the plates of feet and chair together carry the weight
+        weight = float(np.nanmedian(prepared.recorded.surroundings[:, 1]))
+    threshold = contact_rules.seat_force_threshold(seat, posture.upright, weight)
+    with np.errstate(invalid="ignore"):
+        above_noise = contact_rules.contact_in_low_phases(posture, seat > threshold)
+        touching = contact_rules.extend_to_release(prepared.recorded.time, above_noise, seat)
+    return Contact(bool(touching.any()), touching, everything, weight, threshold, "seat-plate", above_noise=above_noise)
+
+
+def _contact_from_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:
+    """Alternate between fitting a model to the free samples and finding contact with it, until the contact converges.
+
+    Without convergence, the contact of either of the last two rounds is excluded. The search also ends, with the
+    previous contact, if the free samples of a round would not determine a model.
+    """
+    rate = prepared.recorded.rate
+    smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)
+    free, before, touching, threshold, converged = first, ~first, ~first, 0.0, False
+    missing = np.full(len(first), np.nan)
+    for _ in range(_ROUNDS):
+        found = fit(prepared, free)
+        base = found.problem.free_solution()[: found.base]
+        measured = prepared.measured(found.offset)[:, 1]
+        missing = prepared.rows[:, 1] @ base - measured
+        seat_force = smooth(missing[:, None])[:, 0]
+        threshold = contact_rules.seat_force_threshold(seat_force, found.in_fit, weight)
+        with np.errstate(invalid="ignore"):
+            above_noise = contact_rules.contact_in_low_phases(posture, seat_force > threshold)
+        if not determined(prepared, ~above_noise):
+            break
+        before, touching, free = touching, above_noise, ~above_noise
+        converged = all(run.stop - run.start <= _SETTLED * rate for run in find_runs(before ^ touching))
+        if converged:
+            break
+    if not converged and determined(prepared, ~(touching | before)):
+        touching = touching | before
+    longer = contact_rules.extend_to_release(prepared.recorded.time, touching, missing)
+    longer = longer if determined(prepared, ~longer) else touching
+    return Contact(True, longer, ~longer, weight, threshold, "seat-force", converged, touching)

@@ -1,0 +1,129 @@
+"""Marker positions in metres and lab axes, with impossible samples removed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.recording.axes import to_z_up
+from mocap_id.recording.units import LENGTHS, length_scale, strip_padding
+
+_MAX_DISTANCE_M = 1000.0
+"""Larger than any laboratory: such coordinates are invalid."""
+
+_MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0
+"""Accepted spread of the markers of a trial, to check the unit."""
+
+_BLOCK = 1000
+"""Number of frames to process at a time, which limits the memory needed."""
+
+
+def resolve_length_unit(path: Path, declared: str, override: str | None, oddities: list[str]) -> tuple[str, float]:
+    """Return the length unit to use and its size in metres.
+
+    Parameters
+    ----------
+    declared : str
+        Unit declared in the file, possibly empty.
+    override : str or None
+        Unit in the configuration (``units:``), which has priority.
+
+    Raises
+    ------
+    RecordingError
+        The unit is missing, unknown or ambiguous.
+    ConfigError
+        ``override`` is not a unit of length.
+    """
+    name = strip_padding(declared)
+    if override is not None:
+        scale = length_scale(override)
+        if scale is None:
+            raise ConfigError(f"units: {override!r} is not a unit of length; expected one of {', '.join(LENGTHS)}")
+        if length_scale(name) not in (None, scale):
+            oddities.append(f"the file declares lengths in {name!r}, the configuration {override}: {override} was used")
+        return override, scale
+    scale = length_scale(name)
+    if scale is None:
+        found = f"the length unit {name!r}, which is ambiguous or unknown" if name else "no length unit"
+        raise RecordingError(f"{path}: the file declares {found}; set `planarise: {{units: mm}}` (or m, cm)")
+    if name.lower() not in LENGTHS:
+        oddities.append(f"the length unit {name!r} is truncated: read as {'metres' if scale == 1 else name}")
+    return name, scale
+
+
+def thin_frames(positions: FloatArray) -> FloatArray:
+    """Return about a thousand evenly spaced frames, enough to find the size of a trial."""
+    return positions[:: max(1, len(positions) // _BLOCK)]
+
+
+def turn_z_up(positions: FloatArray, up: str) -> None:
+    """Rotate positions (F, M, 3) in place, so that the file's axis ``up`` becomes Z."""
+    turn = to_z_up(up)
+    for at in range(0, len(positions) if up != "Z" else 0, _BLOCK):
+        positions[at : at + _BLOCK] = positions[at : at + _BLOCK] @ turn.T
+
+
+def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
+    """Set impossible samples to NaN, in place, and check the size of the trial.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        Positions, m; NaN where a marker is not visible.
+
+    Raises
+    ------
+    RecordingError
+        The size of the trial contradicts its unit.
+    """
+    _check_size(path, positions, units)
+    parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]
+    marked = np.array([_mark_missing(part) for part in parts]).reshape(-1, 4).sum(axis=0)
+    for count, what in zip(
+        marked,
+        ("are not finite", f"are farther than {_MAX_DISTANCE_M:.0f} m away", "are exactly 0, 0, 0"),
+        strict=False,
+    ):
+        if count:
+            oddities.append(f"{count} marker samples {what} and were set to missing")
+    if not marked[3]:
+        oddities.append(f"none of the {positions.shape[1]} markers is ever visible")
+
+
+def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
+    """Set invalid samples to NaN; return the number of non-finite, too far, exactly zero and valid ones."""
+    x, y, z = np.abs(np.moveaxis(positions, 2, 0))
+    largest = np.maximum(np.maximum(x, y), z)  # NaN if any coordinate is
+    broken = ~np.isfinite(largest) & ~(np.isnan(x) & np.isnan(y) & np.isnan(z))
+    far, zero = ~broken & (largest > _MAX_DISTANCE_M), largest == 0
+    for flags in (broken, far, zero):
+        if flags.any():
+            positions[flags] = np.nan
+    return int(broken.sum()), int(far.sum()), int(zero.sum()), int((largest <= _MAX_DISTANCE_M).sum() - zero.sum())
+
+
+def _check_size(path: Path, positions: FloatArray, units: str) -> None:
+    """Refuse a trial whose markers spread over less than 2 cm or mostly over more than 100 m."""
+    frames = thin_frames(positions)
+    visible = np.isfinite(frames).all(axis=2)
+    if not visible.any():
+        return
+    samples = frames[visible]
+    spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
+    extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
+    several = int(visible.any(axis=0).sum()) >= 3
+    if spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
+        size = spread if spread > _MAX_SPREAD_M else extent
+        raw = size / (length_scale(units) or 1.0)
+        sizes = {name: raw * LENGTHS[name] for name in ("mm", "cm", "m")}
+        fits = ", ".join(
+            f"{name} gives {at:.3g} m" for name, at in sizes.items() if _MIN_SPREAD_M <= at <= _MAX_SPREAD_M
+        )
+        raise RecordingError(
+            f"{path}: the markers spread over {size:.3g} m when read in {units!r}, expected {_MIN_SPREAD_M} to "
+            f"{_MAX_SPREAD_M:.0f} m; the unit is wrong, set `planarise: {{units: …}}`" + (f": {fits}" if fits else "")
+        )

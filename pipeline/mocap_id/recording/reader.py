@@ -1,0 +1,86 @@
+"""Reader of recordings in any supported format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mocap_id.errors import ConfigError
+from mocap_id.recording.axes import parse_axis
+from mocap_id.recording.c3d_reader import read_c3d
+from mocap_id.recording.channel_units import ForceUnits
+from mocap_id.recording.model import Recording
+from mocap_id.recording.text_tables import open_recording
+from mocap_id.recording.trc_reader import read_trc
+
+_TABLES = (".mot", ".sto")
+
+
+def read(
+    markers: Path,
+    forces: Path | None = None,
+    *,
+    units: str | None = None,
+    vertical: str | None = None,
+    force_unit: str | None = None,
+    moment_unit: str | None = None,
+) -> Recording:
+    """Read one trial. The files are opened read-only.
+
+    Parameters
+    ----------
+    markers : Path
+        C3D or TRC file.
+    forces : Path, optional
+        MOT file with the ground forces; only with a TRC file.
+    units : str, optional
+        Length unit of the markers, if the one in the file is missing or wrong.
+    vertical : str, optional
+        Axis of the file that points up (``"X"``, ``"Y"``, ``"Z"``; with a minus if it points down). If omitted, it is
+        found from the force plates or the file.
+    force_unit, moment_unit : str, optional
+        Units of the force-plate channels (such as ``"N"``, ``"Nmm"``), if those in the file are missing or wrong. They
+        do not apply to plates of type 4, whose calibration matrix defines the units.
+
+    Returns
+    -------
+    Recording
+        SI units, lab axes with Z up, NaN where missing. ``oddities`` lists repairs, omissions and assumptions.
+
+    Raises
+    ------
+    RecordingError
+        A file is missing, unreadable, truncated, without units or markers, or contradicts itself.
+    ConfigError
+        A unit is unknown, ``vertical`` is not an axis, ``forces`` is given with a C3D file, or a file has the format
+        expected of the other one.
+    """
+    axis = None if vertical is None else parse_axis(vertical)
+    if vertical is not None and axis is None:
+        raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
+    plate_units = ForceUnits(force_unit, moment_unit)
+    markers, forces = Path(markers), None if forces is None else Path(forces)
+    _check_kinds(markers, forces)
+    if markers.suffix.lower() == ".trc":
+        return read_trc(markers, forces, units, axis, plate_units)
+    with open_recording(markers) as stream:
+        if stream.read(12).lower() != b"pathfiletype":
+            if forces is not None:
+                raise ConfigError(f"{forces}: a C3D file contains its own force plates; `forces` belongs to a TRC file")
+            return read_c3d(markers, stream, units, axis, plate_units)
+    return read_trc(markers, forces, units, axis, plate_units)
+
+
+def _check_kinds(markers: Path, forces: Path | None) -> None:
+    """Refuse files whose name endings show that they are under the wrong key."""
+    if markers.suffix.lower() in _TABLES:
+        if forces is not None and forces.suffix.lower() not in _TABLES:
+            raise ConfigError(
+                f"{markers} is under `markers` and {forces.name} under `forces`: exchange them, "
+                f"`recording: {{markers: {forces.name}, forces: {markers.name}}}`"
+            )
+        raise ConfigError(
+            f"{markers}: a MOT or STO file contains no markers: give the C3D or TRC file, "
+            f"`recording: {{markers: trial.trc, forces: {markers.name}}}`"
+        )
+    if forces is not None and markers.suffix.lower() == ".trc" and forces.suffix.lower() in (".trc", ".c3d"):
+        raise ConfigError(f"{forces}: `forces` must be a MOT file; give a C3D file alone, `recording: trial.c3d`")

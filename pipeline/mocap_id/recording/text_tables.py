@@ -1,0 +1,232 @@
+"""Parsers of text tables: MOT and STO files, CSV files, and the rows of TRC files."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as arrow
+
+from mocap_id import plain_files
+from mocap_id.arrays import FloatArray, is_time_axis
+from mocap_id.errors import RecordingError
+
+_HEADER_LINES = 100
+_MAX_OMITTED_CELLS = 10_000_000
+"""Limit of omitted cells: many column names with many short lines would need unlimited memory."""
+
+_WHOLE = re.compile("[0-9]+")
+_ARROW_ERROR = re.compile("column #([0-9]+): Row #([0-9]+): .*?'(.*)'", re.DOTALL)
+"""Pattern of Arrow's message for a cell that is not a number."""
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Text table whose cells are not yet parsed.
+
+    Parameters
+    ----------
+    path : Path
+    names : sequence of str, length C
+        Column names.
+    lines : sequence of str
+        Lines below the names; blank lines are ignored.
+    first : int
+        Number of the first of these lines in the file, from 1.
+    separator : str or None
+        None if cells are separated by any white space.
+    """
+
+    path: Path
+    names: Sequence[str]
+    lines: Sequence[str]
+    first: int
+    separator: str | None
+
+    def numbers(self) -> FloatArray:
+        """Parse the cells as numbers (K, C); NaN where a cell is empty, or missing at the end of a line.
+
+        Raises
+        ------
+        RecordingError
+            A cell contains text, a line has too many cells, most cells are omitted, or a quote spans several lines.
+        """
+        between = self.separator or "\t"
+        rows = [row for line in self.lines if (row := line.rstrip())]
+        if self.separator is None:
+            rows = [between.join(row.split()) for row in rows]
+        breaks = [row.count(between) for row in rows]
+        width = len(self.names)
+        if not rows:
+            return np.empty((0, width))
+        if max(breaks) >= width:
+            worst = breaks.index(max(breaks))
+            raise RecordingError(
+                f"{self.path}: line {self._line(worst)} has {breaks[worst] + 1} cells, expected at most {width}; "
+                "export it again"
+            )
+        if width * len(rows) > _MAX_OMITTED_CELLS + sum(map(len, rows)):
+            raise RecordingError(f"{self.path}: {len(rows)} lines omit most of {width} columns; export it again")
+        text = "\n".join(row + between * (width - 1 - count) for row, count in zip(rows, breaks, strict=True))
+        if " " in text:
+            text = re.sub(f"(^|{between}) +(?={between}|$)", r"\1", text, flags=re.MULTILINE)
+        columns = [str(column) for column in range(width)]
+        try:
+            table = arrow.read_csv(
+                pa.BufferReader(text.encode()),
+                arrow.ReadOptions(column_names=columns, use_threads=False),
+                arrow.ParseOptions(delimiter=between, quote_char='"' if between == "," else False),
+                arrow.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64())),
+            )
+        except pa.ArrowInvalid as error:
+            raise RecordingError(f"{self.path}: not a table of numbers: {self._explain(str(error))}") from None
+        if len(table) != len(rows):
+            raise RecordingError(
+                f"{self.path}: {len(rows)} lines follow the names but contain {len(table)} rows: a quote or other "
+                "character spans several lines; export it again"
+            )
+        return np.concatenate([part.to_tensor(null_to_nan=True).to_numpy() for part in table.to_batches()])
+
+    def _line(self, row: int) -> int:
+        """Return the line number of a row in the file, from 1."""
+        return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
+
+    def _explain(self, arrow_message: str) -> str:
+        found = _ARROW_ERROR.search(arrow_message)
+        if found is None:
+            return " ".join(arrow_message.split())[:160]
+        name, line = self.names[int(found[1])], self._line(int(found[2]) - 1)
+        return f"`{name}` is {found[3].strip()[:40]!r} in line {line}; expected a number or an empty cell"
+
+
+@dataclass(frozen=True)
+class MotionTable:
+    """Content of a MOT or STO file.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Times, s.
+    columns : tuple of str
+        Names of all columns but time.
+    values : (T, C) array
+        Values as in the file.
+    in_degrees : bool
+        ``inDegrees`` of the header; False if it is missing.
+    """
+
+    time: FloatArray
+    columns: tuple[str, ...]
+    values: FloatArray
+    in_degrees: bool
+
+    def __getitem__(self, column: str) -> FloatArray:
+        return self.values[:, self.columns.index(column)]
+
+
+def read_table(path: Path) -> MotionTable:
+    """Read a MOT or STO table.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing or not such a table, its number of rows differs from the header, or its time does not
+        increase.
+    """
+    return parse_table(path, read_text(path))
+
+
+def read_text(path: Path) -> str:
+    """Read a text file as UTF-8, or else as Latin-1."""
+    with open_recording(path) as stream:
+        data = stream.read()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def split_lines(text: str) -> list[str]:
+    """Split text at any line ending, but not at other separators such as form feeds or U+0085."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return lines[:-1] if not lines[-1] else lines
+
+
+@contextmanager
+def open_recording(path: Path) -> Iterator[BinaryIO]:
+    """Open a recording for reading; RecordingError if it cannot be read or changes while it is open."""
+    try:
+        with plain_files.open_file(path) as stream:
+            yield stream
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise RecordingError(f"{path}: is a folder, expected a recording (.c3d, .trc or .mot)") from None
+    except PermissionError:
+        raise RecordingError(f"{path}: permission to read it is denied; check its permissions") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def parse_table(path: Path, text: str) -> MotionTable:
+    """Parse a MOT or STO table; errors as in :func:`read_table`."""
+    lines = split_lines(text)
+    header = next((i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower() == "endheader"), None)
+    if header is None:
+        raise RecordingError(f"{path}: not a MOT or STO table: no 'endheader' in its first {_HEADER_LINES} lines")
+    keys = dict(line.split("=", 1) for line in lines[:header] if "=" in line)
+    keys = {key.strip().lower(): value.strip() for key, value in keys.items()}
+    start = next((i for i in range(header + 1, len(lines)) if lines[i].strip()), len(lines))
+    sample = next((line for line in lines[start + 1 :] if line.strip()), None)
+    if sample is None:
+        raise RecordingError(f"{path}: the table is empty")
+    separator = "\t" if "\t" in sample.rstrip() else None
+    names = [name.strip() for name in lines[start].rstrip().split(separator)]
+    values = TextTable(path, names, lines[start + 1 :], start + 2, separator).numbers()
+    filled = np.flatnonzero(~np.isnan(values).all(axis=0))
+    columns, values = [names[column] for column in filled], values[:, filled]
+    if not columns or columns[0].lower() != "time":
+        raise RecordingError(f"{path}: the first column is {columns[:1]}, expected 'time'")
+    declared = parse_count(keys.get("nrows") or keys.get("datarows"))
+    if declared is not None and declared != len(values):
+        raise RecordingError(
+            f"{path}: the header declares {declared} rows, the file contains {len(values)}; export it again"
+        )
+    time = values[:, 0]
+    if not is_time_axis(time):
+        raise RecordingError(f"{path}: the time column does not increase from row to row")
+    return MotionTable(time, tuple(columns[1:]), values[:, 1:], keys.get("indegrees", "no").lower() == "yes")
+
+
+def parse_count(declared: str | None) -> int | None:
+    """Parse the number of rows or markers in a header; None if it is not a whole number."""
+    digits = (declared or "").strip()
+    if not _WHOLE.fullmatch(digits):
+        return None
+    return int(digits) if len(digits) < 19 else 10**18  # more than any file contains
+
+
+def read_csv(path: Path) -> TextTable:
+    """Read a CSV table with the column names in its first line.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing, empty or not a CSV table.
+    """
+    lines = split_lines(read_text(path))
+    start = next((i for i, line in enumerate(lines) if line.strip()), None)
+    if start is None:
+        raise RecordingError(f"{path}: not a CSV table: the file is empty")
+    try:
+        names = next(csv.reader([lines[start].rstrip()], skipinitialspace=True))
+    except csv.Error as error:
+        raise RecordingError(f"{path}: not a CSV table ({error})") from None
+    return TextTable(path, [name.strip() for name in names], lines[start + 1 :], start + 2, ",")

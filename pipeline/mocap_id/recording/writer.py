@@ -1,0 +1,131 @@
+"""Writers of C3D and TRC files, for simulated trials and export."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.recording.opensim_text import format_trc
+from mocap_id.recording.plate_types import PlateSignals
+
+_CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+
+
+def write_c3d(
+    path: Path,
+    labels: Sequence[str],
+    positions: FloatArray,
+    rate: float,
+    *,
+    first_frame: int = 1,
+    plates: Sequence[PlateSignals] = (),
+) -> None:
+    """Write markers and force plates as a C3D file (Intel, real, mm, N, N·mm, Z up).
+
+    The file is written under a temporary name and renamed when complete.
+
+    Parameters
+    ----------
+    path : Path
+    labels : sequence of str, length M
+    positions : (F, M, 3) array
+        Marker positions, lab axes with Z up, m; NaN becomes residual -1.
+    rate : float
+        Frames per second.
+    first_frame : int
+        Number of the first frame, from 1.
+    plates : sequence of PlateSignals
+        Plates of type 2 that cover every frame, all with the same rate, an integer multiple of the frame rate.
+
+    Raises
+    ------
+    ValueError
+        Labels, frames and plates do not match.
+    """
+    frames, markers = positions.shape[:2]
+    if len(labels) != markers or positions.shape != (frames, markers, 3) or not frames:
+        raise ValueError(f"positions of shape {positions.shape} do not fit {len(labels)} labels")
+    import ezc3d  # noqa: PLC0415  only needed for writing
+
+    content: Any = ezc3d.c3d()
+    _put_points(content, labels, positions, rate, first_frame)
+    _put_frame_fields(content, first_frame, frames)
+    if plates:
+        _put_plates(content, plates, rate, frames)
+    _write_atomically(path, lambda partial: content.write(str(partial)))
+
+
+def write_trc(path: Path, labels: Sequence[str], positions: FloatArray, rate: float, *, first_frame: int = 1) -> None:
+    """Write markers as a TRC file (mm, Y up as in OpenSim); missing markers are blank.
+
+    Parameters
+    ----------
+    path, labels, positions, rate, first_frame
+        As in :func:`write_c3d`.
+    """
+    y_up = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
+    numbers = first_frame + np.arange(len(positions))
+    text = format_trc(path.name, labels, y_up, time=(numbers - 1) / rate, frames=numbers, rate=rate)
+    _write_atomically(path, lambda partial: partial.write_text(text, encoding="utf-8"))
+
+
+def _write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    try:
+        write(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _put_points(content: Any, labels: Sequence[str], positions: FloatArray, rate: float, first_frame: int) -> None:
+    frames, markers = positions.shape[:2]
+    point = content["parameters"]["POINT"]
+    point["UNITS"]["value"] = ["mm"]
+    point["RATE"]["value"] = [float(rate)]
+    point["LABELS"]["value"] = tuple(labels)
+    content.add_parameter("POINT", "X_SCREEN", "+X")
+    content.add_parameter("POINT", "Y_SCREEN", "+Z")
+    points = np.ones((4, markers, frames))
+    points[:3] = positions.transpose(2, 1, 0) * 1e3
+    residuals = np.where(np.isfinite(positions).all(axis=2).T, 0.0, -1.0)
+    content["data"]["points"] = points
+    content["data"]["meta_points"]["residuals"] = residuals[None]
+    content["header"]["points"]["first_frame"] = min(first_frame, 65535) - 1
+
+
+def _put_frame_fields(content: Any, first_frame: int, frames: int) -> None:
+    """Store the first and last frame as two 16-bit words each, since the words of the header end at 65,535."""
+    for name, number in (("ACTUAL_START_FIELD", first_frame), ("ACTUAL_END_FIELD", first_frame + frames - 1)):
+        low, high = number % 65536, number // 65536
+        content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])
+
+
+def _put_plates(content: Any, plates: Sequence[PlateSignals], rate: float, frames: int) -> None:
+    per_frame = round(plates[0].rate / rate)
+    for plate in plates:
+        if plate.kind != 2 or plate.rate != plates[0].rate or len(plate.channels) != frames * per_frame:
+            raise ValueError("plates must be of type 2, share one rate and cover every frame")
+    if abs(per_frame * rate - plates[0].rate) > 1e-6 * plates[0].rate:
+        raise ValueError(f"the analog rate {plates[0].rate} Hz is not an integer multiple of the frame rate {rate} Hz")
+    numbers = range(1, len(plates) + 1)
+    analog = content["parameters"]["ANALOG"]
+    analog["RATE"]["value"] = [float(plates[0].rate)]
+    analog["LABELS"]["value"] = tuple(f"{name}{n}" for n in numbers for name in _CHANNEL_NAMES)
+    analog["UNITS"]["value"] = ("N", "N", "N", "Nmm", "Nmm", "Nmm") * len(plates)
+    analog["SCALE"]["value"] = [1.0] * 6 * len(plates)
+    analog["OFFSET"]["value"] = [0] * 6 * len(plates)
+    to_file = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    content["data"]["analogs"] = np.concatenate([plate.channels * to_file for plate in plates], axis=1).T[None]
+    force = content["parameters"]["FORCE_PLATFORM"]
+    force["USED"]["value"] = [len(plates)]
+    force["TYPE"]["value"] = [2] * len(plates)
+    force["ZERO"]["value"] = [0, 0]
+    force["CHANNEL"]["value"] = np.arange(1, 6 * len(plates) + 1).reshape(len(plates), 6).T
+    force["CORNERS"]["value"] = np.stack([plate.corners.T * 1e3 for plate in plates], axis=2)
+    force["ORIGIN"]["value"] = np.stack([plate.origin * 1e3 for plate in plates], axis=1)

@@ -1,0 +1,51 @@
+"""Figure of an advised movement: joint angles with their limits, in full and in detail."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mocap_id.design.movement_limits import MovementLimits
+from mocap_id.design.trajectory import Trajectory
+from mocap_id.reporting import paper, style
+
+_PANEL = 1.25  # inches
+_DETAIL = 8.0  # s
+
+
+def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> Figure:
+    """Draw the movement, inside :func:`mocap_id.reporting.paper.paper_style`.
+
+    Parameters
+    ----------
+    course : Trajectory
+    joints : sequence of str
+        Their names.
+    limits : MovementLimits
+        Shaded where an angle may not go.
+    words : str
+        Instruction, as the title of the figure.
+    """
+    drawing = paper.new_figure(0.9 + _PANEL * len(joints))
+    panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])
+    time = course.time - course.time[0]
+    start = max(0.0, (time[-1] - _DETAIL) / 2)
+    close = (time >= start) & (time <= start + _DETAIL)
+    for j, name in enumerate(joints):
+        for axes, part in zip(panels[j], (np.ones_like(close), close), strict=True):
+            axes.plot(time[part], np.degrees(course.q[part, j]), color=style.colour(j + 1))
+            _bounds(axes, float(np.degrees(limits.low[j])), float(np.degrees(limits.high[j])))
+        panels[j, 0].set_ylabel(f"{style.printable(name, 20)} (°)")
+    for axes in panels[-1]:
+        axes.set_xlabel("time (s)")
+    drawing.suptitle("\n".join(textwrap.wrap(style.printable(words), 105)), fontsize=8, x=0.01, ha="left")
+    return drawing
+
+
+def _bounds(axes: Axes, low: float, high: float) -> None:
+    for end in (low, high):
+        axes.axhline(end, color=style.FAINT, linewidth=0.8, linestyle=":")

@@ -1,0 +1,91 @@
+"""Downsampling of curves, bands and intervals for drawing, without losing peaks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+
+BINS = 450
+"""Bins across a figure, finer than visible on paper."""
+
+
+def envelope(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
+    """Keep the lowest and highest sample of a curve in each bin, in order of time.
+
+    Parameters
+    ----------
+    time : (T,) array
+    values : (T,) array
+        NaN interrupts the curve; a bin with any NaN keeps one.
+    bins : int
+        Curves of up to ``3 * bins`` samples are returned unchanged.
+
+    Returns
+    -------
+    time, values : (K,) arrays
+        Subset of the input samples; K ≤ 3 bins.
+    """
+    if len(time) <= 3 * bins:
+        return time, values
+    block = _blocks(np.arange(len(time), dtype=np.float64), bins).astype(np.int64)
+    value = values[block]  # (bins, size)
+    missing = np.isnan(value)
+    rows = np.arange(len(block))
+    low = block[rows, np.where(missing, np.inf, value).argmin(axis=1)]
+    high = block[rows, np.where(missing, -np.inf, value).argmax(axis=1)]
+    broken = block[rows, missing.argmax(axis=1)]  # the first sample if none is missing, which is harmless
+    picked = np.unique(np.concatenate([low, high, broken]))
+    return time[picked], values[picked]
+
+
+def band(
+    time: FloatArray, low: FloatArray, high: FloatArray, bins: int = BINS
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the minimum of the lower and the maximum of the upper edge of a band in each bin.
+
+    Parameters
+    ----------
+    time, low, high : (T,) arrays
+        NaN where unknown.
+    bins : int
+        Bands of up to ``bins`` samples are returned unchanged.
+
+    Returns
+    -------
+    time, low, high : (K,) arrays
+        K ≤ bins; NaN if a whole bin is unknown.
+    """
+    if len(time) <= bins:
+        return time, low, high
+    lowest = np.where(np.isnan(low), np.inf, low)
+    highest = np.where(np.isnan(high), -np.inf, high)
+    under, over = _blocks(lowest, bins).min(axis=1), _blocks(highest, bins).max(axis=1)
+    known = np.isfinite(under) & np.isfinite(over)
+    return _blocks(time, bins).mean(axis=1), np.where(known, under, np.nan), np.where(known, over, np.nan)
+
+
+def runs(mask: BoolArray) -> IntArray:
+    """Return the start and exclusive end index of each run of true samples, (R, 2)."""
+    steps = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
+    return np.column_stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)]).astype(np.int64)
+
+
+def spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
+    """Return start and width, s, of each interval where ``mask`` (T,) is true; gaps below one bin are closed."""
+    found = runs(mask)
+    if not len(found):
+        return []
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    start, end = time[found[:, 0]], time[found[:, 1] - 1] + step
+    apart = start[1:] - end[:-1] > (time[-1] - time[0]) / bins
+    first = np.concatenate([[True], apart])
+    last = np.concatenate([apart, [True]])
+    return [(float(a), float(b - a)) for a, b in zip(start[first], end[last], strict=True)]
+
+
+def _blocks(values: FloatArray, bins: int) -> FloatArray:
+    """Reshape (T,) to (bins', size) with bins' ≤ bins, repeating the last sample to fill the last row."""
+    size = -(-len(values) // bins)
+    rows = -(-len(values) // size)
+    return np.pad(values, (0, rows * size - len(values)), mode="edge").reshape(rows, size)

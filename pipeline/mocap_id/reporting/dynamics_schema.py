@@ -1,0 +1,148 @@
+"""Schema of ``dynamics`` in ``summary.json``."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from mocap_id.reporting.summary_entry import Entry
+
+
+class BaseEntry(Entry):
+    """A base parameter and its uncertainty.
+
+    ``verdict`` compares the standard deviation with the size of the parameter (``relative_sd``). ``excitation`` is the
+    norm of the part of its regressor column that is independent of all other columns, in standard deviations of the
+    residual per SI unit, and ``own_share`` the share of that part in the column. ``helps`` is the movement that would
+    reduce the standard deviation most, and ``sd_ratio`` the resulting standard deviation divided by the present one; 1
+    if no tested movement helps. Both are null if every parameter is known, because no movement is tested then.
+    ``prior_share`` is the share of the loose prior in the precision (0 … 1; 0 with the pinned chain).
+    """
+
+    name: str
+    value: float | None
+    sd: float | None
+    unit: str
+    verdict: Literal["known", "weak", "not identifiable"] | None
+    relative_sd: float | None
+    excitation: float | None
+    own_share: float | None
+    helps: str | None
+    sd_ratio: float | None
+    prior_share: float | None
+    why: str | None
+
+
+class ChannelEntry(Entry):
+    """Error of the model in one component of the wrench, over the samples of the fit."""
+
+    bias: float | None
+    sd: float | None
+    r2: float | None
+    why: str | None
+
+
+class RivalEntry(Entry):
+    """An allometric body on the same chain, over the same samples as the model; off the seat if there is no model."""
+
+    height_m: float | None
+    mass_kg: float | None
+    assumed: list[str]
+    wrench: dict[str, ChannelEntry]
+    cop_rms_m: float | None
+    why: str | None
+
+
+class HeldOutEntry(Entry):
+    """Prediction errors for left-out repetitions, by models fitted without them, all over the same ``samples``.
+
+    ``repetitions`` is their number and ``folds`` the number of models; each model leaves out one repetition, or several
+    neighbouring ones if there are more than five. ``model`` is the error of the predictions of Fx, Fy (N), tauz (N·m)
+    and cop_x (m), ``in_sample`` that of the model of the whole trial, and ``reference`` that of the allometric body,
+    null if there is none. With measured poses these three are computed after the low-pass of the fit. ``unfiltered`` is
+    the error of ``model`` against the unfiltered wrench, and ``inside`` the share of samples within 95 % intervals
+    derived from the other repetitions. ``clock_offset_s`` holds the clock offset of each model.
+    """
+
+    repetitions: int | None
+    folds: int | None
+    samples: int | None
+    model: dict[str, ChannelEntry] | None
+    unfiltered: dict[str, ChannelEntry] | None
+    in_sample: dict[str, ChannelEntry] | None
+    reference: dict[str, ChannelEntry] | None
+    clock_offset_s: list[float] | None
+    inside: dict[str, float] | None
+    why: str | None
+
+
+class GapEntry(Entry):
+    """Gap between the two sides of a joint (rms), its acceleration below 3 Hz, and whether the joint is pinned."""
+
+    gap_m: float | None
+    acceleration_m_s2: float | None
+    pinned: bool
+    why: str | None
+
+
+class MotionEntry(Entry):
+    """Motion of the masses, and ``why`` it was chosen: the pinned ``chain``, or the measured poses of ``segments``.
+
+    ``bands_hz`` holds the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` their names and
+    ``prior`` the source of the loose prior; null for the chain. ``joints`` is null if the poses were not compared.
+    """
+
+    source: Literal["chain", "segments"]
+    why: str
+    bands_hz: dict[str, float] | None
+    bands_why: str | None
+    bodies: list[str] | None
+    prior: str | None
+    joints: dict[str, GapEntry] | None
+
+
+class PredictedEntry(Entry):
+    """Errors of predictions of left-out repetitions."""
+
+    wrench: dict[str, ChannelEntry]
+    cop_rms_m: float | None
+    why: str | None
+
+
+class PinsEntry(Entry):
+    """Prediction errors with and without pinned joints, on the same left-out ``samples`` and after the same low-pass.
+
+    ``clock_offset_s`` is that of the pinned chain. All are null if the dynamics use the pinned chain.
+    """
+
+    samples: int | None
+    chain: PredictedEntry | None
+    segments: PredictedEntry | None
+    clock_offset_s: float | None
+    why: str | None
+
+
+class DynamicsEntry(Entry):
+    """Results of the identification; ``mass_kg`` and ``cop_mean_m`` come from the plates alone.
+
+    ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` those on left-out repetitions.
+    ``consistency`` is the set of bodies considered physically consistent. ``rivals`` holds the reference body of each
+    allometric table by name; empty if none applies. ``motion`` is the motion of the masses, ``pins`` the effect of
+    pinned joints.
+    """
+
+    base: list[BaseEntry] | None
+    condition_number: float | None
+    condition_number_scaled: float | None
+    clock_offset_s: float | None
+    clock_offset_sd_s: float | None
+    wrench: dict[str, ChannelEntry] | None
+    cop_rms_m: float | None
+    samples: int | None
+    mass_kg: float | None
+    cop_mean_m: float | None
+    consistency: Literal["grid", "cone", "bounded-cone"] | None
+    rivals: dict[str, RivalEntry]
+    held_out: HeldOutEntry
+    motion: MotionEntry | None
+    pins: PinsEntry
+    why: str | None

@@ -1,0 +1,75 @@
+"""Marker positions at chosen instants, and residuals of each marker against the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.store import LongTable
+from mocap_id.store.views import Skeleton
+
+
+def positions_at(planar: LongTable, time: FloatArray, labels: Sequence[str]) -> FloatArray:
+    """Return measured marker positions in the plane of motion.
+
+    Parameters
+    ----------
+    planar : LongTable
+        ``planar.parquet``.
+    time : (K,) array
+        Instants, s; positions are NaN where no frame has exactly this time.
+    labels : sequence of str
+        Distinct labels of M markers.
+
+    Returns
+    -------
+    (K, M, 2) array
+        m; NaN where a marker was not visible.
+    """
+    found = np.full((len(time), len(labels), 2), np.nan)
+    row = np.searchsorted(planar.time, time).clip(0, len(planar.time) - 1)
+    own = np.flatnonzero(planar.time[row] == time)
+    place = {label: k for k, label in enumerate(planar.labels)}
+    known = [(k, place[label]) for k, label in enumerate(labels) if label in place]
+    for to, column in known:
+        for axis, name in enumerate(("x", "y")):
+            found[own, to, axis] = planar.values[name][row[own], column]
+    return found
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Distance of one marker from its prediction by the chain.
+
+    Parameters
+    ----------
+    label : str
+    segment : int
+        -1 for a marker without a segment.
+    rms, q95 : float
+        Root mean square and 95 % quantile, m; NaN if never visible.
+    seen : float
+        Share of frames in which the marker is visible.
+    """
+
+    label: str
+    segment: int
+    rms: float
+    q95: float
+    seen: float
+
+
+def residuals_by_marker(markers: LongTable | None, skeleton: Skeleton | None) -> dict[str, Residual]:
+    """Return the residuals of ``markers.parquet`` by marker label; empty without that table."""
+    if markers is None or not markers.length:
+        return {}
+    segment = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
+    found = {}
+    for label, column in zip(markers.labels, markers.values["residual"].T, strict=True):
+        seen = column[np.isfinite(column)]
+        rms, q95 = (np.sqrt(np.mean(seen**2)), np.quantile(seen, 0.95)) if seen.size else (np.nan, np.nan)
+        found[label] = Residual(label, segment.get(label, -1), float(rms), float(q95), seen.size / column.size)
+    return found

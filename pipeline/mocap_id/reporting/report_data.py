@@ -1,0 +1,118 @@
+"""Input of a report: the artefacts of a trial, its refusal if there is one, and views of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from mocap_id.reporting.markers import Residual, residuals_by_marker
+from mocap_id.reporting.numbers import known
+from mocap_id.store import Artefact, ArtefactSet
+from mocap_id.store.views import IdentifiedDynamics, JointStates, Skeleton
+from mocap_id.verdict import Level, Reason, overall
+
+_MOST_SEVERE_FIRST: tuple[Level, ...] = ("refused", "caution", "ok")
+
+
+@dataclass(frozen=True)
+class ReportData(ArtefactSet):
+    """Artefacts and metadata of a trial for its report.
+
+    Parameters
+    ----------
+    trial : str
+        Name of the trial.
+    product : str
+        Version of mocap-id.
+    artefacts : mapping of str to Table or Tree
+        Artefacts by file name, without those of stages that did not run.
+    refusal : Reason, optional
+        Why the trial was refused; None if it was not.
+    seconds : mapping of str to float, optional
+        Run time of each stage, s.
+    settings : mapping of str to str
+        Settings of the user, as texts.
+    """
+
+    trial: str
+    product: str
+    artefacts: Mapping[str, Artefact]
+    refusal: Reason | None = None
+    seconds: Mapping[str, float] | None = None
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def why_missing(self, file: str) -> str:
+        """Explain in one sentence why a quantity of the artefact ``file`` is missing."""
+        if file in self.artefacts:
+            codes = dict.fromkeys(reason.code for reason in self.artefacts[file].reasons if reason.level != "ok")
+            return f"see {', '.join(codes)} in the verdict" if codes else f"{file} does not contain it"
+        if self.refusal is not None:
+            return f"the trial was refused ({self.refusal.code}) before {file} was computed"
+        return f"{file} was not computed"
+
+    @cached_property
+    def reasons(self) -> tuple[Reason, ...]:
+        """All distinct reasons, most severe first and otherwise in the order of the artefacts."""
+        own = () if self.refusal is None else (self.refusal,)
+        found = (reason for artefact in self.artefacts.values() for reason in artefact.reasons)
+        return tuple(sorted(dict.fromkeys((*own, *found)), key=lambda reason: _MOST_SEVERE_FIRST.index(reason.level)))
+
+    @property
+    def level(self) -> Level:
+        """Level of the verdict."""
+        return overall(self.reasons)
+
+    @cached_property
+    def skeleton(self) -> Skeleton | None:
+        """Chain; None if it was not found."""
+        tree = self.tree("chain.h5")
+        return None if tree is None else Skeleton.from_tree(tree)
+
+    @cached_property
+    def motion(self) -> JointStates | None:
+        """Joint states; None if they were not estimated."""
+        table = self.table("states.parquet")
+        return None if table is None else JointStates.from_table(table)
+
+    @cached_property
+    def dynamics(self) -> IdentifiedDynamics | None:
+        """Identified parameters; None if nothing was identified."""
+        tree = self.tree("dynamics.h5")
+        return None if tree is None else IdentifiedDynamics.from_tree(tree)
+
+    @property
+    def measured_poses(self) -> bool:
+        """Whether the dynamics use the measured pose of every body instead of the pinned chain."""
+        return (self.facts("dynamics.h5").get("motion") or {}).get("source") == "segments"
+
+    @property
+    def low_pass(self) -> float | None:
+        """Cut-off of the low-pass applied to model and measurement before their comparison, Hz; None without one."""
+        return known(self.facts("dynamics.h5").get("cutoff_hz")) if self.measured_poses else None
+
+    @property
+    def bands(self) -> dict[str, float] | None:
+        """Cut-off frequencies for x, y and angle of the measured poses, Hz; None for the pinned chain."""
+        bands = (self.facts("dynamics.h5").get("motion") or {}).get("bands_hz")
+        return None if bands is None else {axis: float(bands[axis]) for axis in ("x", "y", "angle")}
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the identified bodies; for the pinned chain, its segments."""
+        if not self.measured_poses:
+            return self.segment_names
+        return tuple(str(name) for name in self.facts("dynamics.h5")["motion"].get("bodies") or ())
+
+    @cached_property
+    def residuals(self) -> dict[str, Residual]:
+        """Residuals by marker label; empty if unknown."""
+        return residuals_by_marker(self.long("markers.parquet"), self.skeleton)
+
+    @cached_property
+    def segment_names(self) -> tuple[str, ...]:
+        """Names of the segments, base first; empty if unknown."""
+        if self.skeleton is not None:
+            return self.skeleton.segments
+        names = self.facts("segments.parquet").get("names")
+        return tuple(str(name) for name in names or ())

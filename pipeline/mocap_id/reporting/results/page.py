@@ -1,0 +1,72 @@
+"""The page of a result: one HTML file that opens anywhere and fetches nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mocap_id import __version__
+from mocap_id.reporting import style
+from mocap_id.reporting.embedding import embed
+from mocap_id.reporting.figure import Drawings
+from mocap_id.reporting.page import environment
+from mocap_id.reporting.results.trial_entries import TrialEntry
+from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.tables import Grid
+
+
+@dataclass(frozen=True)
+class ResultSection:
+    """A section of the page: paragraphs, a list, figures, tables, and folded tables, in this order."""
+
+    anchor: str
+    title: str
+    grids: tuple[Grid, ...] = ()
+    figures: tuple[str, ...] = ()
+    folded: tuple[Grid, ...] = ()
+    text: tuple[str, ...] = ()
+    items: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ResultPage:
+    """The content of a result's page.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study or trial.
+    headline, lead : str
+        The result in a few words, and in a sentence.
+    command : str
+        The command that made it, such as ``study``.
+    level : str
+        ``ok`` or ``caution`` for a coloured box; empty for plain text.
+    note : str
+        What could not be done; empty if nothing.
+    key_numbers : tuple of KeyNumber
+    sections : tuple of ResultSection
+    trials : tuple of TrialEntry
+        Their verdicts are the last section.
+    figures : Drawings
+    footer : str
+    """
+
+    name: str
+    headline: str
+    lead: str
+    command: str
+    sections: tuple[ResultSection, ...]
+    figures: Drawings
+    footer: str
+    level: str = ""
+    note: str = ""
+    key_numbers: tuple[KeyNumber, ...] = ()
+    trials: tuple[TrialEntry, ...] = ()
+
+    def render(self) -> bytes:
+        """Return the page as UTF-8."""
+        template = environment().get_template("result.html.j2")
+        html = template.render(
+            page=self, name=style.printable(self.name), product=__version__, embedded=embed(self.figures)
+        )
+        return html.encode("utf-8")

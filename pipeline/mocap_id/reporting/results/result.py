@@ -1,0 +1,93 @@
+"""A result of a command: its tables, its JSON document and its other files, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mocap_id.store import hash_bytes
+from mocap_id.store.atomic import explained, replace_together
+
+if TYPE_CHECKING:
+    from mocap_id.reporting.results.columns import ResultTable
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command has to write.
+
+    Parameters
+    ----------
+    kind : str
+        Such as ``study``; the document's schema is ``mocap-id/`` and this.
+    file : str
+        Name of the JSON document.
+    content : mapping
+        Content of the document after its schema and version; no NaN.
+    tables : mapping of str to ResultTable
+        Each is written as CSV and as Parquet under its name.
+    other_files : callable
+        Returns the other files, such as page and figures, by name. Called once, when they are needed.
+    hashed : bool
+        The document ends with the hash of every other file.
+    indent, end : int, str
+        Layout of the document.
+    """
+
+    kind: str
+    file: str
+    content: Mapping[str, Any]
+    tables: Mapping[str, ResultTable] = field(default_factory=dict)
+    other_files: Callable[[], Mapping[str, bytes]] = dict
+    hashed: bool = False
+    indent: int = 1
+    end: str = "\n"
+
+    @cached_property
+    def files(self) -> dict[str, bytes]:
+        """Every file but the document, by name."""
+        files = {}
+        for name, table in self.tables.items():
+            files[f"{name}.csv"] = table.csv()
+            files[f"{name}.parquet"] = table.parquet(self.kind)
+        return {**files, **self.other_files()}
+
+    @cached_property
+    def document(self) -> Mapping[str, Any]:
+        """The JSON document."""
+        head = {"schema": f"mocap-id/{self.kind}", "version": 1, **self.content}
+        return head | {"files": {name: hash_bytes(file) for name, file in self.files.items()}} if self.hashed else head
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write all files, or none, and return their names.
+
+        Raises
+        ------
+        StoreError
+            The folder cannot be written.
+        """
+        text = json.dumps(self.document, indent=self.indent, ensure_ascii=False, allow_nan=False) + self.end
+        return write_files(folder, {**self.files, self.file: text.encode()}, first=self.file)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes], first: str = "") -> tuple[str, ...]:
+    """Write all files into a folder, which is made if needed, or none, and return their names, `first` before others.
+
+    Raises
+    ------
+    StoreError
+        The folder cannot be written.
+    """
+    with explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    replace_together(folder, files)
+    return tuple(sorted(files, key=lambda name: name != first))
+
+
+def text_file(lines: Iterable[str]) -> bytes:
+    """Return lines as the content of a text file."""
+    return "".join(f"{line}\n" for line in lines).encode()

@@ -1,0 +1,61 @@
+"""The data of a sensitivity study's page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mocap_id.verdict import Level
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class ParameterEntry:
+    """A parameter of the unperturbed trial, in its unit; NaN if not known."""
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    size: float
+
+    def tolerated(self, share: float) -> float:
+        """Return the tolerated change, as a share of the size."""
+        return max(share, self.sd / self.size if self.sd > 0 and self.size > 0 else 0.0)
+
+
+@dataclass(frozen=True)
+class SensitivityData:
+    """The data of a sensitivity study's page.
+
+    Parameters
+    ----------
+    trial : str
+        Name of the trial.
+    verdict : {"ok", "caution", "refused"}
+        Verdict of the unperturbed trial.
+    note : str
+        What could not be studied; empty if nothing.
+    tolerance : float
+        Tolerated change of a parameter, as a share of its size.
+    seed : int
+        Seed of everything that was drawn.
+    parameters : tuple of ParameterEntry
+        The parameters that are judged.
+    titles : mapping of str to str
+        Kinds in words.
+    tables : mapping of str to DataFrame
+        responses, perturbations, tolerates.
+    """
+
+    trial: str
+    verdict: Level
+    note: str
+    tolerance: float
+    seed: int
+    parameters: tuple[ParameterEntry, ...]
+    titles: Mapping[str, str]
+    tables: Mapping[str, pd.DataFrame]

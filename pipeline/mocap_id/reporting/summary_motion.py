@@ -1,0 +1,93 @@
+"""Motion of the masses in ``summary.json``: its choice, left-out repetitions and the effect of pinned joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mocap_id.reporting.dynamics_schema import GapEntry, HeldOutEntry, MotionEntry, PinsEntry, PredictedEntry
+from mocap_id.reporting.encoder import channels
+from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary_entry import join_sentences, why_unknown
+
+_PINNED = "the dynamics use the pinned chain"
+
+
+def motion(data: ReportData) -> MotionEntry | None:
+    """Return the motion of the masses; None if nothing was identified."""
+    found = data.facts("dynamics.h5").get("motion")
+    if found is None:
+        return None
+    order = () if data.skeleton is None else data.skeleton.joints
+    gaps = found.get("joints") or {}
+    joints = {name: _gap(gaps[name]) for name in sorted(gaps, key=lambda name: (*order, name).index(name))}
+    return MotionEntry(
+        source=found["source"],
+        why=str(found["why"]),
+        bands_hz=data.bands,
+        bands_why=found.get("bands_why"),
+        bodies=found.get("bodies"),
+        prior=found.get("prior"),
+        joints=joints or None,
+    )
+
+
+def pins(data: ReportData) -> PinsEntry:
+    """Return the errors of the pinned chain and the measured poses on the same left-out repetitions."""
+    facts = data.facts("dynamics.h5")
+    found, moved = facts.get("pins") or {}, facts.get("motion")
+    samples, clock = known(found.get("samples")), known(found.get("clock_offset_s"))
+    chain, segments = (_predicted(found.get(of)) for of in ("chain", "segments"))
+    unknown = found.get("why") or (_PINNED if moved else facts.get("why") or data.why_missing("dynamics.h5"))
+    return PinsEntry(
+        samples=None if samples is None else int(samples),
+        chain=chain,
+        segments=segments,
+        clock_offset_s=clock,
+        why=why_unknown(unknown, samples, chain, segments, clock),
+    )
+
+
+def held_out(data: ReportData) -> HeldOutEntry:
+    """Return the errors on left-out repetitions."""
+    facts = data.facts("dynamics.h5")
+    found = facts.get("held_out") or {}
+    counts = {key: known(found.get(key)) for key in ("repetitions", "folds", "samples")}
+    model, within, reference = (channels(found.get(key)) or None for key in ("model", "in_sample", "reference"))
+    unfiltered = model if data.low_pass is None else channels(found.get("unfiltered")) or None
+    inside = {
+        str(name): share for name, held in (found.get("inside") or {}).items() if (share := known(held)) is not None
+    }
+    offsets = all_known(found.get("clock_offset_s"))
+    unknown = found.get("why") or facts.get("why") or data.why_missing("dynamics.h5")
+    no_share = f"inside: {_PINNED}" if data.low_pass is None else "inside: at least two repetitions are needed"
+    why = (
+        why_unknown(unknown, *counts.values(), model, unfiltered, within, offsets),
+        why_unknown("reference: there is no reference body", reference) if model is not None else None,
+        why_unknown(no_share, inside or None) if model is not None else None,
+    )
+    return HeldOutEntry(
+        **{key: None if count is None else int(count) for key, count in counts.items()},
+        model=model,
+        unfiltered=unfiltered,
+        in_sample=within,
+        reference=reference,
+        clock_offset_s=offsets,
+        inside=inside or None,
+        why=join_sentences(why),
+    )
+
+
+def _gap(found: Mapping[str, Any]) -> GapEntry:
+    size, acceleration = known(found["gap_m"]), known(found["acceleration_m_s2"])
+    why = why_unknown("no interval without gaps is long enough", size, acceleration)
+    return GapEntry(gap_m=size, acceleration_m_s2=acceleration, pinned=bool(found["pinned"]), why=why)
+
+
+def _predicted(found: Mapping[str, Any] | None) -> PredictedEntry | None:
+    if found is None:
+        return None
+    cop = known(found["cop_rms_m"])
+    why = why_unknown("no sample has a centre of pressure", cop)
+    return PredictedEntry(wrench=channels(found["wrench"]), cop_rms_m=cop, why=why)

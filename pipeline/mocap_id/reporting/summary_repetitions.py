@@ -1,0 +1,108 @@
+"""Repetitions in ``summary.json``: events, five-times test, failed attempts and load shares of the feet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mocap_id.reporting.numbers import known
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary_schema import (
+    AttemptEntry,
+    FiveTimesEntry,
+    LoadShareEntry,
+    PublishedEntry,
+    RepetitionEntry,
+    SpreadEntry,
+)
+
+EVENTS = ("start", "seat_off", "stand", "seat_on", "end")
+"""Events of a repetition in order of time."""
+
+PHASES = ("seated", "rising", "standing")
+
+_TIMES = ("to_fifth_stand_s", "to_fifth_seat_contact_s", "to_fifth_seated_s", "mean_cycle_s", "cycle_sd_s")
+_FILE = "events.parquet"
+
+
+def repetitions(data: ReportData) -> list[RepetitionEntry] | None:
+    """Return one entry per repetition; None if repetitions were not searched for."""
+    events = data.table(_FILE)
+    if events is None:
+        return None
+    rows = zip(*(events[name].tolist() for name in events.names), strict=True)
+    return [_repetition(dict(zip(events.names, row, strict=True))) for row in rows]
+
+
+def five_times(data: ReportData) -> FiveTimesEntry:
+    """Return the times of the test; null with a ``why`` for other protocols."""
+    facts = data.facts(_FILE).get("five_times")
+    if facts is None:
+        nothing = dict.fromkeys(_TIMES)
+        why = _unknown(data)
+        return FiveTimesEntry(repetitions=None, failed_attempts=None, published=[], why=why, **nothing)
+    times = {name: known(facts.get(name)) for name in _TIMES}
+    why = facts.get("why")
+    if why is None and any(value is None for value in times.values()):
+        why = "fewer than three rises reach standing"
+    return FiveTimesEntry(
+        repetitions=int(facts["repetitions"]),
+        failed_attempts=int(facts["failed_attempts"]),
+        published=[PublishedEntry(**one) for one in facts.get("published") or ()],
+        why=why,
+        **times,
+    )
+
+
+def attempts(data: ReportData) -> list[AttemptEntry] | None:
+    """Return the failed attempts to rise; None for other protocols."""
+    found = data.facts(_FILE).get("attempts")
+    if found is None:
+        return None
+    return [
+        AttemptEntry(time_s=float(one["time_s"]), height=float(one["height"]), unloaded=known(one.get("unloaded")))
+        for one in found
+    ]
+
+
+def load_share(data: ReportData) -> LoadShareEntry:
+    """Return the load shares of the left and right foot."""
+    facts = data.facts(_FILE).get("load_share")
+    if facts is None:
+        nothing = {phase: SpreadEntry(mean=None, sd=None) for phase in PHASES}
+        return LoadShareEntry(left_plate=None, right_plate=None, left=nothing, why=_unknown(data))
+    left: dict[str, SpreadEntry] = {}
+    for phase in PHASES:
+        spread: Mapping[str, Any] = facts["left"].get(phase) or {}
+        left[phase] = SpreadEntry(mean=known(spread.get("mean")), sd=known(spread.get("sd")))
+    why = facts.get("why")
+    if why is None and any(None in (one.mean, one.sd) for one in left.values()):
+        why = "a phase occurs in fewer than two repetitions"
+    return LoadShareEntry(left_plate=facts["left_plate"], right_plate=facts["right_plate"], left=left, why=why)
+
+
+def _unknown(data: ReportData) -> str:
+    if _FILE not in data.artefacts:
+        return data.why_missing(_FILE)
+    return "the protocol is not sit-to-stand"
+
+
+def _repetition(row: Mapping[str, object]) -> RepetitionEntry:
+    times = {f"{event}_s": known(row[event]) for event in EVENTS}
+    details = {
+        "seat_off_72_s": known(row.get("seat_off_72")),
+        "seat_off_model_s": known(row.get("seat_off_model")),
+        "reached": known(row.get("reached")),
+        "held_s": known(row.get("held")),
+        "support": known(row.get("support")),
+    }
+    attempts_before, remark = known(row.get("attempts")), str(row["why"] or "")
+    unknown = None in (*times.values(), *details.values(), attempts_before)
+    return RepetitionEntry(
+        **times,
+        **details,
+        attempts=None if attempts_before is None else int(attempts_before),
+        complete=bool(row["complete"]),
+        remark=remark,
+        why=(remark or "the protocol has no such event, or it was not found") if unknown else None,
+    )

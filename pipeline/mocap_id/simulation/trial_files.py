@@ -1,0 +1,107 @@
+"""Simulated trials on disk: recording, truth, and a configuration that is ready to run."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, get_args
+
+import numpy as np
+
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.recording.writer import write_c3d
+from mocap_id.simulation.encoder import draw_encoder, encoder_csv
+from mocap_id.simulation.joint_motion import JointMotion
+from mocap_id.simulation.options import Kind, Options
+from mocap_id.simulation.scene import streams
+from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
+from mocap_id.simulation.truth import arrays, document
+from mocap_id.simulation.yaml_files import trial_yaml
+from mocap_id.store.atomic import explained, replace_together
+
+
+def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | None = None) -> Path:
+    """Simulate a trial and write it with its exact truth.
+
+    Parameters
+    ----------
+    kind : {"sit-to-stand", "robot"}
+    folder : Path
+        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and, for the robot,
+        ``encoder.csv``. The trial is named after the folder.
+    options : Options
+    given : JointMotion, optional
+        Motion of the body, instead of the usual one of this kind; there is then no chair.
+
+    Returns
+    -------
+    Path
+        ``trial.yaml``.
+
+    Raises
+    ------
+    ConfigError
+        The kind is unknown.
+    StoreError
+        The folder already holds a trial, or cannot be written.
+    """
+    if kind not in get_args(Kind):
+        raise ConfigError(f"simulate: there is no kind {kind!r}; expected one of {', '.join(get_args(Kind))}")
+    if (folder / "trial.c3d").exists():
+        raise StoreError(f"{folder} already holds a trial: remove it or choose another folder")
+    contents = _contents(kind, folder.resolve().name, options, generate(kind, options, given))
+    with explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    replace_together(folder, contents)
+    return folder / "trial.yaml"
+
+
+def new_folder(folder: Path) -> None:
+    """Create a folder; StoreError if it exists and is not empty."""
+    with explained(folder):
+        if folder.exists() and any(folder.iterdir()):
+            raise StoreError(f"{folder} is not empty: choose a new folder")
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def _contents(kind: Kind, name: str, options: Options, trial: SimulatedTrial) -> dict[str, bytes]:
+    more: dict[str, Any] = {}
+    contents = {
+        "trial.c3d": c3d_bytes(options, trial),
+        "truth.npz": truth_npz(trial),
+        "trial.yaml": trial_yaml(kind, name, options, trial.scene).encode(),
+    }
+    if kind == "robot":
+        rng = streams(options.seed)["encoder"]
+        encoder = draw_encoder(rng)
+        more["encoder"] = encoder.as_dict()
+        contents["encoder.csv"] = encoder_csv(rng, trial.scene, encoder).encode()
+    return contents | {"truth.json": truth_json(kind, options, trial, more)}
+
+
+def truth_json(
+    kind: Kind, options: Options, trial: SimulatedTrial, more: Mapping[str, Any] = MappingProxyType({})
+) -> bytes:
+    """Return the content of ``truth.json``, with the entries of ``more`` added."""
+    truth = document(kind, options, trial) | dict(more)
+    return (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def c3d_bytes(options: Options, trial: SimulatedTrial) -> bytes:
+    """Return the content of the C3D file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trial.c3d"
+        plates = (trial.signals,) if trial.seat_signals is None else (trial.signals, trial.seat_signals)
+        write_c3d(path, trial.scene.markers.labels, trial.points, options.rate, plates=plates)
+        return path.read_bytes()
+
+
+def truth_npz(trial: SimulatedTrial) -> bytes:
+    """Return the content of ``truth.npz``."""
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays(trial))  # type: ignore[arg-type]
+    return stream.getvalue()

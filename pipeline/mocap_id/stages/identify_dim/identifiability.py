@@ -1,0 +1,88 @@
+"""Checks before the fit: can anything be identified from a trial?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.dynamics.fit import determined, select
+from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, arcs
+from mocap_id.protocols.movement import Movement
+from mocap_id.stages.base import Context
+
+
+@dataclass(frozen=True)
+class NotIdentifiable:
+    """Reason why nothing can be identified, and the mass if at least that is known."""
+
+    code: str
+    why: str
+    mass: float | None = None
+
+
+def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | None:
+    """Return why there are no data for an identification, else None."""
+    facts = context.table("wrench.parquet").facts
+    measured = np.isfinite(recorded.surroundings).all(axis=1)
+    if not measured.any():
+        why = facts.get("why") or "the recording has no usable force plate"
+        return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
+    known = np.isfinite(recorded.ddq).all(axis=1)
+    if (measured & known).sum() < LEAST_SECONDS * recorded.rate:
+        return NotIdentifiable(
+            "no-common-samples",
+            f"wrench and joint angles are known together in {(measured & known).sum() / recorded.rate:.2f} s, "
+            f"expected at least {LEAST_SECONDS:g} s",
+            facts.get("mass_kg"),
+        )
+    return None
+
+
+def check_excitation(context: Context, prepared: PreparedTrial, movement: Movement) -> NotIdentifiable | None:
+    """Return why the usable samples do not determine the parameters, else None."""
+    settings, recorded = context.settings, prepared.recorded
+    chosen = select(prepared, movement.free)
+    mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if not movement.free.any():
+        return NotIdentifiable(
+            "not-free",
+            "no sample is known to be free of contact with the chair, whose force is not measured. Use a window in "
+            "which the person rises and stands",
+            mass,
+        )
+    if chosen.sum() < LEAST_SECONDS * recorded.rate:
+        return NotIdentifiable(
+            "too-few-samples",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, off the chair and farther from gaps than the filter's "
+            f"reach of {prepared.lowpass.reach:.2f} s; expected at least {LEAST_SECONDS:g} s: record longer or with "
+            "fewer gaps",
+            mass,
+        )
+    arc = np.degrees(np.max(arcs(recorded.q, chosen)))
+    if arc < settings.still_arc_deg:
+        if mass is None and _contact_excluded(context, movement, recorded.seat is not None):
+            mass = float(np.nanmedian(recorded.surroundings[chosen, 1])) / settings.gravity
+        result = "nothing" if mass is None else "only the mass"
+        return NotIdentifiable(
+            "standing-still",
+            f"no joint turns more than {arc:.1f}° while only the ground touches the body, expected at least "
+            f"{settings.still_arc_deg:g}°: {result} is known; record a movement",
+            mass,
+        )
+    if not determined(prepared, movement.free):
+        return NotIdentifiable(
+            "not-excited",
+            "a joint rests while only the ground touches the body, so the parameters of its segment cannot be "
+            "separated from the others'; record a movement of every joint",
+            mass,
+        )
+    return None
+
+
+def _contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
+    """Whether the samples are shown, not only assumed, to have no unmeasured contact."""
+    if context.trial.protocol == "robot-joint" or seat_measured:
+        return True
+    return movement.contact is not None and movement.contact.chair is not None

@@ -1,0 +1,97 @@
+"""Choice of cut-offs, and of chain or measured poses, by predicting left-out repetitions on thinned samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import IntArray
+from mocap_id.dynamics.body_prior import BodyPrior
+from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
+from mocap_id.dynamics.cutoffs import Cutoffs, left_out_cost
+from mocap_id.dynamics.fit import Fit, determined, fit
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.left_out_samples import number_parts
+from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.measured_motion import USUAL, PoseFilter
+from mocap_id.dynamics.preparation import MEASURED_CUTOFF, PreparedTrial, TrialData, prepare
+from mocap_id.protocols.movement import Movement
+from mocap_id.stages.identify_dim import validation
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
+
+_RATE = 50.0  # Hz; lower limit of the rate after thinning
+_CLEARLY = 0.3  # difference of the cost, a sum of logarithms of Fx, Fy, tauz: 10 % of each
+
+
+class RepetitionPredictor:
+    """Predictions of each repetition of a trial from the others.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+        On the pinned chain.
+    movement : Movement
+    bodies : MeasuredBodies
+    prior : BodyPrior
+        Prior of the bodies' parameters.
+    """
+
+    def __init__(self, prepared: PreparedTrial, movement: Movement, bodies: MeasuredBodies, prior: BodyPrior) -> None:
+        recorded, poses = prepared.recorded, bodies.poses
+        step = max(1, int(recorded.rate / _RATE))
+        some = slice(None, None, step)
+        smooth = LowPass(_RATE / 4, recorded.rate) if step > 1 else (lambda signal: signal)
+        series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)
+        series = np.stack([smooth(series[:, k]) for k in range(series.shape[1])], axis=1)[some]
+        self._recorded = TrialData(
+            time=recorded.time[some],
+            q=recorded.q[some],
+            dq=recorded.dq[some],
+            ddq=recorded.ddq[some],
+            ddq_sd=recorded.ddq_sd[some],
+            observed=recorded.observed[some],
+            wrench=smooth(recorded.wrench)[some],
+            centres=recorded.centres,
+            external=tuple(replace(each, wrench=smooth(each.wrench)[some]) for each in recorded.external),
+            averaged=recorded.averaged,
+        )
+        self._poses = PoseFilter(replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2]))
+        self._observed, self._free = bodies.observed[some], movement.free[some]
+        self._part = _parts(prepared, movement)[some]
+        self._settings, self._prior = prepared.settings, prior
+        self._first: Fit | None = None
+        self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
+
+    def on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
+        """Predict with measured poses and some cut-offs; later calls use the clock offset and weights of the first."""
+        if cutoffs not in self._found:
+            moved = replace(self._recorded, measured=self._poses.motion(cutoffs), observed=self._observed)
+            ready = prepare(moved, self._settings, self._prior)
+            found = fit(ready, self._free, self._first)
+            self._first = self._first or found
+            self._found[cutoffs] = self._predict(ready, found)
+        return self._found[cutoffs]
+
+    def on_chain(self) -> LeftOutPrediction | None:
+        """Predict with the pinned chain, with the cut-off of measured poses."""
+        cutoff = self._settings.cutoff or MEASURED_CUTOFF
+        ready = prepare(self._recorded, replace(self._settings, cutoff=cutoff))
+        return self._predict(ready, fit(ready, self._free)) if determined(ready, self._free) else None
+
+    def _predict(self, ready: PreparedTrial, found: Fit) -> LeftOutPrediction | None:
+        return predict_left_out(ready, self._free, found, self._part, CompressedProblem.free_solution)
+
+
+def poses_preferred(predictor: RepetitionPredictor) -> bool:
+    """Whether the pinned chain does not predict left-out repetitions clearly better than measured poses.
+
+    In doubt the poses are preferred: their intervals are valid whether the joints give way or not.
+    """
+    return left_out_cost(predictor.on_poses(USUAL)) <= left_out_cost(predictor.on_chain()) + _CLEARLY
+
+
+def _parts(prepared: PreparedTrial, movement: Movement) -> IntArray:
+    """Return the number of the repetition of each sample."""
+    spans, time = validation.spans(movement), prepared.recorded.time
+    return number_parts(time, np.array(spans)) if len(spans) > 1 else np.zeros(len(time), dtype=np.int64)

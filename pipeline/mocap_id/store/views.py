@@ -1,0 +1,217 @@
+"""Typed views of the artefacts: arrays with the shapes that stages, reports and workflows use.
+
+A view computes nothing that its artefact does not hold. Lengths are in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from mocap_id.store.artefacts import LongTable, Table, Tree
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Marker trajectories of ``planar.parquet``, F frames of M markers, without the bursts that planarise found.
+
+    The arrays of the artefact are not copied; a method copies only the markers and frames that it returns.
+    """
+
+    planar: LongTable
+
+    @property
+    def frames(self) -> IntArray:
+        """(F,) frame numbers of the recording."""
+        return self.planar.frames
+
+    @property
+    def time(self) -> FloatArray:
+        """(F,) time on the recording's clock, s."""
+        return self.planar.time
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the M markers."""
+        return tuple(self.planar.labels)
+
+    @property
+    def rate(self) -> float:
+        """Frames per second."""
+        return float(self.planar.facts["rate_hz"])
+
+    @cached_property
+    def bursts(self) -> BoolArray:
+        """(F, M) whether a marker has jumped away and not yet back, from the fact ``bursts``."""
+        out = np.zeros((len(self.frames), len(self.labels)), dtype=np.bool_)
+        for label, times in self.planar.facts.get("bursts", {}).items():
+            for first, last in times:
+                inside = slice(np.searchsorted(self.time, first), np.searchsorted(self.time, last, "right"))
+                out[inside, self.labels.index(label)] = True
+        return out
+
+    def points(self, markers: IntArray, frames: slice = slice(None)) -> FloatArray:
+        """Return a copy (f, m, 2) of some markers, given by their columns, m."""
+        found = np.empty((len(self.time[frames]), len(markers), 2))
+        for axis, name in enumerate("xy"):
+            found[..., axis] = self.planar.values[name][frames, markers]
+        return found
+
+    def without_bursts(self, markers: IntArray) -> FloatArray:
+        """Return a copy (F, m, 2) of some markers, m; NaN also during bursts."""
+        found = self.points(markers)
+        found[self.bursts[:, markers]] = np.nan
+        return found
+
+    def plane(self) -> ComplexArray:
+        """Return a copy (F, M) ``x + i y`` of all markers, m; NaN also during bursts."""
+        found = self.planar.values["x"] + 1j * self.planar.values["y"]
+        found[self.bursts] = np.nan
+        return found
+
+    def spaced(self, count: int) -> FloatArray:
+        """Return at most ``count`` evenly spaced frames (f, M, 3), m; NaN also during bursts."""
+        every = np.arange(len(self.frames))
+        kept = every if len(every) <= count else np.unique(np.linspace(0, every[-1], count).round().astype(np.int64))
+        found = np.stack([np.asarray(self.planar.values[name][kept], np.float64) for name in "xyz"], axis=2)
+        found[self.bursts[kept]] = np.nan
+        return found
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The chain of ``chain.h5``: n joints, M assigned markers."""
+
+    joints: tuple[str, ...]
+    parents: IntArray  # (n,)
+    centres: FloatArray  # (n, 2)
+    covariance: FloatArray  # (n, 2, 2)
+    arc: FloatArray  # (n,)
+    segments: tuple[str, ...]  # n + 1, base first
+    lengths: FloatArray  # (n - 1,) of segments 1 … n - 1
+    lengths_sd: FloatArray  # (n - 1,)
+    markers: tuple[str, ...]
+    marker_segment: IntArray  # (M,)
+    local: FloatArray  # (M, 2)
+
+    @classmethod
+    def from_tree(cls, tree: Tree) -> Skeleton:
+        return cls(
+            joints=tree.texts("joints/name"),
+            parents=tree.integers("joints/parent"),
+            centres=tree.numbers("joints/centre", (-1, 2)),
+            covariance=tree.numbers("joints/covariance", (-1, 2, 2)),
+            arc=tree.numbers("joints/arc"),
+            segments=tree.texts("segments/name"),
+            lengths=tree.numbers("segments/length"),
+            lengths_sd=tree.numbers("segments/length_sd"),
+            markers=tree.texts("markers/name"),
+            marker_segment=tree.integers("markers/segment"),
+            local=tree.numbers("markers/local", (-1, 2)),
+        )
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, or ``joint 1``, ``joint 2`` … where the tree names none."""
+        return self.joints or tuple(f"joint {j}" for j in range(1, len(self.centres) + 1))
+
+    @property
+    def centre_sd(self) -> FloatArray:
+        """(n, 2) standard deviation of each coordinate of the joint centres, m."""
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
+        return np.sqrt(np.where(variance >= 0, variance, np.nan))
+
+    @property
+    def tip(self) -> FloatArray:
+        """(2,) end of the last segment in its own frame, m: the centroid of its markers."""
+        own = self.local[self.marker_segment == len(self.joints)]
+        return own.mean(axis=0) if len(own) else np.zeros(2)
+
+
+def joint_columns(table: Table, name: str, joints: int) -> FloatArray:
+    """Return the columns ``name_1`` … ``name_n`` side by side, (T, n): a state or torque of every joint."""
+    if joints == 0:
+        return np.zeros((table.length, 0))
+    return table.stack([f"{name}_{j}" for j in range(1, joints + 1)])
+
+
+def joint_count(states: Table) -> int:
+    """Return the number of joints in ``states.parquet``."""
+    return sum(name.startswith("theta_") for name in states.names)
+
+
+@dataclass(frozen=True)
+class JointStates:
+    """The joint states of ``states.parquet``: T samples, n joints, rad and s."""
+
+    time: FloatArray  # (T,)
+    mean: FloatArray  # (T, n, 3) angle, velocity, acceleration
+    sd: FloatArray  # (T, n, 3)
+    observed: BoolArray  # (T, n)
+
+    @classmethod
+    def from_table(cls, table: Table) -> JointStates:
+        joints, orders = joint_count(table), ("theta", "dtheta", "ddtheta")
+        mean, sd = (
+            np.stack([joint_columns(table, f"{prefix}{order}", joints) for order in orders], axis=-1)
+            for prefix in ("", "sd_")
+        )
+        return cls(table["time"], mean, sd, joint_columns(table, "observed", joints).astype(np.bool_))
+
+    @property
+    def angles(self) -> FloatArray:
+        """(T, n) joint angles, rad."""
+        return self.mean[..., 0]
+
+
+@dataclass(frozen=True)
+class IdentifiedDynamics:
+    """The parameters of ``dynamics.h5``: b base parameters, p point masses, SI units."""
+
+    names: tuple[str, ...]
+    value: FloatArray  # (b,)
+    sd: FloatArray  # (b,)
+    units: tuple[str, ...]
+    verdicts: tuple[str, ...]  # b, or none where they were not judged
+    relative_sd: FloatArray  # (b,) or (0,)
+    excitation: FloatArray  # (b,) or (0,)
+    own_share: FloatArray  # (b,) or (0,)
+    prior_share: FloatArray  # (b,) or (0,)
+    regrouping: FloatArray  # (b, 4(n + 1)); (b, 0) where nothing was identified
+    reference: FloatArray  # (4(n + 1),)
+    grid_segment: IntArray  # (p,)
+    grid_position: FloatArray  # (p, 2)
+    grid_mass: FloatArray  # (p,)
+
+    @classmethod
+    def from_tree(cls, tree: Tree) -> IdentifiedDynamics:
+        names = tree.texts("base/name")
+        regrouping = tree.numbers("base/regrouping")
+        return cls(
+            names=names,
+            value=tree.numbers("base/value"),
+            sd=tree.numbers("base/sd"),
+            units=tree.texts("base/unit"),
+            verdicts=tree.texts("base/verdict"),
+            relative_sd=tree.numbers("base/relative_sd"),
+            excitation=tree.numbers("base/excitation"),
+            own_share=tree.numbers("base/own_share"),
+            prior_share=tree.numbers("base/prior_share"),
+            regrouping=regrouping.reshape(len(names), -1) if regrouping.size else np.zeros((len(names), 0)),
+            reference=tree.numbers("full/reference"),
+            grid_segment=tree.integers("grid/segment"),
+            grid_position=tree.numbers("grid/position", (-1, 2)),
+            grid_mass=tree.numbers("grid/mass"),
+        )
+
+    @property
+    def base_reference(self) -> FloatArray:
+        """(b,) base parameters of the allometric body (eq. 4.24); NaN where a parameter in them has no reference."""
+        if not self.regrouping.size or self.regrouping.shape[1] != len(self.reference):
+            return np.full(len(self.names), np.nan)
+        known = np.isfinite(self.reference)
+        value = self.regrouping[:, known] @ self.reference[known]
+        return np.where(np.any(self.regrouping[:, ~known] != 0, axis=1), np.nan, value)

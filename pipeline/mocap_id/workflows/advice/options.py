@@ -1,0 +1,126 @@
+"""Options of an advice: the objective and the limits of the movement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from mocap_id.design.movement_limits import MovementLimits
+from mocap_id.design.proposal import OBJECTIVES, Objective
+from mocap_id.errors import ConfigError
+
+Support = tuple[float, float] | Literal["bolted"] | None
+
+
+@dataclass(frozen=True)
+class AdviceOptions:
+    """The objective and the limits of the movement; None takes the limit from the trial.
+
+    Parameters
+    ----------
+    objective : {"intervals", "volume", "condition", "condition-scaled"}
+    seconds : float or None
+        Length of the recording, s; None: that of the trial.
+    widen : float or None
+        How far every joint may go beyond its observed range, degrees; None: 20 for a robot, 5 for a person.
+    angles : mapping
+        Range of a joint by its name, degrees; replaces the observed range.
+    speed, acceleration : float or None
+        Limits of every joint, degrees/s and degrees/s².
+    support : (float, float), "bolted" or None
+        Range of the centre of pressure, m in the plane; None: 3 cm beyond its observed range, and no limit for a
+        robot, which is bolted down.
+    seed : int
+        Seed of the search.
+    """
+
+    objective: Objective = "intervals"
+    seconds: float | None = None
+    widen: float | None = None
+    angles: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    speed: float | None = None
+    acceleration: float | None = None
+    support: Support = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        checks = (
+            ("objective", self.objective, self.objective in OBJECTIVES, "one of " + ", ".join(OBJECTIVES)),
+            ("seconds", self.seconds, self.seconds is None or 8 <= self.seconds <= 600, "8 … 600 s"),
+            ("widen", self.widen, self.widen is None or 0 <= self.widen <= 180, "0 … 180 degrees"),
+            ("speed", self.speed, self.speed is None or 1 <= self.speed <= 2000, "1 … 2000 degrees/s"),
+            (
+                "acceleration",
+                self.acceleration,
+                self.acceleration is None or 1 <= self.acceleration <= 100_000,
+                "1 … 100000 degrees/s²",
+            ),
+            ("seed", self.seed, self.seed >= 0, "a whole number, 0 or more"),
+        )
+        for name, value, valid, expected in checks:
+            if not valid:
+                raise ConfigError(f"advise: {name} is {value!r}; expected {expected}")
+
+    def over(self, limits: MovementLimits, joints: Sequence[str]) -> MovementLimits:
+        """Return the observed limits, replaced by those of the options.
+
+        Raises
+        ------
+        ConfigError
+            There is no joint of this name.
+        """
+        low, high, one = limits.low.copy(), limits.high.copy(), np.ones(len(joints))
+        for name, ends in self.angles.items():
+            if name not in joints:
+                raise ConfigError(f"advise: there is no joint {name!r}; expected one of {', '.join(joints)}")
+            low[joints.index(name)], high[joints.index(name)] = np.radians(ends)
+        return MovementLimits(
+            low=low,
+            high=high,
+            speed=limits.speed if self.speed is None else one * np.radians(self.speed),
+            acceleration=limits.acceleration if self.acceleration is None else one * np.radians(self.acceleration),
+            support=self.support if isinstance(self.support, tuple) else limits.support,
+        )
+
+
+def angle_range(text: str) -> tuple[str, tuple[float, float]]:
+    """Return a joint and its range from a text such as ``hip=-10:60``, degrees.
+
+    Raises
+    ------
+    ConfigError
+        The text has another form.
+    """
+    name, equals, rest = text.partition("=")
+    if not (name and equals):
+        raise ConfigError(f"advise: --angle {text!r}; expected JOINT=LOW:HIGH in degrees, such as hip=-10:60")
+    return name.strip(), _range(rest, f"--angle {text!r}", "JOINT=LOW:HIGH in degrees, such as hip=-10:60")
+
+
+def support_range(text: str) -> Support:
+    """Return ``bolted``, or the range of the centre of pressure, m, from a text such as ``-8:3``, cm.
+
+    Raises
+    ------
+    ConfigError
+        The text has another form.
+    """
+    if text == "bolted":
+        return "bolted"
+    low, high = _range(text, f"--support {text!r}", "LOW:HIGH in cm along the plane's x, such as -12:4, or `bolted`")
+    return low / 100, high / 100
+
+
+def _range(text: str, given: str, expected: str) -> tuple[float, float]:
+    low, colon, high = text.partition(":")
+    try:
+        ends = float(low), float(high)
+    except ValueError:
+        ends = (math.nan, math.nan)
+    if not colon or not (math.isfinite(ends[0]) and math.isfinite(ends[1]) and ends[0] < ends[1]):
+        raise ConfigError(f"advise: {given}; expected {expected}")
+    return ends

@@ -1,0 +1,164 @@
+"""The output of an advice: text, a JSON document, and the movement as CSV and as a figure."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mocap_id.design.predicted_covariance import PredictedUncertainty
+from mocap_id.design.proposal import OBJECTIVES, Proposal
+from mocap_id.design.trajectory import Trajectory
+from mocap_id.dynamics.excitation import classify
+from mocap_id.reporting.advised_movement import draw
+from mocap_id.reporting.numbers import show
+from mocap_id.reporting.paper import render
+from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.result import Result
+from mocap_id.workflows.advice.advice import Advice
+
+_CLOSER = 0.95  # of a standard deviation: smaller changes are not mentioned
+_NAMED = 4  # parameters that are mentioned
+
+
+def lines(advised: Advice) -> Iterator[str]:
+    """Yield the lines of the text."""
+    found = advised.design
+    yield f"{advised.trial}: {len(advised.names)} parameters, condition number {found.now.condition:.0f}"
+    yield _limits(advised)
+    yield ""
+    if found.best is None or not found.helps:
+        yield (
+            "nothing within these limits helps: no tried movement reduces the "
+            f"{OBJECTIVES[found.objective]} by a fifth. More markers, a zeroed plate or a longer recording would help"
+        )
+    else:
+        yield f"record this, {found.seconds:.0f} s: {found.best.words}"
+        yield f"  {_worth(advised, found.best)}"
+    yield ""
+    yield "simple changes, best first:"
+    shown = [each for each in found.simple if each.value < found.value]
+    for place, each in enumerate(shown, start=1):
+        yield f"  {place}. {each.words}: {_worth(advised, each)}"
+    if not shown:
+        yield "  none helps"
+    yield ""
+    if found.designed is not None:
+        yield f"designed: {found.designed.words}: {_worth(advised, found.designed)}"
+    else:
+        yield "designed: no movement of all joints together is within these limits"
+    yield ""
+    yield from _table(advised)
+
+
+def _limits(advised: Advice) -> str:
+    limits = advised.limits
+    parts = [
+        f"{name} {np.degrees(low):.0f}° to {np.degrees(high):.0f}°, up to {np.degrees(speed):.0f}°/s"
+        for name, low, high, speed in zip(advised.joints, limits.low, limits.high, limits.speed, strict=True)
+    ]
+    if limits.support is None:
+        return "limits: " + "; ".join(parts) + "; the base is bolted down"
+    low, high = (100 * end for end in limits.support)
+    return "limits: " + "; ".join(parts) + f"; centre of pressure {low:.1f} to {high:.1f} cm"
+
+
+def _worth(advised: Advice, proposal: Proposal) -> str:
+    """How much the standard deviations decrease, the largest first, and the condition number."""
+    found = advised.design
+    before, after = found.now.sd / found.size, proposal.predicted.sd / found.size
+    gains = [i for i in np.argsort(-before) if after[i] < _CLOSER * before[i]]
+    named = [
+        f"sd of {advised.names[i]} from {show(100 * before[i], 2, '%')} to {show(100 * after[i], 2, '%')}"
+        for i in gains[:_NAMED]
+    ]
+    condition = f"condition number {found.now.condition:.0f} -> {proposal.predicted.condition:.0f}"
+    return ", ".join([*(named or ["no smaller sd"]), condition])
+
+
+def _table(advised: Advice) -> Iterator[str]:
+    found = advised.design
+    columns = [("now", found.now)]
+    if found.simple:
+        columns.append(("simple", found.simple[0].predicted))
+    if found.designed is not None:
+        columns.append(("designed", found.designed.predicted))
+    width = max(map(len, advised.names))
+    yield "sd by size, %".ljust(width) + "".join(name.rjust(10) for name, _ in columns)
+    for i, name in enumerate(advised.names):
+        yield name.ljust(width) + "".join(f"{100 * f.sd[i] / found.size[i]:10.2f}" for _, f in columns)
+    yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
+
+
+def advice_output(advised: Advice) -> Result:
+    """Return ``advice.json``, and CSV and figure of the best movement that does not repeat the recorded one."""
+    found, limits = advised.design, advised.limits
+    content = {
+        "trial": advised.trial,
+        "objective": {"name": found.objective, "text": OBJECTIVES[found.objective], "now": finite(found.value)},
+        "helps": found.helps,
+        "seconds": found.seconds,
+        "limits": {
+            "joints": [
+                {
+                    "name": name,
+                    "low_deg": math.degrees(limits.low[j]),
+                    "high_deg": math.degrees(limits.high[j]),
+                    "speed_deg_s": math.degrees(limits.speed[j]),
+                    "acceleration_deg_s2": math.degrees(limits.acceleration[j]),
+                }
+                for j, name in enumerate(advised.joints)
+            ],
+            "support_m": None if limits.support is None else list(limits.support),
+        },
+        "now": _predicted(advised, found.now),
+        "simple": [_proposal(advised, each) for each in found.simple],
+        "designed": None if found.designed is None else _proposal(advised, found.designed),
+    }
+    return Result("advice", "advice.json", content, other_files=lambda: _files(advised), indent=2)
+
+
+def _proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:
+    head = {"text": proposal.words, "designed": proposal.designed, "objective": finite(proposal.value)}
+    return head | _predicted(advised, proposal.predicted)
+
+
+def _predicted(advised: Advice, predicted: PredictedUncertainty) -> dict[str, Any]:
+    size = advised.design.size
+    return {
+        "condition_number": finite(predicted.condition),
+        "condition_number_scaled": finite(predicted.condition_scaled),
+        "fitted_s": predicted.samples,
+        "parameters": [
+            {
+                "name": name,
+                "value": float(advised.value[i]),
+                "unit": advised.units[i],
+                "sd": finite(predicted.sd[i]),
+                "relative_sd": finite(predicted.sd[i] / size[i]),
+                "verdict": classify(float(predicted.sd[i] / size[i]), advised.weak),
+            }
+            for i, name in enumerate(advised.names)
+        ],
+    }
+
+
+def csv_text(advised: Advice, trajectory: Trajectory) -> str:
+    """Return a movement as CSV: time_s, and angle, velocity and acceleration of every joint (rad, rad/s, rad/s²)."""
+    heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
+    rows = np.column_stack([trajectory.time - trajectory.time[0], trajectory.q, trajectory.dq, trajectory.ddq])
+    stream = io.StringIO()
+    np.savetxt(stream, rows, fmt="%.6f", delimiter=",", header=",".join(["time_s", *heads]), comments="")
+    return stream.getvalue()
+
+
+def _files(advised: Advice) -> dict[str, bytes]:
+    made = advised.design.best_standalone
+    if made is None:
+        return {}
+    title = f"A movement to record after {advised.trial}"
+    figure = render("movement", title, lambda: draw(made.trajectory, advised.joints, advised.limits, made.words))
+    return {"movement.csv": csv_text(advised, made.trajectory).encode(), **figure}

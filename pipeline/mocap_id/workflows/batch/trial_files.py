@@ -1,0 +1,102 @@
+"""The trials that the user names: files of trials or studies, folders that contain them, or patterns of names."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from mocap_id.config import Trial, load
+from mocap_id.config.source import Source, read
+from mocap_id.config.study import load_study
+from mocap_id.config.trial import compose, trial_model
+from mocap_id.errors import ConfigError
+
+_TRIAL_FILES = ("*.yaml", "*.yml")
+
+
+@dataclass(frozen=True)
+class UnreadableFile:
+    """A named file that is not the file of a trial or a study."""
+
+    file: Path
+    error: ConfigError
+
+
+def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]]:
+    """Return the named trials, each once, and the files that cannot be read as trials.
+
+    Parameters
+    ----------
+    named : sequence of str
+        Files of trials or studies; folders with files of trials at any depth; patterns such as ``lab/*/trial.yaml``
+        (``**`` for any folders).
+
+    Raises
+    ------
+    ConfigError
+        A name matches nothing, or two trials share a run folder.
+    """
+    trials: dict[Path, Trial] = {}
+    unreadable: list[UnreadableFile] = []
+    model = trial_model()  # once, because making it takes as long as reading a file
+    for file, source in dict(one for name in named for one in _files(name)).items():
+        try:
+            for trial in _trials(file, source, model):
+                other = trials.setdefault(trial.out.resolve(), trial)
+                if (other.file, other.name) != (trial.file, trial.name):
+                    raise _SharedFolder(
+                        f"{trial.file} and {other.file} share the folder {trial.out}: give one of them another `out:`"
+                    )
+        except _SharedFolder as error:
+            raise ConfigError(str(error)) from error
+        except ConfigError as error:
+            unreadable.append(UnreadableFile(file, error))
+    return list(trials.values()), unreadable
+
+
+class _SharedFolder(ConfigError):
+    """Two trials share a run folder, so neither may use it."""
+
+
+def _files(name: str) -> Iterator[tuple[Path, Source | None]]:
+    """Absolute paths of the matching files, with the content of those that had to be read."""
+    path = Path(name).expanduser()
+    found: Mapping[Path, Source | None]
+    if path.is_dir():
+        below = sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern))
+        found = dict(one for file in below for one in _if_a_trial(file))
+    elif path.exists() or not glob.has_magic(name):
+        found = {path.absolute(): None}
+    else:
+        every = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  absolute too
+        found = dict.fromkeys(Path(file).absolute() for file in every)
+    if not found:
+        what = "this folder contains no trial's YAML file" if path.is_dir() else "no file has this name"
+        raise ConfigError(f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern")
+    yield from found.items()
+
+
+def _if_a_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
+    """A file in a folder with its content, if it is a trial's file; other YAML files are ignored."""
+    try:
+        source = read(file)
+    except ConfigError:
+        if file.stem == "trial":
+            yield file, None
+    else:
+        if isinstance(source.data, dict) and "trial" in source.data and "recording" in source.data:
+            yield file, source
+
+
+def _trials(file: Path, source: Source | None, model: type[BaseModel]) -> Iterator[Trial]:
+    source = read(file) if source is None else source
+    if isinstance(source.data, dict) and "study" in source.data:
+        yield from (one.trial for one in load_study(file).trials)
+    elif isinstance(source.data, dict):
+        yield compose(source, model=model)
+    else:
+        yield load(file)  # raises the right message

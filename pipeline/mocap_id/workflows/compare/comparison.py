@@ -1,0 +1,104 @@
+"""The comparison of two runs, as JSON and as a CSV table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from mocap_id import runner
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.store.atomic import explained, replace_together
+from mocap_id.workflows.compare.difference import Difference, changed
+from mocap_id.workflows.compare.origins import artefacts, origins
+from mocap_id.workflows.compare.results import results
+from mocap_id.workflows.compare.series import series
+from mocap_id.workflows.run_folder import SUMMARY, RunFolder, open_run
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Differences between two runs.
+
+    Parameters
+    ----------
+    a, b : RunFolder
+    identical : bool
+        Whether all artefacts have the same content.
+    rows : tuple of Difference
+        All compared quantities, equal ones included.
+    """
+
+    a: RunFolder
+    b: RunFolder
+    identical: bool
+    rows: tuple[Difference, ...]
+
+    @property
+    def changed(self) -> tuple[Difference, ...]:
+        """The rows that differ."""
+        return changed(self.rows)
+
+
+def compare(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> Comparison:
+    """Compare two runs.
+
+    Parameters
+    ----------
+    a, b : Path
+        Each as for :func:`mocap_id.workflows.run_folder.open_run`.
+    progress : callable, optional
+        Called with each step of a run.
+
+    Raises
+    ------
+    StoreError
+        A folder holds no run, a damaged run, or a run without a summary.
+    ConfigError, RecordingError, NumericalError
+        As for :func:`mocap_id.runner.run`.
+    """
+    first, second = open_run(a, progress), open_run(b, progress)
+    for run in (first, second):
+        if not run.summary:
+            raise StoreError(f"{run.path / SUMMARY} is missing: run `mocap-id report` on the trial first")
+    contents = tuple(artefacts(first, second))
+    rows = (*origins(first, second), *contents, *results(first.summary, second.summary), *series(first, second))
+    return Comparison(first, second, all(row.a == row.b for row in contents), rows)
+
+
+def check_format(file: Path) -> None:
+    """Raise ConfigError if the file name does not end in .csv."""
+    if file.suffix.lower() != ".csv":
+        raise ConfigError(f"--out: {file}: expected a file name that ends in .csv")
+
+
+def write(rows: tuple[Difference, ...], file: Path) -> None:
+    """Write rows as CSV.
+
+    Raises
+    ------
+    ConfigError
+        The name does not end in .csv.
+    StoreError
+        The file cannot be written.
+    """
+    check_format(file)
+    columns = list(Difference.__dataclass_fields__)
+    text = pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n")
+    with explained(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    replace_together(file.parent, {file.name: text.encode()})
+
+
+def as_json(comparison: Comparison, rows: tuple[Difference, ...]) -> dict[str, Any]:
+    """Return the comparison with the given rows as JSON values."""
+    return {
+        "schema": "mocap-id/compare",
+        "version": 1,
+        "a": {"trial": comparison.a.name, "folder": str(comparison.a.path)},
+        "b": {"trial": comparison.b.name, "folder": str(comparison.b.path)},
+        "identical": comparison.identical,
+        "differences": [asdict(row) for row in rows],
+    }

@@ -1,0 +1,253 @@
+"""Backends that run trials: processes of this machine, or the workers of a Dask scheduler.
+
+Both provide an `Executor` of the standard library, so that the same scheduling code serves both.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from mocap_id import __version__
+from mocap_id.errors import ConfigError, NumericalError
+
+_LOGGERS = ("mocap_id", "py.warnings")
+_THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP", "NUMBA")}
+_MEMORY = {
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+    "MALLOC_MMAP_THRESHOLD_": "4194304",
+    "MALLOC_TRIM_THRESHOLD_": "4194304",
+}
+"""Return freed memory of arrays to the system, as the command line's own process does."""
+_LEAST_WAITING = 16  # trials submitted to a scheduler even while its workers are still starting
+_COUNTED_EVERY = 5.0  # s, interval for counting a scheduler's workers
+_PATIENCE = 20.0  # s, for a process to end after SIGTERM
+_EXTRA = "pip install 'mocap-id[cluster]'"
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor, and the current number of trials to keep submitted to it."""
+
+    executor: Executor
+    width: Callable[[], int]
+
+
+class Backend(ABC):
+    """A place where trials run."""
+
+    @property
+    @abstractmethod
+    def parallel(self) -> bool:
+        """Whether trials run in other processes than this one."""
+
+    @abstractmethod
+    @contextmanager
+    def workers(self, most: int) -> Iterator[Workers]:
+        """Start workers for at most ``most`` trials at a time; they end with the context, at once if it fails."""
+
+
+@dataclass(frozen=True)
+class LocalBackend(Backend):
+    """Processes of this machine.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of trials at a time; with 1 they run in this process.
+    """
+
+    jobs: int = 1
+
+    @property
+    def parallel(self) -> bool:
+        return self.jobs > 1
+
+    @contextmanager
+    def workers(self, most: int) -> Iterator[Workers]:
+        jobs = min(self.jobs, most)
+        # Spawn new interpreters: forking is unsafe because libraries of this process have threads.
+        context, levels = multiprocessing.get_context("spawn"), {one: logging.getLogger(one).level for one in _LOGGERS}
+        with _environment(_THREADS | _MEMORY), _no_ctrl_c():
+            pool = ProcessPoolExecutor(jobs, context, _set_up_logging, (levels,))
+            for _ in range(jobs):
+                pool.submit(os.getpid)  # starts a process
+        try:
+            yield Workers(pool, lambda: jobs)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            children = multiprocessing.active_children()
+            for process in children:
+                process.terminate()
+            for process in children:
+                process.join(_PATIENCE)
+            raise
+        pool.shutdown()
+
+
+@dataclass(frozen=True)
+class DaskBackend(Backend):
+    """The workers of a Dask scheduler; they must see the same files under the same paths.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a running scheduler, ``tcp://…``.
+    cluster : mapping, optional
+        A cluster to deploy while the batch runs: ``kind`` (``local``, ``ssh``, ``slurm``, ``pbs``, ``sge``, ``lsf``),
+        ``workers`` (their number), and the arguments of Dask's class for that kind.
+    """
+
+    scheduler: str | None = None
+    cluster: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def parallel(self) -> bool:
+        return True
+
+    @contextmanager
+    def workers(self, most: int) -> Iterator[Workers]:
+        distributed = _imported("distributed")
+        with ExitStack() as stack:
+            address = self.scheduler or stack.enter_context(_deployed(self.cluster))
+            try:
+                client = stack.enter_context(distributed.Client(address, set_as_default=False))
+            except (OSError, TimeoutError, ValueError) as error:
+                raise ConfigError(
+                    f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
+                ) from error
+            try:
+                yield Workers(client.get_executor(pure=False), _WorkerCount(client))
+            except (CancelledError, distributed.CommClosedError) as error:
+                raise NumericalError(
+                    f"the Dask scheduler at {address} was lost: finished trials are kept; run again for the rest"
+                ) from error
+
+
+_KINDS = {
+    "local": ("distributed", "LocalCluster"),
+    "ssh": ("distributed", "SSHCluster"),
+    "slurm": ("dask_jobqueue", "SLURMCluster"),
+    "pbs": ("dask_jobqueue", "PBSCluster"),
+    "sge": ("dask_jobqueue", "SGECluster"),
+    "lsf": ("dask_jobqueue", "LSFCluster"),
+}
+
+
+@contextmanager
+def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
+    """Deploy a cluster while the context lasts."""
+    arguments = dict(cluster)
+    kind, count = arguments.pop("kind", None), arguments.pop("workers", None)
+    if kind not in _KINDS:
+        raise ConfigError(f"a cluster's `kind` is {kind!r}, expected one of {', '.join(_KINDS)}")
+    module, name = _KINDS[kind]
+    if kind == "local":
+        defaults = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
+        arguments = defaults | arguments
+    # Dask's defaults trim memory after every task and profile the workers a hundred times a second.
+    environment = {f"distributed.nanny.pre-spawn-environ.{key}": value for key, value in (_THREADS | _MEMORY).items()}
+    try:
+        with _imported("dask.config").set({**environment, "distributed.worker.profile.enabled": False}):
+            deployed = getattr(_imported(module), name)(**arguments)
+    except (TypeError, ValueError, RuntimeError, OSError) as error:
+        raise ConfigError(f"Dask's {name} cannot be made with {', '.join(arguments)}: {error}") from error
+    with deployed as running:
+        if kind not in ("local", "ssh"):
+            running.scale(count or 1)
+        yield running
+
+
+class _WorkerCount:
+    """Number of trials to keep submitted: twice the threads of the workers that have joined.
+
+    Workers of a queueing system join at any time, so they are counted again every few seconds. Each new worker must run
+    this version of the program, or a ConfigError is raised.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._known: set[str] = set()
+        self._width, self._again = _LEAST_WAITING, 0.0
+        self()
+
+    def __call__(self) -> int:
+        now = time.monotonic()
+        if now >= self._again:
+            with contextlib.suppress(OSError):  # the submitted trials report an unreachable scheduler
+                self._count(self._client.nthreads())
+            self._again = now + _COUNTED_EVERY
+        return self._width
+
+    def _count(self, threads: Mapping[str, int]) -> None:
+        new = sorted(set(threads) - self._known)
+        if new:
+            _check_versions(self._client, new)
+        self._known = set(threads)
+        self._width = max(2 * sum(threads.values()), _LEAST_WAITING)
+
+
+def _check_versions(client: Any, workers: Sequence[str]) -> None:
+    """Raise ConfigError if a worker runs another version of this program; workers that have left are ignored."""
+    for worker, version in client.run(_version, workers=workers, on_error="ignore").items():
+        if version != __version__:
+            raise ConfigError(
+                f"Dask worker {worker} has mocap-id {version}, here it is {__version__}: install the same"
+            )
+
+
+def _version() -> str:
+    return __version__
+
+
+def _imported(module: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"{error.name} is not installed, but running on a cluster needs it: {_EXTRA}") from error
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables, unless already set, for processes started in this context."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update({name: value for name, value in values.items() if before[name] is None})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+
+
+@contextmanager
+def _no_ctrl_c() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C: this process ends them in order."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _set_up_logging(levels: Mapping[str, int]) -> None:
+    """Give a new process the logging levels of this one."""
+    logging.captureWarnings(True)
+    logging.basicConfig(format="mocap-id: %(message)s", level=logging.ERROR)
+    for name, level in levels.items():
+        logging.getLogger(name).setLevel(level)

@@ -1,0 +1,130 @@
+"""Running one trial of many: a failure is a result, not an exception."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from mocap_id import runner
+from mocap_id.config import Trial
+from mocap_id.errors import MocapIdError, NumericalError
+from mocap_id.reporting.contents import FILES
+from mocap_id.runner.dependencies import user_files
+from mocap_id.stages import STAGES
+from mocap_id.store import Folder
+
+NOT_RUN = 1
+"""Exit code of a trial that was skipped because another one failed."""
+
+
+@dataclass(frozen=True)
+class TrialRun:
+    """Result of running a trial.
+
+    Parameters
+    ----------
+    trial : str
+    exit_code : int
+        Exit code of `mocap-id run` for this trial.
+    message : str or None
+        Why it failed or was refused, for the user's own terminal: it may name files.
+    published : str or None
+        The same message without names of files, for reports that are passed on.
+    key : str or None
+        Cache key of the trial's report, which changes with its content; None without a report.
+    computed : bool
+        Whether any stage ran.
+    seconds : float
+        Duration of this run.
+    """
+
+    trial: str
+    exit_code: int
+    message: str | None
+    published: str | None
+    key: str | None
+    computed: bool
+    seconds: float
+
+
+RunTrial: TypeAlias = Callable[[Trial], TrialRun]
+"""A function that runs one trial; it must be importable by other processes."""
+
+
+def run_trial(trial: Trial) -> TrialRun:
+    """Run one trial and return how it went, without raising."""
+    start, message, code = time.perf_counter(), None, 0
+    steps: tuple[runner.Step, ...] = ()
+    try:
+        outcome = runner.run(trial)
+    except MocapIdError as error:
+        message, code = ": ".join([*getattr(error, "__notes__", []), str(error)]), error.exit_code
+    except Exception as error:  # noqa: BLE001  any failure: the other trials go on
+        message, code = f"unforeseen failure, {type(error).__name__}: {error}", NumericalError.exit_code
+    else:
+        steps = outcome.steps
+        if outcome.refused is not None:
+            message, code = outcome.refused.message, outcome.refused.exit_code
+    return TrialRun(
+        trial=trial.name,
+        exit_code=code,
+        message=message,
+        published=None if message is None else _published(message, trial),
+        key=_key(trial) if code in (0, 4) else None,
+        computed=any(step.action == "computed" for step in steps),
+        seconds=time.perf_counter() - start,
+    )
+
+
+class _Terminated(BaseException):
+    """The process received SIGTERM."""
+
+
+def not_run(trial: Trial) -> TrialRun:
+    """Return the result of a trial that was never started."""
+    message = "not run: another trial failed before"
+    return TrialRun(trial.name, NOT_RUN, message, message, None, computed=False, seconds=0.0)
+
+
+def killed(trial: Trial) -> TrialRun:
+    """Return the result of a trial whose process was killed."""
+    message = "a process was killed, perhaps by the system because memory ran out: run again with fewer --jobs"
+    return TrialRun(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
+
+
+def run_until_terminated(run: RunTrial, trial: Trial) -> TrialRun:
+    """Run a trial in a worker process; on SIGTERM, half-written files are removed before the process ends."""
+    if threading.current_thread() is not threading.main_thread():  # a cluster's worker handles signals itself
+        return run(trial)
+    before = signal.signal(signal.SIGTERM, _raise_terminated)
+    try:
+        return run(trial)
+    except _Terminated:
+        os._exit(128 + signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _raise_terminated(number: int, frame: object) -> None:
+    raise _Terminated
+
+
+def _published(message: str, trial: Trial) -> str:
+    """Return a message without the names of files and folders, which may contain names of people."""
+    files = {path for stage in STAGES for path in user_files(trial, stage).values()}
+    for path in sorted(files, key=lambda path: len(str(path)), reverse=True):
+        message = message.replace(str(path), f"the {path.suffix.lstrip('.').upper() or 'recording'} file")
+        message = message.replace(path.name, f"the {path.suffix.lstrip('.').upper() or 'recording'} file")
+    for folder, name in ((trial.out, trial.name), (trial.file, trial.file.name), (trial.file.parent, "")):
+        message = message.replace(str(folder), name)
+    return message
+
+
+def _key(trial: Trial) -> str | None:
+    origin = Folder(trial.out).origin("report", FILES)
+    return None if origin is None else origin.key

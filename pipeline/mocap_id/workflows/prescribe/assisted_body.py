@@ -1,0 +1,154 @@
+"""The body that springs assist: geometry, weights, joint limits and the person's strength."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id import runner
+from mocap_id.arrays import FloatArray
+from mocap_id.config.prescription import JointWish, PrescriptionConfig
+from mocap_id.errors import ConfigError
+from mocap_id.prescription.arms import PlanarArm
+from mocap_id.prescription.gravity_torques import ChainMasses
+from mocap_id.prescription.joint_limits import JointLimits
+from mocap_id.prescription.one_joint import OneJoint
+from mocap_id.prescription.sampling import sobol
+from mocap_id.store import Tree
+from mocap_id.workflows.run_folder import check_provenance, open_run_to
+from mocap_id.workflows.workspace.arm_source import SubjectArm, of_folder
+
+_LAST = "identify-dim"
+
+
+@dataclass(frozen=True)
+class AssistedBody:
+    """A planar chain of n joints with its weights, limits and strength.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    arm : PlanarArm
+    weights : ChainMasses or None
+        None if the trial's dynamics were not identified.
+    limits : JointLimits
+    strength : (n, 2) array
+        N·m; NaN for a share of unknown weights.
+    inertia : float or None
+        Inertia about the joint of a body with one joint, kg·m².
+    subject : SubjectArm or None
+        The arm of the trial that the body comes from.
+    why : str
+        Why there are no weights.
+    """
+
+    joints: tuple[str, ...]
+    arm: PlanarArm
+    weights: ChainMasses | None
+    limits: JointLimits
+    strength: FloatArray
+    inertia: float | None
+    subject: SubjectArm | None
+    why: str = ""
+
+    def one_joint(self) -> OneJoint:
+        """Return the body as one joint."""
+        assert self.weights is not None
+        limits = float(self.limits.lower[0]), float(self.limits.upper[0])
+        return self.weights.one_joint(0, np.zeros(1), limits, (float(self.strength[0, 0]), float(self.strength[0, 1])))
+
+
+def read_body(config: PrescriptionConfig, progress: runner.Progress) -> AssistedBody:
+    """Return the body of a configuration; a trial's YAML file is run up to its dynamics.
+
+    Raises
+    ------
+    ConfigError
+        The trial has another number of joints, or there is no weight.
+    Refused, RecordingError, NumericalError, StoreError
+        As for :func:`mocap_id.runner.run`.
+    """
+    wishes = config.wishes
+    if wishes.arm is not None:
+        arm = wishes.arm
+        down = np.array([[arm.mass_kg, 0.0, -arm.mass_kg * arm.lever_m]])
+        inertia = arm.inertia_kgm2 if arm.inertia_kgm2 is not None else arm.mass_kg * arm.lever_m**2
+        chain = PlanarArm.exact(np.zeros((1, 2)), np.array([0.0, -arm.lever_m]))
+        return _body(config, ("joint",), chain, down, None, inertia, wishes.gravity)
+    if wishes.chain is not None:
+        chain = PlanarArm.exact(np.array([part.at_m for part in wishes.chain]), np.array(wishes.tip_m))
+        masses = np.array([[1.0, *part.centre_m] for part in wishes.chain])
+        masses *= np.array([[part.mass_kg] for part in wishes.chain])
+        names = tuple(part.name for part in wishes.chain)
+        return _body(config, names, chain, masses, None, None, wishes.gravity)
+    return _of_trial(config, progress)
+
+
+def _of_trial(config: PrescriptionConfig, progress: runner.Progress) -> AssistedBody:
+    wishes = config.wishes
+    assert wishes.trial is not None
+    folder, trial = open_run_to(wishes.trial, _LAST, progress)
+    name = wishes.trial.name if trial is None else trial.name
+    subject = of_folder(folder, name, wishes.trial, wishes.tip, 0.0)
+    check_provenance(folder, ("chain.h5", "states.parquet", "dynamics.h5"))
+    dynamics = folder.read("dynamics.h5")
+    assert isinstance(dynamics, Tree) and isinstance(subject.arm, PlanarArm)
+    n = subject.arm.joints
+    if len(wishes.joints) != n:
+        raise ConfigError(
+            f"{config.where('joints')}: {len(wishes.joints)} joints are described, trial {name} has {n}: "
+            f"{', '.join(subject.joints)}"
+        )
+    full = dynamics.numbers("full/value", (n + 1, 4))[1:]
+    known = np.isfinite(full[:, :3]).all()
+    gravity = float(folder.provenance("dynamics.h5").origin.parameters[_LAST]["gravity"])
+    why = "" if known else str(dynamics.facts.get("why") or "its inertial parameters are not all known")
+    inertia = float(full[0, 3]) if n == 1 and known else None
+    return _body(config, subject.joints, subject.arm, full[:, :3] if known else None, subject, inertia, gravity, why)
+
+
+def _body(  # noqa: PLR0917
+    config: PrescriptionConfig,
+    names: tuple[str, ...],
+    arm: PlanarArm,
+    masses: FloatArray | None,
+    subject: SubjectArm | None,
+    inertia: float | None,
+    gravity: float,
+    why: str = "",
+) -> AssistedBody:
+    """The body, with the limits of the configuration in place of those of the trial."""
+    wishes = config.wishes
+    seen = subject.limits if subject is not None else None
+    lower, upper = np.empty(len(names)), np.empty(len(names))
+    for j, joint in enumerate(wishes.joints):
+        if joint.limits_deg is not None:
+            lower[j], upper[j] = np.radians(joint.limits_deg)
+        else:
+            assert seen is not None
+            lower[j], upper[j] = seen.lower[j], seen.upper[j]
+    limits = JointLimits.given(lower, upper)
+    try:
+        weights = None if masses is None else ChainMasses(arm.centres, masses, gravity)
+    except ValueError as error:
+        raise ConfigError(f"{config.where()}: {error}") from error
+    largest = np.full(len(names), np.nan) if weights is None else _largest(weights, limits)
+    strength = np.array([_strength(joint, size) for joint, size in zip(wishes.joints, largest, strict=True)])
+    return AssistedBody(names, arm, weights, limits, strength, inertia, subject, why)
+
+
+def _largest(weights: ChainMasses, limits: JointLimits) -> FloatArray:
+    """Largest moment of gravity about each joint within the limits of the others, (n,) N·m."""
+    q = limits.lower + sobol(2048, limits.dimension, 0) * (limits.upper - limits.lower)
+    if limits.dimension == 1:
+        return np.array([weights.one_joint(0, np.zeros(1), (0.0, 1.0), (-1.0, 1.0)).weight])
+    return np.asarray(np.abs(weights.torques(q)).max(axis=0))
+
+
+def _strength(joint: JointWish, largest: float) -> tuple[float, float]:
+    if joint.strength_Nm is not None:
+        return joint.strength_Nm
+    share = joint.strength_share
+    low, high = share if isinstance(share, tuple) else (-float(share or 0.0), float(share or 0.0))
+    return low * largest, high * largest

@@ -1,0 +1,144 @@
+"""Compute a prescription from its configuration: springs, sets over time, the map of springs, sub-workspaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id import runner
+from mocap_id.config.prescription import LevelSet, PrescriptionConfig, SpringWish
+from mocap_id.errors import ConfigError
+from mocap_id.prescription.level_set import (
+    JointDynamics,
+    Scheme,
+    compute_reachable_set,
+    reached_holdable_angles,
+)
+from mocap_id.prescription.one_joint import OneJoint
+from mocap_id.prescription.one_spring import REST, Prescription, SpringRequirements, prescribe_spring
+from mocap_id.prescription.postures import SpringPlace, sample_postures
+from mocap_id.prescription.several_springs import prescribe_several
+from mocap_id.workflows.prescribe.assisted_body import AssistedBody, read_body
+from mocap_id.workflows.prescribe.result import PrescriptionResult, Timed
+from mocap_id.workflows.prescribe.spring_map import map_springs
+from mocap_id.workflows.prescribe.task_graph import task_graph
+from mocap_id.workflows.workspace import measure
+
+Tell = Callable[[str], None]
+
+
+def prescribe_from(
+    config: PrescriptionConfig,
+    folder: Path | None = None,
+    progress: runner.Progress = lambda step: None,
+    tell: Tell = lambda line: None,
+) -> PrescriptionResult:
+    """Compute everything that a configuration asks for.
+
+    Parameters
+    ----------
+    config : PrescriptionConfig
+    folder : Path, optional
+        Folder in which the map of springs is saved row by row, so that it can resume.
+    progress : callable, optional
+        Called with every stage of a trial's YAML file.
+    tell : callable, optional
+        Called with a line about the progress of the map.
+
+    Raises
+    ------
+    ConfigError
+        The prescription is not possible; the message says which line, and why.
+    Refused, RecordingError, NumericalError, StoreError
+        As for :func:`mocap_id.runner.run`, for a trial.
+    """
+    body = read_body(config, progress)
+    workspace = measure(body.subject) if body.subject is not None else None
+    result = PrescriptionResult(config, body, (), workspace=workspace)
+    if body.weights is None:
+        return result
+    try:
+        result = replace(result, places=spring_places(config, body))
+        result = _one(result, folder, tell) if len(body.joints) == 1 else _several(result)
+        graph, postures = task_graph(config.wishes.tasks, result)
+        return replace(result, graph=graph, graph_postures=postures)
+    except ValueError as error:
+        raise ConfigError(f"{config.where()}: {error}") from error
+
+
+def spring_places(config: PrescriptionConfig, body: AssistedBody) -> tuple[SpringPlace, ...]:
+    """Return the places for springs.
+
+    By default there is one on every joint, with up to four times the largest moment of gravity per radian.
+    """
+    wishes = config.wishes
+    springs = wishes.springs
+    if springs is None:
+        springs = tuple(SpringWish(joints=(j,)) for j in range(1, len(body.joints) + 1))
+    assert body.weights is not None
+    result = []
+    middle = body.limits.lower + 0.5 * (body.limits.upper - body.limits.lower)
+    grid = np.linspace(body.limits.lower, body.limits.upper, 65)
+    largest = np.abs(body.weights.torques(np.concatenate([grid, middle[None]]))).max()
+    for spring in springs:
+        low, high = np.radians(spring.rest_deg).tolist()
+        stiffest = 4.0 * float(largest) if spring.stiffest is None else spring.stiffest
+        result.append(SpringPlace(tuple(joint - 1 for joint in spring.joints), stiffest, (low, high)))
+    return tuple(result)
+
+
+def _one(result: PrescriptionResult, folder: Path | None, tell: Tell) -> PrescriptionResult:
+    wishes = result.config.wishes
+    joint = result.body.one_joint()
+    spring = wishes.springs[0] if wishes.springs else None
+    if wishes.springs is not None and len(wishes.springs) > 1:
+        raise ValueError(f"one joint takes one spring, but `springs:` has {len(wishes.springs)}")
+    requirements = SpringRequirements(
+        required=tuple(np.radians(wishes.required_deg).tolist()),
+        rest=result.places[0].rest if result.places else REST,
+        stiffest=0.0 if wishes.springs == () else None if spring is None else spring.stiffest,
+        penalty=wishes.penalty,
+    )
+    found = prescribe_spring(joint, requirements)
+    timed = None if wishes.level_set is None else _timed(joint, result.body, found, wishes.level_set)
+    springs = None
+    if wishes.search is not None:
+        springs = map_springs(joint, _inertia(result.body), wishes.search, folder, tell)
+    return replace(result, joint=joint, one=found, timed=timed, map=springs)
+
+
+def _timed(joint: OneJoint, body: AssistedBody, spring: Prescription, wish: LevelSet) -> Timed:
+    inertia = _inertia(body)
+    if wish.spring is not None:
+        given = wish.spring
+        dynamics = JointDynamics(joint, inertia, given.stiffness, float(np.radians(given.rest_deg)), given.damping)
+    else:
+        dynamics = JointDynamics(joint, inertia, spring.stiffness, 0.0 if spring.stiffness == 0 else spring.rest)
+    scheme = Scheme(wish.angles, wish.velocities, wish.order == 2, wish.scheme == "lax-friedrichs")
+    reached = compute_reachable_set(dynamics, wish.horizons_s, scheme)
+    bounds = tuple(_hull(reached_holdable_angles(dynamics, reached, k)) for k in range(len(wish.horizons_s)))
+    return Timed(dynamics, reached, bounds, _hull(joint.held(dynamics.stiffness, dynamics.rest)))
+
+
+def _hull(parts: list[tuple[float, float]]) -> tuple[float, float] | None:
+    return (parts[0][0], parts[-1][1]) if parts else None
+
+
+def _inertia(body: AssistedBody) -> float:
+    if body.inertia is None or not np.isfinite(body.inertia) or body.inertia <= 0:
+        raise ValueError("the inertia about the joint is not known: level sets need it (`arm: {inertia_kgm2: …}`)")
+    return body.inertia
+
+
+def _several(result: PrescriptionResult) -> PrescriptionResult:
+    wishes, body = result.config.wishes, result.body
+    assert body.weights is not None
+    required = np.array(wishes.required_m, dtype=np.float64).reshape(-1, 2)
+    sampled = sample_postures(
+        body.arm, body.weights, body.limits, result.places, required, wishes.postures, wishes.seed
+    )
+    springs = prescribe_several(sampled, result.places, body.strength, wishes.penalty, wishes.boxes)
+    return replace(result, postures=sampled, several=springs)

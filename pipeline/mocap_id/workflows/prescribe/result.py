@@ -1,0 +1,79 @@
+"""The result of a prescription: the springs, and the ranges that the person can reach and hold with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config.prescription import PrescriptionConfig
+from mocap_id.prescription.level_set import JointDynamics, ReachableSet
+from mocap_id.prescription.one_joint import OneJoint
+from mocap_id.prescription.one_spring import Prescription
+from mocap_id.prescription.postures import Postures, SpringPlace
+from mocap_id.prescription.several_springs import Springs
+from mocap_id.prescription.sub_workspaces import Graph
+from mocap_id.workflows.prescribe.assisted_body import AssistedBody
+from mocap_id.workflows.prescribe.spring_map import SpringMap
+from mocap_id.workflows.workspace import Reach
+
+
+@dataclass(frozen=True)
+class Timed:
+    """The angles that are reached over time with a spring, and those of them that can be held.
+
+    Parameters
+    ----------
+    dynamics : JointDynamics
+    reached : ReachableSet
+    bounds : tuple of ((low, high) or None)
+        Range of each horizon, rad (table 7.2).
+    static : (low, high) or None
+        Range that can be held without a time limit, rad.
+    """
+
+    dynamics: JointDynamics
+    reached: ReachableSet
+    bounds: tuple[tuple[float, float] | None, ...]
+    static: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class PrescriptionResult:
+    """The result of a prescription; None for what was not configured, or is not possible.
+
+    Parameters
+    ----------
+    config : PrescriptionConfig
+    body : AssistedBody
+    places : tuple of SpringPlace
+        The places for springs.
+    joint, one : OneJoint, Prescription
+        Result for one joint.
+    postures, several : Postures, Springs
+        Result for several joints.
+    workspace : Reach
+        The workspace within the joint limits of a trial.
+    timed : Timed
+    map : SpringMap
+    graph : Graph
+    graph_postures : (N, n) array
+        The postures of the graph, rad.
+    """
+
+    config: PrescriptionConfig
+    body: AssistedBody
+    places: tuple[SpringPlace, ...]
+    joint: OneJoint | None = None
+    one: Prescription | None = None
+    postures: Postures | None = None
+    several: Springs | None = None
+    workspace: Reach | None = None
+    timed: Timed | None = None
+    map: SpringMap | None = None
+    graph: Graph | None = None
+    graph_postures: FloatArray | None = None
+
+    @property
+    def refused(self) -> str | None:
+        """Why nothing could be prescribed; None if it could."""
+        return self.body.why or None if self.body.weights is None else None

@@ -1,0 +1,130 @@
+"""The map of springs: the range of every spring of a grid (figure 7.9); an interrupted map resumes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config.prescription import SearchGrid
+from mocap_id.prescription.level_set import JointDynamics, Scheme, compute_reachable_set, reached_holdable_angles
+from mocap_id.prescription.one_joint import OneJoint
+from mocap_id.reporting.results.result import write_files
+
+KEPT = "search.json"
+"""File in the output folder with the finished rows of the map."""
+
+
+@dataclass(frozen=True)
+class SpringMap:
+    """The range that a person can reach and hold with each spring of a grid.
+
+    Parameters
+    ----------
+    stiffness : (K,) array
+        N·m/rad.
+    rest : (R,) array
+        rad.
+    width : (K, R) array
+        Total width of the held intervals that are reached within the horizon, rad; NaN without an equilibrium within
+        the joint's limits.
+    static : (K, R) array
+        The same without a time limit, rad.
+    horizon : float
+        s.
+    """
+
+    stiffness: FloatArray
+    rest: FloatArray
+    width: FloatArray
+    static: FloatArray
+    horizon: float
+
+    @property
+    def best(self) -> tuple[int, int] | None:
+        """Indices of the spring with the widest range in time; None if no spring has an equilibrium to start from."""
+        if np.isnan(self.width).all():
+            return None
+        k, r = np.unravel_index(int(np.nanargmax(self.width)), self.width.shape)
+        return int(k), int(r)
+
+
+def map_springs(
+    joint: OneJoint, inertia: float, grid: SearchGrid, folder: Path | None, tell: Callable[[str], None]
+) -> SpringMap:
+    """Compute the map of springs, row by row.
+
+    Parameters
+    ----------
+    joint : OneJoint
+    inertia : float
+        kg·m².
+    grid : SearchGrid
+    folder : Path, optional
+        Every finished row is saved there; rows of the same search are not computed again.
+    tell : callable
+        Called with a line after each row.
+
+    Raises
+    ------
+    ValueError
+        The grid is empty.
+    StoreError
+        The folder cannot be written.
+    """
+    stiffness = np.radians(1.0) ** -1 * 1e-3 * _ladder(grid.stiffness_mNm_per_deg)
+    rest = np.radians(_ladder(grid.rest_deg))
+    key = _key(joint, inertia, grid)
+    rows = _kept(folder, key)
+    for index, k in enumerate(stiffness.tolist()):
+        if index < len(rows):
+            continue
+        rows.append([_one(joint, inertia, k, angle, grid) for angle in rest.tolist()])
+        if folder is not None:
+            _keep(folder, key, rows)
+        tell(f"springs: {index + 1} of {len(stiffness)} stiffnesses")
+    both = np.array([[[np.nan if x is None else x for x in pair] for pair in row] for row in rows])
+    return SpringMap(stiffness, rest, both[..., 0], both[..., 1], grid.horizon_s)
+
+
+def _one(
+    joint: OneJoint, inertia: float, stiffness: float, rest: float, grid: SearchGrid
+) -> tuple[float | None, float]:
+    """Width of the range that is reached and held, and of the range that is held, rad."""
+    dynamics = JointDynamics(joint, inertia, stiffness, rest)
+    static = float(sum(high - low for low, high in joint.held(stiffness, rest)))
+    if dynamics.equilibrium() is None:
+        return None, static
+    reached = compute_reachable_set(dynamics, (grid.horizon_s,), Scheme(grid.angles, grid.velocities))
+    return float(sum(high - low for low, high in reached_holdable_angles(dynamics, reached))), static
+
+
+def _ladder(given: tuple[float, float, float]) -> FloatArray:
+    first, last, step = given
+    if not step > 0 or last < first:
+        raise ValueError(f"the search's grid {list(given)} is empty: expected first, last, step with a step above 0")
+    return np.asarray(first, dtype=np.float64) + step * np.arange(int(np.floor((last - first) / step + 1e-9)) + 1)
+
+
+def _key(joint: OneJoint, inertia: float, grid: SearchGrid) -> str:
+    inputs = {"joint": asdict(joint), "inertia": inertia, "grid": grid.model_dump(mode="json"), "version": 1}
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+
+
+def _kept(folder: Path | None, key: str) -> list[list[tuple[float | None, float]]]:
+    if folder is None or not (folder / KEPT).is_file():
+        return []
+    try:
+        data = json.loads((folder / KEPT).read_text("utf-8"))
+        return [[(pair[0], pair[1]) for pair in row] for row in data["rows"]] if data["key"] == key else []
+    except (ValueError, KeyError, TypeError, IndexError):
+        return []  # unreadable: compute it again
+
+
+def _keep(folder: Path, key: str, rows: list[list[tuple[float | None, float]]]) -> None:
+    write_files(folder, {KEPT: json.dumps({"key": key, "rows": rows}).encode()})

@@ -1,0 +1,109 @@
+"""The data of a robot study's figures: the recovery of one joint, and wrenches averaged over repetitions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.arrays import FloatArray
+from mocap_id.reporting.robot.page_data import AveragedWrench, Recovery, StateTraces
+from mocap_id.workflows.robot_study.method_results import WRENCH, MethodResult
+from mocap_id.workflows.robot_study.methods import CAMERAS, DIFFERENCES, ENCODER
+from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, reference_series
+
+_PHASE = np.linspace(0.0, 100.0, 51)  # % of a repetition
+_FRAMES = 60  # of a marker's path that are drawn
+
+
+def trials_of_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
+    """Return the trials of a cell that have results, or those of the first cell if this one has none."""
+    passed = [trial for trial in trials if trial.by_method]
+    wanted = [trial for trial in passed if trial.cell == (joint, speed)]
+    return wanted or [trial for trial in passed if trial.cell == passed[0].cell]
+
+
+def recovery(trial: RobotTrialResult) -> Recovery:
+    """Return how skeleton and states of a trial were found (figures 5.2 and 5.3)."""
+    identified = trial.by_method[CAMERAS.name].identified
+    planar, skeleton = identified.planar, identified.skeleton
+    thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
+    own = sorted(set(planar.labels) & set(skeleton.markers))
+    paths = {label: planar.points(np.array([planar.labels.index(label)]), thinned)[:, 0] for label in own}
+    return Recovery(
+        trial=trial.name,
+        joint=trial.labels.joint or skeleton.segments[-1],
+        speed=trial.labels.speed,
+        paths=paths,
+        segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
+        local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
+        centre=skeleton.centres[0],
+        traces=state_traces(trial),
+    )
+
+
+def state_traces(trial: RobotTrialResult) -> StateTraces:
+    """Return the joint states over time by cameras and by differences, in the robot's frame."""
+    first = trial.by_method[CAMERAS.name]
+    zero = np.array([first.frame.zero, 0.0, 0.0])
+    curves = {
+        method.thesis: first.frame.sign * (trial.by_method[method.name].joint_states - zero)
+        for method in (CAMERAS, DIFFERENCES)
+        if method.name in trial.by_method
+    }
+    return StateTraces(trial.name, first.time, curves, None if trial.truth is None else trial.truth.at(first.time))
+
+
+def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
+    """Return the wrench over all repetitions of a cell's trials (figures 5.4 and 5.5); None if none is complete."""
+    measured: list[FloatArray] = []
+    models: dict[str, list[FloatArray]] = {}
+    for trial in trials:
+        first = trial.by_method[CAMERAS.name]
+        for start, end in _repetitions(first):
+            measured.append(_cut(first, _wrench(first.identified.dynamics, ""), start, end))
+            for name, series in _models(trial).items():
+                models.setdefault(name, []).append(_cut(first, series, start, end))
+    if not measured:
+        return None
+    own, stacked = np.stack(measured), {name: np.stack(series) for name, series in models.items()}
+    errors = {name: series - own for name, series in stacked.items()}
+    return AveragedWrench(" ".join(trials[0].cell).strip(), len(own), _PHASE, own, stacked, errors)
+
+
+def _models(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
+    """Wrench (T, 3) of every model, by its label in the thesis."""
+    found = {
+        method.thesis: _wrench(trial.by_method[method.name].identified.dynamics, "_model")
+        for method in (ENCODER, CAMERAS)
+        if method.name in trial.by_method
+    }
+    through = trial.for_reference
+    return found if through is None else found | {"Ref.": reference_series(trial, through)[0]}
+
+
+def _wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
+    return dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
+
+
+def _cut(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
+    """One repetition (P, 3), with the robot's direction of x."""
+    at = start + _PHASE / 100 * (end - start)
+    direction = np.array([result.frame.sign, 1.0, result.frame.sign])
+    return np.asarray(np.column_stack([np.interp(at, result.time, column) for column in wrench.T]) * direction)
+
+
+def _repetitions(result: MethodResult) -> list[tuple[float, float]]:
+    """Start and end of the complete repetitions, s, each beginning towards the robot's positive side."""
+    events = result.folder.table("events.parquet")
+    whole = events["complete"]
+    time, speed = result.time, result.frame.sign * result.identified.dq[:, 0]
+    kept = []
+    for start, end in zip(events["start"][whole], events["end"][whole], strict=True):
+        within = (time > start) & (time < start + 0.2 * (end - start))
+        forwards = within.any() and np.nanmean(speed[within]) > 0
+        half = 0.0 if forwards else 0.5 * (end - start)
+        if end + half <= time[-1]:
+            kept.append((float(start + half), float(end + half)))
+    return kept

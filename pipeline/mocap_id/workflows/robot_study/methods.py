@@ -1,0 +1,101 @@
+"""One trial by every method for the joint states; stages that do not depend on the method run once."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mocap_id import runner
+from mocap_id.config import Trial
+from mocap_id.errors import MocapIdError
+from mocap_id.stages import STAGES
+from mocap_id.store.atomic import explained
+from mocap_id.store.folder import record_file
+from mocap_id.workflows.parallel import TrialRun, run_trial
+
+DYNAMICS = "identify-dim"
+_STATES = "ukf-smooth"
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method for the joint states.
+
+    Parameters
+    ----------
+    name : str
+        Name of its folder in the trial's folder.
+    thesis : str
+        Label in the thesis's tables.
+    settings : mapping
+        Settings of `ukf-smooth` that replace the trial's own.
+    """
+
+    name: str
+    thesis: str
+    settings: Mapping[str, str | float]
+
+
+CAMERAS = Method("cameras", "P", {})
+ENCODER = Method("encoder", "R", {"method": "encoder"})
+DIFFERENCES = Method("differences", "Diff.", {"method": "butterworth", "butterworth_hz": 20.0})
+SMOOTHER = Method("differences-6", "Diff. 6 Hz", {"method": "butterworth", "butterworth_hz": 6.0})
+SPLINE = Method("spline", "Spline", {"method": "spline"})
+METHODS = (CAMERAS, ENCODER, DIFFERENCES, SMOOTHER, SPLINE)
+
+
+def run_all_methods(trial: Trial) -> TrialRun:
+    """Run a trial with its report, then its dynamics by every other method; a failure is a result, not an error.
+
+    The encoder's method is left out if the trial names no encoder. The first method that fails ends the run.
+    """
+    done = run_trial(trial)
+    if done.exit_code != 0:
+        return done
+    for method in METHODS[1:]:
+        if method is ENCODER and trial.keys.encoder is None:
+            continue
+        variant = with_method(trial, method)
+        try:
+            _share(trial.out, variant.out)
+            outcome = runner.run_to(variant, DYNAMICS)
+            if outcome.refused is not None:
+                raise outcome.refused
+        except MocapIdError as error:
+            message = f"by {method.name}: {error}"
+            return replace(
+                done, exit_code=error.exit_code, message=message, published=message.replace(str(trial.out), trial.name)
+            )
+        done = replace(
+            done,
+            computed=done.computed or any(step.action == "computed" for step in outcome.steps),
+            seconds=done.seconds + sum(step.seconds or 0.0 for step in outcome.steps),
+        )
+    return done
+
+
+def with_method(trial: Trial, method: Method) -> Trial:
+    """Return the trial with its states by a method, in a folder of its own."""
+    if method is CAMERAS:
+        return trial
+    settings = trial.settings[_STATES].model_copy(update=dict(method.settings))
+    return replace(trial, settings={**trial.settings, _STATES: settings}, out=trial.out / "methods" / method.name)
+
+
+def _share(source: Path, target: Path) -> None:
+    """Link, or else copy, the artefacts that no method changes into a method's folder."""
+    before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
+    with explained(target):
+        for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
+            there = target / file
+            there.parent.mkdir(parents=True, exist_ok=True)
+            if there.exists() and there.samefile(source / file):
+                continue
+            there.unlink(missing_ok=True)
+            try:
+                os.link(source / file, there)
+            except OSError:
+                shutil.copy2(source / file, there)

@@ -1,0 +1,166 @@
+"""`trials`: a row for every trial and method, and one for the reference parameters on the same states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.store import Column, TableSchema
+from mocap_id.workflows.robot_study.method_results import NO_ERRORS, STATES, WRENCH, MethodResult, SeriesErrors
+from mocap_id.workflows.robot_study.methods import CAMERAS
+from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, reference_series
+from mocap_id.workflows.robot_study.truth import PARAMETERS
+
+REFERENCE = "reference"
+STATE_UNITS = dict(zip(STATES, ("rad", "rad/s", "rad/s^2"), strict=True))
+WRENCH_UNITS = dict(zip(WRENCH, ("N", "N", "N*m"), strict=True))
+PARAMETER_UNITS = dict(zip(PARAMETERS, ("kg", "kg*m", "kg*m", "kg*m", "kg*m^2"), strict=True))
+
+CELL = (
+    Column("joint", "str", "", "the joint that moves"),
+    Column("speed", "str", "", "how it moves"),
+    Column("orientation", "float64", "deg", "of the robot about the vertical; NaN: all together"),
+    Column(
+        "obs", "str", "", "by what the states are: P cameras, R encoder, Ref. the reference parameters, or a method"
+    ),
+    Column("source", "str", "", "`this`, or `thesis`: what its table has there"),
+    Column("trials", "int64", "1", "how many trials the row is about; 0 for the thesis's"),
+)
+"""Columns that say which cell of the thesis's tables a row is about."""
+
+
+def _errors(name: str, unit: str, meaning: str) -> list[Column]:
+    parts = (("bias", unit, "mean"), ("sd", unit, "standard deviation"), ("r2", "1", "r²"))
+    return [Column(f"{name}_{part}", "float64", of, f"{meaning}: {words}") for part, of, words in parts]
+
+
+def _all_errors(units: Mapping[str, str], meaning: str) -> list[Column]:
+    return [column for name, unit in units.items() for column in _errors(name, unit, f"{name} {meaning}")]
+
+
+def _parameter(name: str, unit: str) -> tuple[Column, ...]:
+    return (
+        Column(name, "float64", unit, f"base parameter {name} in the robot's own frame"),
+        Column(f"{name}_sd", "float64", unit, "its standard deviation"),
+        Column(f"{name}_reference", "float64", unit, "by the reference"),
+        Column(f"{name}_verdict", "str", "", "known, weak or not identifiable"),
+    )
+
+
+TRIALS = TableSchema(
+    "trials.parquet",
+    1,
+    (
+        Column("trial", "str", "", "name of the trial and of its run folder"),
+        *CELL[:3],
+        Column("method", "str", "", "cameras, encoder, differences, differences-6, spline, or reference"),
+        Column("verdict", "str", "", "of the trial: ok, caution, refused or failed"),
+        Column("codes", "str", "", "codes of the verdict's reasons"),
+        Column("against", "str", "", "what the states are held against: truth, encoder, or nothing"),
+        Column("base", "float64", "m", "distance of the joint from the plane's origin"),
+        Column("base_sd", "float64", "m", "its standard deviation"),
+        Column("base_error", "float64", "m", "distance less the reference's"),
+        *_errors("marker", "m", "distance of the moving markers from their prediction")[:2],
+        *_all_errors(STATE_UNITS, "less the truth's or the encoder's"),
+        Column("condition", "float64", "1", "condition number of the stacked regressor"),
+        *(column for name, unit in PARAMETER_UNITS.items() for column in _parameter(name, unit)),
+        *_errors("torque", "N*m", "torque of the model less the encoder's"),
+        *_all_errors(WRENCH_UNITS, "of the model less the measured"),
+        Column("clock_offset", "float64", "s", "plates after cameras"),
+        Column("encoder_offset", "float64", "s", "an encoder's row at t is the state at t + this"),
+        Column("encoder_offset_sd", "float64", "s", "its standard deviation"),
+        Column("encoder_offset_truth", "float64", "s", "the true one, where it is known"),
+    ),
+)
+
+
+def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table `trials`; a trial without results has one row without numbers."""
+    for trial in trials:
+        orientation = trial.labels.orientation
+        labels = {
+            "trial": trial.name,
+            "joint": trial.labels.joint,
+            "speed": trial.labels.speed,
+            "orientation": np.nan if orientation is None else orientation,
+            "verdict": trial.level,
+            "codes": ", ".join(trial.codes),
+        }
+        if not trial.by_method:
+            yield labels | {"method": CAMERAS.name}
+        for name, result in trial.by_method.items():
+            yield labels | {"method": name} | _numbers(trial, result)
+        through = trial.for_reference
+        if through is not None:
+            yield labels | {"method": REFERENCE} | _reference_numbers(trial, through)
+
+
+def _numbers(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "against": result.against,
+        "condition": result.condition,
+        "clock_offset": result.clock_offset,
+    }
+    for k, name in enumerate(PARAMETERS):
+        row |= {name: result.parameters[k], f"{name}_sd": result.sds[k], f"{name}_verdict": result.verdicts[k]}
+        row[f"{name}_reference"] = trial.reference.get(name, np.nan)
+    for name, errors in {**result.states, **result.wrench, "torque": result.torque}.items():
+        row |= _named(name, errors)
+    return row | _kinematics(trial, result)
+
+
+def _kinematics(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
+    encoder = result.folder.read("encoder.parquet").facts
+    truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
+    return {
+        "base": base,
+        "base_sd": sd,
+        "base_error": np.nan if base is None else base - trial.reference.get("base", np.nan),
+        **_marker_errors(result),
+        "encoder_offset": encoder.get("clock_offset_s"),
+        "encoder_offset_sd": encoder.get("clock_offset_sd_s"),
+        "encoder_offset_truth": truth.get("clock_offset_s"),
+    }
+
+
+def _marker_errors(result: MethodResult) -> dict[str, float]:
+    """Mean and standard deviation of the moving markers' distances from their prediction, m."""
+    markers, skeleton = result.folder.long_table("markers.parquet"), result.identified.skeleton
+    moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
+    own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
+    off = markers.values["residual"][own & np.isfinite(markers.values["residual"])]
+    return {"marker_bias": float(np.mean(off)), "marker_sd": float(np.std(off))} if len(off) else {}
+
+
+def _named(name: str, errors: SeriesErrors) -> dict[str, float]:
+    return {f"{name}_bias": errors.bias, f"{name}_sd": errors.sd, f"{name}_r2": errors.r2}
+
+
+def _reference_numbers(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    """Errors of wrench and torque of the reference parameters on the same states."""
+    wrench, torque = reference_series(trial, result)
+    row: dict[str, Any] = {name: trial.reference[name] for name in PARAMETERS}
+    row |= {f"{name}_reference": trial.reference[name] for name in PARAMETERS}
+    dynamics = result.identified.dynamics
+    fitted = dynamics["in_fit"].to_numpy(dtype=np.bool_)
+    for k, name in enumerate(WRENCH):
+        measured = dynamics[name].to_numpy(dtype=np.float64)[fitted]
+        row |= _named(name, SeriesErrors.of(wrench[fitted, k] - measured, measured))
+    return row | _named("torque", _torque_errors(trial, result, torque))
+
+
+def _torque_errors(trial: RobotTrialResult, result: MethodResult, torque: FloatArray) -> SeriesErrors:
+    """Errors of a torque (T,) in the plane against the encoder's, at the encoder's own times."""
+    file, matched = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
+    log = None if file is None else recording.read_encoder(file)
+    if log is None or log.torque is None or matched.get("sign") is None:
+        return NO_ERRORS
+    measured = matched["sign"] * log.torque
+    model = SampledWrench.of(result.time, torque[:, None])(log.time + matched["clock_offset_s"])[:, 0]
+    return SeriesErrors.of(model - measured, measured)

@@ -1,0 +1,171 @@
+"""Perturbations of the markers: noise, skin, drop-outs, their number, the frame rate, and noise of the angles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.geometry.planar import marker_positions, rotate
+from mocap_id.simulation import skin
+from mocap_id.simulation.markers import MarkerSet
+from mocap_id.store import LongTable, Table
+from mocap_id.workflows.sensitivity.plan import Perturbation
+from mocap_id.workflows.sensitivity.signal_perturbations import WRENCH, joints_of
+from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
+
+PLANAR, SEGMENTS = "planar.parquet", "segments.parquet"
+_BURST = (0.05, 0.5)  # s, shortest and longest drop-out
+
+
+def camera_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Add white noise to every coordinate of every marker on a moving segment."""
+    moving = _moving(trial)
+    noise = change.rng().standard_normal((len(_time(trial)), len(moving), 2))
+    return _shifted(trial, moving, change.level * noise)
+
+
+def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Move the markers as white noise in the angles would.
+
+    The markers move by the difference of the forward map (3.18) with and without the noise. The angles of each frame
+    then have exactly this error; the chain and everything else do not change.
+    """
+    q = _whole(trial.states("theta"))
+    noisy = q.copy()
+    joints = joints_of(trial, change)
+    noisy[:, joints] += change.level * change.rng().standard_normal((len(q), len(joints)))
+    tree = trial.tree("chain.h5")
+    chain = [tree.array(path) for path in ("joints/centre", "markers/segment", "markers/local")]
+    columns = _columns(trial, list(tree.texts("markers/name")))
+    return _shifted(trial, columns, marker_positions(noisy, *chain) - marker_positions(q, *chain))
+
+
+def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Let the skin slide as in the simulation, by up to the level: with the joint angles, and a slow drift."""
+    moving, segment = _moving(trial), _segment(trial)
+    q = _whole(trial.states("theta"))
+    count = len(moving)
+    markers = MarkerSet(
+        labels=tuple(map(str, range(count))),
+        link=segment[moving],
+        local=np.zeros((count, 3)),
+        softness=np.ones(count),
+        hidden=np.zeros(count, dtype=np.bool_),
+        on_plate=np.zeros(count, dtype=np.bool_),
+        at_joint=(None,) * count,
+    )
+    slide = skin.trial_displacement(change.rng(), markers, q, _time(trial))[..., :2]
+    turned = np.cumsum(q, axis=1)[:, segment[moving] - 1]  # (T, M) of each marker's segment
+    return _shifted(trial, moving, change.level * rotate(turned, slide))
+
+
+def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Remove bursts of samples of the moving segments' markers, until the level's share is removed."""
+    moving, time = _moving(trial), _time(trial)
+    missing = np.zeros((len(time), len(moving)), dtype=np.bool_)
+    bursts, removed = _bursts(change.rng(), missing.shape, time[1] - time[0]), 0
+    while removed < change.level * missing.size:
+        frames, marker = next(bursts)
+        removed += int(np.count_nonzero(~missing[frames, marker]))
+        missing[frames, marker] = True
+    everywhere = np.zeros((len(time), len(_segment(trial))), dtype=np.bool_)
+    everywhere[:, moving] = missing
+    return trial.with_artefacts(_without(trial.long(PLANAR), everywhere))
+
+
+def _bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iterator[tuple[slice, int]]:
+    """Yield frames and marker of each drop-out."""
+    frames, markers = shape
+    while True:
+        start, marker = int(rng.integers(frames)), int(rng.integers(markers))
+        yield slice(start, start + max(1, round(rng.uniform(*_BURST) / dt))), marker
+
+
+def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Keep so many random markers on every moving segment that has more."""
+    table, rng = trial.table(SEGMENTS), change.rng()
+    segment = table["segment"].copy()
+    for number in sorted(set(segment[segment > 0])):
+        segment[rng.permutation(np.flatnonzero(segment == number))[int(change.level) :]] = -1
+    return trial.with_artefacts(table.having(segment=segment))
+
+
+def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Divide the frame rate by the level, and average the wrench over the longer interval as planarise does."""
+    every = int(change.level)
+    if every == 1:
+        return trial
+    planar, wrench = trial.long(PLANAR), trial.table(WRENCH)
+    thinned = replace(
+        planar,
+        frames=planar.frames[::every],
+        time=planar.time[::every],
+        values={name: values[::every] for name, values in planar.values.items()},
+        facts={**planar.facts, "rate_hz": planar.facts["rate_hz"] / every},
+    )
+    return trial.with_artefacts(thinned, _averaged(wrench, every))
+
+
+def _averaged(table: Table, every: int) -> Table:
+    """Means over ``every`` rows about every ``every``-th row; an even number takes half of the outer two."""
+    weight = np.ones(every) if every % 2 else np.r_[0.5, np.ones(every - 1), 0.5]
+    reach = len(weight) // 2
+    columns = {}
+    for name, values in table.columns.items():
+        if name in ("time", "plate_ok"):
+            columns[name] = values[::every]
+        else:
+            windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), len(weight))
+            columns[name] = windows[::every] @ (weight / every)
+    return replace(table, columns=columns)
+
+
+def _time(trial: TrialInputs) -> FloatArray:
+    return trial.table("states.parquet")["time"]
+
+
+def _columns(trial: TrialInputs, labels: list[str]) -> IntArray:
+    """Columns of markers in planar.parquet."""
+    known = trial.long(PLANAR).labels
+    return np.array([known.index(label) for label in labels], dtype=np.int64)
+
+
+def _segment(trial: TrialInputs) -> IntArray:
+    """Segment of every marker of planar.parquet, -1 = none."""
+    table = trial.table(SEGMENTS)
+    found = np.full(len(trial.long(PLANAR).labels), -1)
+    found[_columns(trial, list(table["marker"]))] = table["segment"]
+    return found
+
+
+def _moving(trial: TrialInputs) -> IntArray:
+    return np.flatnonzero(_segment(trial) > 0)
+
+
+def _whole(angles: FloatArray) -> FloatArray:
+    """Angles (T, n) with gaps interpolated."""
+    found = angles.copy()
+    for column in found.T:
+        known = np.isfinite(column)
+        if not known.all() and known.any():
+            column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known])
+    return found
+
+
+def _shifted(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
+    """The trial with some markers shifted by (F, m, 2), m."""
+    table = trial.long(PLANAR)
+    moved = dict(table.values)
+    for axis, name in enumerate("xy"):
+        moved[name] = moved[name].copy()
+        moved[name][:, columns] += shift[..., axis]
+    return trial.with_artefacts(replace(table, values=moved))
+
+
+def _without(table: LongTable, missing: BoolArray) -> LongTable:
+    """planar.parquet without some samples (F, M)."""
+    seen = {name: np.where(missing, np.nan, table.values[name]) for name in ("x", "y", "z")}
+    return replace(table, values={**seen, "visible": table.values["visible"].astype(np.bool_) & ~missing})

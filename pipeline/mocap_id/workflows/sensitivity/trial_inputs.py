@@ -1,0 +1,162 @@
+"""The inputs of a sensitivity study: artefacts, keys and settings of the trial, read once and never written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from mocap_id import runner
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.stages import STAGES, Stage
+from mocap_id.stages.base import Settings, Subject, TrialKeys
+from mocap_id.store import Artefact, Folder, LongTable, Table, Tree, dumps
+from mocap_id.store.views import joint_columns
+from mocap_id.workflows.run_folder import check_provenance, open_run_to
+
+FIRST, LAST = "fit-joints", "identify-dim"
+
+
+@dataclass(frozen=True)
+class TrialSource:
+    """The folder of a trial's artefacts, and the settings of its stages.
+
+    Parameters
+    ----------
+    name : str
+    folder : Path
+        The run folder.
+    keys : TrialKeys
+        Keys of the trial, without those for the report's comparison with other systems.
+    settings : mapping of str to Settings
+        Settings of the stages that are run again.
+    """
+
+    name: str
+    folder: Path
+    keys: TrialKeys
+    settings: Mapping[str, Settings]
+
+
+@dataclass(frozen=True)
+class TrialInputs:
+    """The inputs of the stages that are run again, unperturbed or perturbed.
+
+    Parameters
+    ----------
+    source : TrialSource
+    artefacts : mapping of str to Table or Tree
+        Artefacts by file name.
+    settings : mapping of str to Settings
+        Settings by stage.
+    """
+
+    source: TrialSource
+    artefacts: Mapping[str, Artefact]
+    settings: Mapping[str, Settings]
+
+    def table(self, file: str) -> Table:
+        """Return a Parquet artefact."""
+        return cast(Table, self.artefacts[file])
+
+    def long(self, file: str) -> LongTable:
+        """Return a Parquet artefact with a row for every frame and marker."""
+        return cast(LongTable, self.artefacts[file])
+
+    def tree(self, file: str) -> Tree:
+        """Return an HDF5 artefact."""
+        return cast(Tree, self.artefacts[file])
+
+    def with_artefacts(self, *changed: Artefact) -> TrialInputs:
+        """Return the same inputs with some artefacts replaced."""
+        return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
+
+    def with_settings(self, stage: str, **values: object) -> TrialInputs:
+        """Return the same inputs with some settings of a stage replaced."""
+        changed = self.settings[stage].model_copy(update=values)
+        return replace(self, settings={**self.settings, stage: changed})
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.tree("chain.h5").texts("joints/name")
+
+    def states(self, name: str) -> FloatArray:
+        """Return a state of every joint, (T, n)."""
+        return joint_columns(self.table("states.parquet"), name, len(self.joints))
+
+    @property
+    def has_plate(self) -> bool:
+        """Whether any sample of the wrench is known."""
+        return bool(np.isfinite(self.table("wrench.parquet")["Fy"]).any())
+
+
+def repeated_stages() -> tuple[Stage, ...]:
+    """Return the stages that may be run again, first to last."""
+    names = [stage.name for stage in STAGES]
+    return STAGES[names.index(FIRST) : names.index(LAST) + 1]
+
+
+def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
+    """Find a trial's artefacts; what is missing for a YAML file is computed first.
+
+    Parameters
+    ----------
+    path : Path
+        The trial's YAML file, or its run folder, in which nothing is computed.
+    progress : callable, optional
+        Called with every stage of a YAML file.
+
+    Raises
+    ------
+    Refused
+        The trial was refused.
+    StoreError
+        The run folder lacks an artefact or was made by another version of the program.
+    ConfigError, RecordingError, NumericalError
+        As for :func:`mocap_id.runner.run`.
+    """
+    folder, trial = open_run_to(path, LAST, progress)
+    if trial is None:
+        return _of_folder(path)
+    keys = trial.keys.model_copy(update={"compare": None})
+    return TrialSource(
+        trial.name, folder.path, keys, {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
+    )
+
+
+def _of_folder(path: Path) -> TrialSource:
+    """The trial of a run folder, with the settings that its artefacts were made with."""
+    folder, settings, asked = Folder(path), {}, dict[str, Any]()
+    for stage in repeated_stages():
+        origin = folder.provenance(stage.outputs[0]).origin
+        if origin.stage_version != stage.version:
+            raise StoreError(
+                f"{path / stage.outputs[0]} was made by version {origin.stage_version} of {stage.name}, this is "
+                f"version {stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
+            )
+        settings[stage.name] = stage.settings.model_validate_json(dumps(origin.parameters[stage.name]), strict=True)
+        asked |= origin.parameters
+    if getattr(settings["ukf-smooth"], "method", None) == "encoder":
+        raise ConfigError(f"{path}: its states come from an encoder's file: give the trial's YAML file instead")
+    known = {"trial": asked["trial"], "protocol": asked["protocol"]}  # no stage that is run again reads the recording
+    keys = TrialKeys.model_construct(**known, subject=Subject.model_validate(asked["subject"]))
+    return TrialSource(str(asked["trial"]), path, keys, settings)
+
+
+def read_inputs(source: TrialSource) -> TrialInputs:
+    """Read the unperturbed inputs of a trial.
+
+    Raises
+    ------
+    StoreError
+        An artefact is missing or damaged, or was not made from those beside it.
+    """
+    folder = Folder(source.folder)
+    files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
+    check_provenance(folder, sorted(files))
+    return TrialInputs(source, {file: folder.read(file) for file in sorted(files)}, source.settings)

@@ -1,0 +1,115 @@
+"""A first version of a study's file, and the list of who is who beside it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.reporting.results.result import write_files
+from mocap_id.workflows.study.discovery import Discovery, FoundRecording
+
+SUBJECTS_FILE = "subjects.csv"
+_PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./-")
+_HEAD = """\
+# Made by `mocap-id init`; yours to edit. Paths are relative to this file. Next: fill in what you know of the people
+# (all of it optional), then run `mocap-id study {file}`.
+"""
+
+
+def draft(found: Discovery, file: Path) -> str:
+    """Return the YAML text of a study of the recordings in a folder.
+
+    BaseParameters
+    ----------
+    found : Discovery
+    file : Path
+        The study's file, to which paths are relative.
+    """
+    lines = [
+        _HEAD.format(file=file.name),
+        "study: sit-to-stand",
+        "out: runs  # folder of the results",
+        "defaults: {protocol: sit-to-stand}  # keys of a trial's file, for all trials",
+        "subjects:  # each {height: 1.75, mass: 70.1, sex: female, landmarks_m: {shank: 0.41, thigh: 0.40}}, m and kg",
+        *(f"  {_quoted(subject)}: {{}}" for subject in found.names),
+        "trials:",
+        *(_trial(trial, file.absolute().parent) for trial in found.trials),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def write(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
+    """Write the study's file and, unless the ids are names, the list of who is who.
+
+    Returns
+    -------
+    list of Path
+        The written files.
+
+    Raises
+    ------
+    StoreError
+        A file exists already, or cannot be written.
+    """
+    contents = {file.name: draft(found, file).encode()}
+    if not keep_names:
+        contents[SUBJECTS_FILE] = _mapping(found.names)
+    existing = [file.parent / name for name in contents if (file.parent / name).exists()]
+    if existing and not force:
+        raise StoreError(f"{existing[0]} exists already: choose another with --out, or overwrite it with --force")
+    write_files(file.parent, contents)
+    return [file.parent / name for name in contents]
+
+
+def known_names(file: Path) -> dict[str, str]:
+    """Return the ids of an existing subjects.csv by name, so that people keep their ids; none without the file.
+
+    Raises
+    ------
+    ConfigError
+        The file has other columns.
+    """
+    try:
+        rows = list(csv.DictReader(io.StringIO((file.parent / SUBJECTS_FILE).read_text("utf-8"))))
+        return {row["name"]: row["id"] for row in rows}
+    except FileNotFoundError:
+        return {}
+    except (OSError, UnicodeDecodeError, KeyError, csv.Error) as error:
+        raise ConfigError(f"{file.parent / SUBJECTS_FILE}: expected the columns id and name") from error
+
+
+def _trial(trial: FoundRecording, folder: Path) -> str:
+    recording = _quoted(_relative(trial.markers, folder))
+    if trial.forces is not None:
+        recording = f"{{markers: {recording}, forces: {_quoted(_relative(trial.forces, folder))}}}"
+    return (
+        f"  - {{trial: {_quoted(trial.trial)}, subject: {_quoted(trial.subject)}, "
+        f"strategy: {_quoted(trial.strategy)}, recording: {recording}}}"
+    )
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.absolute(), folder)).as_posix()
+
+
+def _quoted(text: str) -> str:
+    """A YAML scalar that is always read as text."""
+    plain = set(text) <= _PLAIN and text[:1].isalpha() and text.lower() not in ("yes", "no", "true", "false", "null")
+    return text if plain else json.dumps(text, ensure_ascii=False)
+
+
+def _mapping(names: Mapping[str, str]) -> bytes:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerows(_rows(names))
+    return stream.getvalue().encode()
+
+
+def _rows(names: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    yield "id", "name"
+    yield from names.items()

@@ -1,0 +1,185 @@
+"""The result of one trial of a study, with the reference that its lengths are compared with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config.study import Person, Study, StudyTrial
+from mocap_id.dynamics.allometry import TableName, reference_table
+from mocap_id.store import Folder
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.transfer import HELD_OUT, OWN, BodyErrors, errors_at_home
+from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
+
+SEGMENTS = ("shank", "thigh")
+"""Segments whose lengths are compared."""
+LANDMARKS = "landmarks"
+
+
+@dataclass(frozen=True)
+class LengthReference:
+    """The reference for a person's segment lengths.
+
+    Parameters
+    ----------
+    kind : str
+        ``landmarks``, or ``stature`` with the allometric table; empty if there is no reference.
+    lengths : mapping of str to float or None
+        Of shank and thigh, m.
+    by_stature : mapping of str to float or None
+        The table's lengths for the person's height, m.
+    """
+
+    kind: str
+    lengths: Mapping[str, float | None]
+    by_stature: Mapping[str, float | None]
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """The base parameters of a trial.
+
+    Parameters
+    ----------
+    symbols : tuple of str
+        The first parameter of each group: m1, mx1, mx2 …
+    expressions, units, verdicts : tuple of str
+    value, sd, reference : (b,) arrays
+        Identified value, its standard deviation, and value of the allometric body on the same chain; NaN if unknown.
+    segments : int
+        Number of segments of the chain with the base.
+    """
+
+    symbols: tuple[str, ...]
+    expressions: tuple[str, ...]
+    units: tuple[str, ...]
+    verdicts: tuple[str, ...]
+    value: FloatArray
+    sd: FloatArray
+    reference: FloatArray
+    segments: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialResult(TrialOutcome):
+    """The result of one trial of a study.
+
+    Parameters
+    ----------
+    trial : StudyTrial
+    reference : LengthReference
+    identified : IdentifiedTrial or None
+        None for a trial that failed or was refused.
+    bodies : tuple of BodyErrors
+        Errors of the trial's own model, of the same on left-out repetitions, and of the allometric body.
+    parameters : BaseParameters or None
+        None if no parameter was identified.
+    """
+
+    trial: StudyTrial
+    reference: LengthReference
+    identified: IdentifiedTrial | None
+    bodies: tuple[BodyErrors, ...]
+    parameters: BaseParameters | None
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.trial.name
+
+    @property
+    def subject(self) -> str:
+        """Id of the person."""
+        return self.trial.subject
+
+    @property
+    def strategy(self) -> str:
+        """How the person moves."""
+        return self.trial.strategy
+
+    @property
+    def report(self) -> str | None:
+        """Path of the trial's report from the study's folder; None for a trial that failed."""
+        return None if self.summary is None else f"../{self.name}/report.html"
+
+    def length(self, segment: str) -> float | None:
+        """Return the length of a segment, m; None if unknown."""
+        length: float | None = self.value("lengths_m", segment, "value")
+        return length
+
+    def length_error(self, segment: str) -> float | None:
+        """Return length less reference, % of the reference; None if either is unknown."""
+        length, reference = self.length(segment), self.reference.lengths[segment]
+        return None if length is None or reference is None else 100 * (length / reference - 1)
+
+    def model_errors(self, model: str) -> dict[str, tuple[float, float, float]]:
+        """Return bias, standard deviation and root mean square for each known series.
+
+        Parameters
+        ----------
+        model : {"own", "held_out", "reference"}
+        """
+        names = {OWN: "own", HELD_OUT: "held_out"}
+        bodies = [body for body in self.bodies if names.get(body.name, "reference") == model]
+        return {
+            name: (error.bias, error.sd, math.hypot(error.bias, error.sd))
+            for body in bodies
+            for name, error in body.errors.items()
+            if error is not None
+        }
+
+
+def read_trial_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialResult:
+    """Read the result of a trial from its run folder."""
+    out, passed = trial.trial.out, run.exit_code == 0
+    identified = open_identified_trial(out) if passed else None
+    settings: Any = trial.trial.settings["identify-dim"]
+    return TrialResult(
+        trial=trial,
+        run=run,
+        reference=length_reference(study.subjects[trial.subject], settings.reference),
+        summary=read_summary(out, run),
+        identified=identified,
+        bodies=() if identified is None else errors_at_home(identified),
+        parameters=read_parameters(out) if passed else None,
+    )
+
+
+def length_reference(person: Person, name: TableName) -> LengthReference:
+    """Return the reference for a person's lengths: landmarks where any is given, else stature."""
+    table = reference_table(name, person.sex)
+    by_stature = {
+        segment: None if person.height is None else getattr(table, segment).length * person.height
+        for segment in SEGMENTS
+    }
+    measured = {segment: getattr(person.landmarks_m, segment) for segment in SEGMENTS}
+    if any(length is not None for length in measured.values()):
+        return LengthReference(LANDMARKS, measured, by_stature)
+    return LengthReference("" if person.height is None else f"stature ({name})", by_stature, by_stature)
+
+
+def read_parameters(out: Path) -> BaseParameters | None:
+    """Read the base parameters from a run folder; None if none was identified."""
+    tree = Folder(out).tree("dynamics.h5")
+    value, reference = tree.numbers("base/value"), tree.numbers("full/reference")
+    if np.isfinite(value).sum() <= 1:  # the mass alone is no model
+        return None
+    expressions = tree.texts("base/name")
+    return BaseParameters(
+        symbols=tuple(name.split("+")[0] for name in expressions),
+        expressions=expressions,
+        units=tree.texts("base/unit"),
+        verdicts=tree.texts("base/verdict"),
+        value=value,
+        sd=tree.numbers("base/sd"),
+        reference=tree.array("base/regrouping") @ reference,
+        segments=len(reference) // 4,
+    )

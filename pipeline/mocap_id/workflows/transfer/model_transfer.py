@@ -1,0 +1,335 @@
+"""Applying the model of one trial to other trials of the same person (thesis table 6.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id import runner
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.comparison import Agreement, agreement
+from mocap_id.dynamics.parameter_transfer import LEAST_MARKERS, LEAST_SPREAD, BodyFrames, Registration, register_bodies
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.verdict import Reason
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.matched_bodies import match_bodies
+from mocap_id.workflows.moving_bodies import MovingBodies
+from mocap_id.workflows.transfer.support import (
+    SERIES,
+    Support,
+    TransferredBody,
+    doubts,
+    inside,
+    predicted,
+    series,
+    stated_sd,
+    support,
+    worse_than_stated,
+)
+
+OWN, HELD_OUT, TRANSFERRED = "own", "own, held out", "transferred"
+"""Names of bodies; the allometric body has the name of its table."""
+_TURNED_OVER = 0.5  # of the residual: if mirrored markers fit this much better, the person faces the other way
+_APART = 0.025  # m rms: skin and posture cause about 1 cm, markers that were placed again several
+_UNSHOWN = "transfer-nothing"
+_MASS_APART = 0.05  # of the standing mass, as for the verdict of a trial
+
+
+@dataclass(frozen=True)
+class BodyErrors:
+    """The errors of one body on a trial.
+
+    Parameters
+    ----------
+    name : str
+        ``own``, ``own, held out``, ``transferred``, or the name of the allometric table.
+    errors : mapping
+        Model less measurement for each of :data:`SERIES`; None if unknown.
+    torques : tuple
+        Difference of each joint torque from that of the trial's own model, N·m, joint 1 first; None if unknown. Empty
+        for the own model.
+    """
+
+    name: str
+    errors: Mapping[str, Agreement | None]
+    torques: tuple[Agreement | None, ...]
+
+
+@dataclass(frozen=True)
+class TrialTransfer:
+    """A model applied to one trial.
+
+    Parameters
+    ----------
+    trial : str
+    samples : int
+        Number of samples that the trial's own model was fitted to, off the chair.
+    condition : float or None
+        Condition number of the regressor over these samples.
+    bodies : tuple of BodyErrors
+    registration : Registration
+        Pose of the model's bodies in the trial's bodies.
+    support : Support or None
+        Evidence that does not use the trial's forces; None if there is no allometric body to compare with.
+    stated : mapping
+        Stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms
+        over the samples; NaN if unknown.
+    inside : mapping
+        Share of the samples within the stated 95 % intervals; NaN if unknown.
+    reasons : tuple of Reason
+        Reasons not to rely on the result.
+    """
+
+    trial: str
+    samples: int
+    condition: float | None
+    bodies: tuple[BodyErrors, ...]
+    registration: Registration
+    support: Support | None
+    stated: Mapping[str, float]
+    inside: Mapping[str, float]
+    reasons: tuple[Reason, ...]
+
+    @property
+    def supported(self) -> bool | None:
+        """Whether the recordings support an individual model of this trial.
+
+        True if there is no reason against it and the model is closer to the forces than the allometric body. None if
+        there is no reason against it, but forces or allometric body are missing to confirm it.
+        """
+        if any(reason.code != _UNSHOWN for reason in self.reasons):
+            return False
+        return True if not self.reasons and self.support is not None else None
+
+    @property
+    def registration_residual(self) -> float:
+        """Largest residual of the registration of a moving body, m; NaN if none is known."""
+        return max(filter(math.isfinite, self.registration.residual[1:].tolist()), default=math.nan)
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """A model applied to other trials.
+
+    Parameters
+    ----------
+    model : str
+        Name of the trial that the model comes from.
+    segments : tuple of str
+        The bodies that were identified on this trial.
+    trials : tuple of TrialTransfer
+    """
+
+    model: str
+    segments: tuple[str, ...]
+    trials: tuple[TrialTransfer, ...]
+
+    @property
+    def joints(self) -> int:
+        """Largest number of joint torques of a trial."""
+        return max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
+
+
+def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
+    """Apply the model of one trial to others.
+
+    Parameters
+    ----------
+    model : Path
+        YAML file or run folder of the trial whose body is transferred.
+    trials : sequence of Path
+        YAML files or run folders of the trials to predict.
+    progress : callable, optional
+        Called with every stage that runs.
+
+    Raises
+    ------
+    ConfigError
+        A body has too few markers in common, or the person faces the other direction.
+    RecordingError
+        The model's trial has no identified body.
+    Refused, NumericalError, StoreError
+        As for :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
+    """
+    source = open_identified_trial(model, progress)
+    if not np.isfinite(source.parameters).all():
+        raise RecordingError(
+            f"{model}: there is no body to transfer from trial {source.name}: "
+            f"{source.facts.get('why') or 'its full parameters are not all known'}"
+        )
+    others = [open_identified_trial(path, progress) for path in trials]
+    return Transfer(source.name, source.skeleton.segments, tuple(apply_model(source, other) for other in others))
+
+
+def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransfer:
+    """Apply the body of one identified trial to another.
+
+    A model of the pinned chain is transferred segment by segment if the other trial's chain has the same number of
+    segments. Any other model is transferred on measured poses: its markers locate its bodies in the other trial,
+    whatever segments that trial has. The transferred and the allometric body are compared with the forces in the
+    frequency band of the trial's own fit, at the clock offset of that fit.
+
+    Raises
+    ------
+    ConfigError
+        As for :func:`transfer`.
+    """
+    by_segments = source.measured is None and len(source.skeleton.segments) == len(target.chain.skeleton.segments)
+    moving = target.chain if by_segments else match_bodies(source, target)
+    registration = _registered(source, target, moving.skeleton)
+    transferred, samples = TransferredBody.of(source, moving, registration), _samples(target)
+    bodies = tuple(_bodies(target, transferred, samples))
+    sd = stated_sd(source, target, transferred)
+    shares = inside(predicted(target, moving, transferred.parameters), _measured(target), sd, samples)
+    known = support(source, target, transferred)
+    before = doubts(known, registration, _joints(source.skeleton))
+    return TrialTransfer(
+        trial=target.name,
+        samples=int(samples.sum()),
+        condition=target.facts.get("condition_number"),
+        bodies=bodies,
+        registration=registration,
+        support=known,
+        stated={name: _root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
+        inside=shares,
+        reasons=(*before, *_reasons(source, target, registration, bodies), *worse_than_stated(shares)),
+    )
+
+
+def _joints(skeleton: BodyFrames) -> list[str]:
+    names = skeleton.segments
+    return [f"between {names[below]} and {names[above]}" for below, above in skeleton.between]
+
+
+def _registered(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
+    """Register the model's bodies in the trial's; ConfigError if the markers do not allow it."""
+    there = source.skeleton
+    found = register_bodies(there, here)
+    for k, name in enumerate(here.segments[1:], start=1):
+        if found.markers[k] < LEAST_MARKERS or found.spread[k] < LEAST_SPREAD:
+            raise ConfigError(
+                f"{target.source}: trials {source.name} and {target.name} have {found.markers[k]} markers in common on "
+                f"the {name}, spread by {100 * found.spread[k]:.1f} cm; expected at least {LEAST_MARKERS}, spread by "
+                f"{100 * LEAST_SPREAD:g} cm, to align it in both. Markers are matched by label: give markers at the "
+                "same place the same label"
+            )
+    mirrored, residual = (_root_mean_square(each[there.jointed]) for each in (found.mirrored, found.residual))
+    if mirrored < _TURNED_OVER * residual:
+        raise ConfigError(
+            f"{target.source}: the person of trial {target.name} faces the other direction than in trial {source.name}: "
+            "the mirrored markers fit. Set `planarise: {facing: …}` in one of them"
+        )
+    return found
+
+
+def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
+    """Return the errors of a trial's own model, of the same on left-out repetitions, and of the allometric body."""
+    samples = _samples(target)
+    return tuple(body for body in (*_own(target, samples), _table(target, samples)) if body is not None)
+
+
+def _samples(target: IdentifiedTrial) -> BoolArray:
+    return target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
+
+
+def _bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
+    """Errors of the own model, the same on left-out repetitions, the transferred body and the allometric body."""
+    yield from _own(target, samples)
+    yield _full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
+    table = _table(target, samples)
+    if table is not None:
+        yield table
+
+
+def _own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyErrors]:
+    model = target.dynamics[["Fx_model", "Fy_model", "tauz_model"]].to_numpy(dtype=np.float64)
+    yield BodyErrors(OWN, _errors(series(target, model), _measured(target), samples), ())
+    held_out = (target.facts.get("held_out") or {}).get("model")
+    if held_out is not None:
+        known = {name: None if held_out[name] is None else Agreement(**held_out[name]) for name in SERIES}
+        yield BodyErrors(HELD_OUT, known, ())
+
+
+def _table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
+    """Errors of the allometric body, on the bodies of the trial's own model."""
+    name = target.facts.get("reference_table")
+    return None if name is None else _full(target, str(name), target.bodies, target.reference, samples)
+
+
+def _full(target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray) -> BodyErrors:
+    """Errors of a body with full parameters (4K,), and its torques less those of the trial's own model."""
+    torques = target.dynamics[[f"tau_{j + 1}" for j in range(target.q.shape[1])]].to_numpy(dtype=np.float64)
+    own = target.bodies.torque_regressor @ target.parameters
+    pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(torques), own, np.nan).T, strict=True)
+    return BodyErrors(
+        name,
+        _errors(predicted(target, bodies, full), _measured(target), samples),
+        tuple(agreement(ours, theirs, samples) for ours, theirs in pairs),
+    )
+
+
+def _measured(target: IdentifiedTrial) -> FloatArray:
+    """Measured :data:`SERIES`, (T, 4)."""
+    return series(target, target.dynamics[["Fx", "Fy", "tauz"]].to_numpy(dtype=np.float64))
+
+
+def _errors(model: FloatArray, measured: FloatArray, samples: BoolArray) -> dict[str, Agreement | None]:
+    pairs = zip(model.T, measured.T, strict=True)
+    return {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
+
+
+def _reasons(
+    source: IdentifiedTrial, target: IdentifiedTrial, found: Registration, bodies: Sequence[BodyErrors]
+) -> Iterator[Reason]:
+    """Reasons not to rely on the transferred body's errors."""
+    if not target.dynamics["in_fit"].any():
+        yield Reason(
+            "transfer-nothing",
+            f"nothing was identified on this trial, so there are no samples to compare: {target.facts.get('why')}",
+        )
+    jointed = source.skeleton.jointed
+    worst = float(np.nanmax(found.residual[jointed]))
+    if worst > _APART:
+        body = source.skeleton.segments[jointed[int(np.nanargmax(found.residual[jointed]))]]
+        yield Reason(
+            "transfer-markers",
+            f"the markers of the {body} are {1e3 * worst:.0f} mm (rms) from their places relative to each other in the "
+            "model's trial: they were placed again, have other labels, or this is another person",
+            value=worst,
+            limit=_APART,
+        )
+    mass = float(source.parameters[::4].sum())
+    if target.mass is not None and abs(mass / target.mass - 1) > _MASS_APART:
+        yield Reason(
+            "transfer-mass",
+            f"the model has {mass:.1f} kg and the plates show {target.mass:.1f} kg while the person stands: this is "
+            "another person, or the person carries something",
+            value=mass,
+            limit=target.mass,
+        )
+    errors = {body.name: body.errors for body in bodies}
+    table = errors.get(str(target.facts.get("reference_table")), {})
+    ratios = {name: rms_error(errors[TRANSFERRED][name]) / rms_error(table.get(name)) for name in SERIES}
+    worse = {name: ratio for name, ratio in ratios.items() if ratio > 1.0}
+    if worse:
+        listed = ", ".join(f"{name} ({ratio:.2f} times its error)" for name, ratio in worse.items())
+        yield Reason(
+            "transfer-worse",
+            f"the body of trial {source.name} predicts this one no better than the allometric body, which uses only "
+            f"height and mass, in {listed}: these two recordings do not support an individual model of it",
+            value=max(worse.values()),
+            limit=1.0,
+        )
+
+
+def rms_error(error: Agreement | None) -> float:
+    """Return the root mean square of an error; NaN if unknown."""
+    return float("nan") if error is None else float(np.hypot(error.bias, error.sd))

@@ -1,0 +1,249 @@
+"""Evidence that a body may be transferred from one trial to another, without the forces of the other trial.
+
+Errors against the other trial's forces show only afterwards whether a prediction was good. A prediction is useful if
+this is known before. There are three reasons against a transfer: the model does not predict the repetitions of its own
+trial better than the allometric body; its prediction of the other movement differs from that of the allometric body by
+less than its uncertainty; the two trials place a joint of the same person differently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.parameter_transfer import Registration, transfer_covariance, transfer_parameters
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.dynamics.uncertainty import variance
+from mocap_id.verdict import Reason
+from mocap_id.workflows.identified_trial import IdentifiedTrial
+from mocap_id.workflows.moving_bodies import MovingBodies
+
+SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
+"""The compared series, with units."""
+AT_HOME = ("Fy", "tauz", "cop_x")
+"""Series that the model must predict better than the allometric body on its own trial."""
+TOLD_APART = ("tauz", "cop_x")
+"""Series in which it must differ from the allometric body; in Fy it differs by the mass, which any plate shows."""
+_TIMES = 2.0  # least difference from the allometric body's prediction, standard deviations
+_JOINTS = 0.03  # m: joints that bend enough agree within a few millimetres, under moving skin within two centimetres
+_ELSEWHERE = 1.4  # factor on the error at home: measured on twenty pairs of real trials
+_NORMAL = 1.96  # standard deviations that hold 95 % of a normal distribution
+_INSIDE = 0.8  # least share of the samples in the 95 % intervals
+
+
+@dataclass(frozen=True)
+class TransferredBody:
+    """The body of one trial, transferred to the bodies of another.
+
+    Parameters
+    ----------
+    bodies : MovingBodies
+        K bodies of the other trial with their motion.
+    registration : Registration
+        Pose of the model's bodies in these.
+    parameters : (4K,) array
+    covariance : (4K, 4K) array
+        Covariance of the parameters; NaN if unknown.
+    """
+
+    bodies: MovingBodies
+    registration: Registration
+    parameters: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
+        """Return the source's model on bodies that its own bodies were registered to."""
+        parameters = transfer_parameters(source.parameters, registration)
+        return cls(bodies, registration, parameters, transfer_covariance(source.covariance, registration))
+
+
+@dataclass(frozen=True)
+class Support:
+    """Evidence for a transfer that does not use the forces of the other trial.
+
+    Parameters
+    ----------
+    apart : mapping
+        Difference between the predictions of transferred and allometric body for each of :data:`AT_HOME`, rms over
+        the other trial's states, N, N·m or m.
+    sd : mapping
+        Standard deviation of the transferred body's prediction from the covariance of its parameters, rms.
+    at_home : mapping
+        Error on left-out repetitions of the model's own trial over that of the allometric body; NaN if unknown.
+    """
+
+    apart: Mapping[str, float]
+    sd: Mapping[str, float]
+    at_home: Mapping[str, float]
+
+
+def support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
+    """Compare a transferred body with the allometric body on the states of the other trial, without its forces.
+
+    Parameters
+    ----------
+    source, target : IdentifiedTrial
+    transferred : TransferredBody
+        The source's body on the target's bodies.
+
+    Returns
+    -------
+    Support or None
+        None if there is no allometric body to compare with.
+    """
+    if not (np.isfinite(target.reference).all() and np.isfinite(source.covariance).all()):
+        return None
+    table = predicted(target, target.bodies, target.reference)
+    apart = predicted(target, transferred.bodies, transferred.parameters) - table
+    sd = _parameters_sd(target, transferred)
+    difference, spread = (
+        {name: _rms(each[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME} for each in (apart, sd)
+    )
+    return Support(difference, spread, _at_home(source.facts.get("held_out")))
+
+
+def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
+    """Return the stated standard deviation of the transferred body's prediction of :data:`SERIES`, (T, 4), N, N·m, m.
+
+    It combines the covariance of the parameters with the mean square error on left-out repetitions of the model's trial
+    (or of the fit, if none could be left out), times 1.4 for another movement.
+    """
+    residual = _residual(source.facts, banded=target.measured is not None)
+    return np.asarray(_ELSEWHERE * np.hypot(_parameters_sd(target, transferred), residual))
+
+
+def inside(ours: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
+    """Return the share of samples whose measurement is within the stated 95 % interval, for each of :data:`SERIES`.
+
+    Parameters
+    ----------
+    ours, measured, sd : (T, 4) arrays
+    samples : (T,) bool array
+
+    Returns
+    -------
+    dict of str to float
+        NaN if nothing is known.
+    """
+    times = np.abs(ours - measured)[samples] / sd[samples]
+    known = np.isfinite(times)
+    count = known.sum(axis=0)
+    share = np.sum(known & (np.nan_to_num(times) <= _NORMAL), axis=0) / np.where(count, count, np.nan)
+    return dict(zip(SERIES, share.tolist(), strict=True))
+
+
+def worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
+    """Yield a reason if the stated intervals contain too few samples."""
+    few = {name: share for name, share in shares.items() if share < _INSIDE}
+    if few:
+        listed = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in few.items())
+        yield Reason(
+            "transfer-worse-than-stated",
+            f"the transferred body is less accurate than stated: its 95 % intervals contain too few samples of {listed}",
+            value=min(few.values()),
+            limit=_INSIDE,
+        )
+
+
+def series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
+    """Return :data:`SERIES`, (T, 4), of a ground wrench (T, 3), in the frequency band of the trial's comparisons."""
+    banded = np.column_stack([target.in_band(component) for component in ground.T])
+    return np.column_stack([banded, centre_of_pressure(banded, target.cop_threshold)])
+
+
+def predicted(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
+    """Return :data:`SERIES`, (T, 4), that bodies with parameters (4K,) need, less the wrench of chair and sensors."""
+    columns = [f"{name}_external" for name in WRENCH_COMPONENTS]
+    external = target.dynamics[columns].to_numpy(dtype=np.float64) if columns[0] in target.dynamics else 0.0
+    return series(target, bodies.regressor @ parameters - external)
+
+
+def _parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
+    """Standard deviation (T, 4) of the prediction from the covariance of the parameters."""
+    rows = target.in_band(transferred.bodies.regressor)
+    pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
+    each = np.concatenate([rows, pressure[:, None]], axis=1)
+    return np.sqrt(variance(each, transferred.covariance))
+
+
+def doubts(found: Support | None, registration: Registration, joints: Sequence[str]) -> Iterator[Reason]:
+    """Yield the reasons not to transfer the body.
+
+    Parameters
+    ----------
+    found : Support or None
+    registration : Registration
+    joints : sequence of str
+        Between which segments each joint lies, for messages.
+    """
+    if found is not None:
+        yield from _no_better_at_home(found)
+        yield from _too_similar(found)
+    apart = np.nan_to_num(registration.joint)
+    if len(apart) and apart.max() > _JOINTS:
+        worst = int(apart.argmax())
+        yield Reason(
+            "transfer-joints",
+            f"the two trials place the joint {joints[worst]} {1e3 * registration.joint[worst]:.0f} mm apart "
+            "relative to the same markers: in one of them it does not bend enough, or its markers slid",
+            value=float(registration.joint[worst]),
+            limit=_JOINTS,
+        )
+
+
+def _no_better_at_home(found: Support) -> Iterator[Reason]:
+    worse = {name: ratio for name, ratio in found.at_home.items() if ratio > 1.0}
+    if worse:
+        listed = ", ".join(f"{name} ({ratio:.2f} times its error)" for name, ratio in worse.items())
+        yield Reason(
+            "transfer-not-at-home",
+            f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in {listed}: "
+            "there is nothing individual to transfer",
+            value=max(worse.values()),
+            limit=1.0,
+        )
+
+
+def _too_similar(found: Support) -> Iterator[Reason]:
+    times = {name: found.apart[name] / found.sd[name] for name in TOLD_APART}
+    near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
+    if near:
+        listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
+        yield Reason(
+            "transfer-not-told-apart",
+            f"on this movement the prediction of the transferred body does not differ enough from that of the allometric "
+            f"body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too little for this movement",
+            value=min(near.values()),
+            limit=_TIMES,
+        )
+
+
+def _residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
+    """Rms errors (4,) of a model on left-out repetitions of its trial, or over the fit if none could be left out."""
+    held_out = facts.get("held_out") or {}
+    errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
+    if errors is None:
+        cop = facts.get("cop_rms_m")
+        errors = {**(facts.get("wrench") or {}), "cop_x": None if cop is None else {"bias": 0.0, "sd": cop}}
+    return np.array([_error(errors, name) for name in SERIES])
+
+
+def _at_home(held_out: Mapping[str, Any] | None) -> dict[str, float]:
+    model, table = ((held_out or {}).get(body) for body in ("model", "reference"))
+    return {name: _error(model, name) / _error(table, name) for name in AT_HOME}
+
+
+def _error(errors: Mapping[str, Any] | None, name: str) -> float:
+    """Root mean square of an error in the facts; NaN if unknown."""
+    one = None if errors is None else errors.get(name)
+    return float("nan") if one is None else float(np.hypot(one["bias"], one["sd"]))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")

@@ -1,0 +1,158 @@
+"""Reading an arm and its joint limits from a trial's artefacts, or from a chain's YAML file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id import runner
+from mocap_id.arrays import FloatArray
+from mocap_id.config.chain import ChainFile, is_chain, load_chain
+from mocap_id.config.parsing import nearest
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.geometry import Chain, Revolute, se3
+from mocap_id.prescription.arms import PlanarArm, SpatialArm
+from mocap_id.prescription.joint_limits import JointLimits, observed_limits
+from mocap_id.store import Folder, Table, Tree
+from mocap_id.store.views import Skeleton, joint_columns
+from mocap_id.workflows.run_folder import check_provenance, open_run_to
+
+_LAST = "ukf-smooth"
+
+
+@dataclass(frozen=True)
+class SubjectArm:
+    """An arm with its joint limits.
+
+    Parameters
+    ----------
+    name : str
+    joints : tuple of str
+    arm : PlanarArm or SpatialArm
+    limits : JointLimits
+    tip : str
+        The tip: a marker, or a point.
+    observed : (T, n) array
+        Recorded postures, rad; none for a chain in YAML.
+    notes : tuple of str
+        Limitations of the result.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    arm: PlanarArm | SpatialArm
+    limits: JointLimits
+    tip: str
+    observed: FloatArray
+    notes: tuple[str, ...]
+
+
+def read_arm(
+    path: Path, tip: str | None = None, quantile: float = 0.0, progress: runner.Progress = lambda step: None
+) -> SubjectArm:
+    """Read the arm of a trial's YAML file or run folder, or of a chain's YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        A trial's YAML file is run up to the joint states, which needs no forces.
+    tip : str, optional
+        A marker of the last segment, or a point ``x,y`` in its frame, m. By default its marker farthest from the joint.
+    quantile : float
+        Share of the samples left out at either end of an observed angle.
+    progress : callable, optional
+        Called with every stage of a trial's YAML file.
+
+    Raises
+    ------
+    ConfigError
+        The file, the tip or the quantile is wrong.
+    RecordingError
+        The motion does not show the joint limits.
+    Refused, NumericalError, StoreError
+        As for :func:`mocap_id.runner.run`.
+    """
+    if not path.is_dir() and is_chain(path):
+        if tip is not None or quantile:
+            raise ConfigError(f"{path}: a chain in YAML has its own `tip:` and limits; leave out `--tip` and `--quantile`")
+        return _of_chain(load_chain(path))
+    folder, trial = open_run_to(path, _LAST, progress)
+    return of_folder(folder, path.name if trial is None else trial.name, path, tip, quantile)
+
+
+def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile: float) -> SubjectArm:
+    """Read the arm from the artefacts in a run folder; messages name `source`.
+
+    Raises
+    ------
+    StoreError
+        An artefact is missing or damaged, or was not made from those beside it.
+    ConfigError, RecordingError
+        As for :func:`read_arm`.
+    """
+    check_provenance(folder, ("chain.h5", "states.parquet"))
+    chain, states = folder.read("chain.h5"), folder.read("states.parquet")
+    assert isinstance(chain, Tree) and isinstance(states, Table)
+    skeleton = Skeleton.from_tree(chain)
+    centres, covariance = skeleton.centres, skeleton.covariance
+    where, local, error = _tip(skeleton, chain.numbers("markers/residual"), tip, source)
+    notes = []
+    if not np.isfinite(covariance).all():
+        covariance = np.zeros_like(covariance)
+        notes.append("the joints have no standard deviations, so the interval includes only those of the limits")
+    q, sd, observed = (joint_columns(states, name, len(centres)) for name in ("theta", "sd_theta", "observed"))
+    seen = observed.astype(bool)
+    if not np.isfinite(sd[seen & np.isfinite(q)]).all():
+        notes.append("some angles have no standard deviation, so the interval is too narrow")
+    try:
+        limits = observed_limits(q, np.nan_to_num(sd), seen, quantile)
+    except ValueError as wrong:
+        kind = ConfigError if "quantile" in str(wrong) else RecordingError
+        raise kind(f"{source}: {wrong}") from wrong
+    # The frame of the tip starts at the last joint, so the error of this joint is also the tip's.
+    arm = PlanarArm(centres, local, covariance, covariance[-1] + error**2 * np.eye(2))
+    shown = q[np.all(seen & np.isfinite(q), axis=1)]
+    return SubjectArm(name, skeleton.joints, arm, limits, where, shown, tuple(notes))
+
+
+def _of_chain(chain: ChainFile) -> SubjectArm:
+    limits = JointLimits.given(chain.limits[:, 0], chain.limits[:, 1])
+    arm: PlanarArm | SpatialArm
+    if chain.planar:
+        arm = PlanarArm.exact(chain.places[:, :2], chain.tip[:2])
+    else:
+        joints = tuple(Revolute((float(x), float(y), float(z))) for x, y, z in chain.axes)
+        arm = SpatialArm(Chain(joints, se3.pose(np.eye(3), chain.places)), chain.tip)
+    point = ", ".join(f"{x:g}" for x in chain.tip)
+    return SubjectArm(chain.name, chain.joints, arm, limits, f"({point}) m", np.zeros((0, limits.dimension)), ())
+
+
+def _tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path) -> tuple[str, FloatArray, float]:
+    """Name of the tip, its position in the last segment's frame, m, and the error of this position, m."""
+    labels, segment, local, last = skeleton.markers, skeleton.marker_segment, skeleton.local, len(skeleton.centres)
+    if tip is not None and "," in tip:
+        return f"({tip}) m", _point(tip), 0.0
+    own = [k for k in range(len(labels)) if segment[k] == last]
+    if not own:
+        raise RecordingError(f"{source}: the last segment has no marker: give the tip as a point, `--tip x,y`")
+    if tip is None:
+        k = max(own, key=lambda k: float(np.linalg.norm(local[k])))
+    elif tip in labels and labels.index(tip) in own:
+        k = labels.index(tip)
+    else:
+        known = [labels[k] for k in own]
+        about = "is not on the last segment" if tip in labels else "is not a marker of the chain"
+        raise ConfigError(f"{source}: the tip `{tip}` {about}: {nearest(tip, known)}")
+    return labels[k], local[k], float(np.nan_to_num(residual[k]))
+
+
+def _point(text: str) -> FloatArray:
+    try:
+        point = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        point = np.zeros(0)
+    if point.shape != (2,) or not np.isfinite(point).all():
+        raise ConfigError(f"--tip {text}: expected a marker of the last segment, or a point `x,y` in its frame, m")
+    return point
