@@ -16,11 +16,16 @@ import typer
 
 from mocap_id import simulation
 from mocap_id.simulation import Cohort, Kind, Options, PersonOptions, RobotSet, Strategy
-from mocap_id.simulation.options import read_people
+from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
-_NAMES = ", ".join(each.name for each in fields(PersonOptions))
-_PEOPLE = f"Differences between the person and rigid segments on pins: {_NAMES}."
+_TEXTS = {"people": read_people, "faults": read_faults}
+_HELP = {
+    "people": "Differences between the person and rigid segments on pins: "
+    + ", ".join(each.name for each in fields(PersonOptions))
+    + ".",
+    "faults": "Faults of the recording: " + ", ".join(each.name for each in fields(FaultOptions)) + ".",
+}
 _ROBOT_SET = (
     *("seed", "repetitions", "rate", "analog_rate", "marker_noise", "occlusions", "plate_noise", "plate_bias"),
     "clock_offset",
@@ -51,8 +56,9 @@ def _with_options(
 
     def command(**values: Any) -> None:
         chosen = {name: values.pop(name) for name in names}
-        if "people" in chosen:
-            chosen["people"] = read_people(chosen["people"])
+        for name, read in _TEXTS.items():
+            if name in chosen:
+                chosen[name] = read(chosen[name])
         typer.echo(simulate(options=replace(defaults, **chosen), **values))
 
     own = [each for each in inspect.signature(simulate, eval_str=True).parameters.values() if each.name != "options"]
@@ -69,8 +75,8 @@ def _parameters(defaults: Options, names: tuple[str, ...]) -> Iterator[inspect.P
         if each.name not in names:
             continue
         kind, option = types[each.name], typer.Option(getattr(defaults, each.name), help=each.metadata.get("help"))
-        if each.name == "people":
-            kind, option = str, typer.Option("", metavar="NAME=VALUE,...", show_default=False, help=_PEOPLE)
+        if each.name in _TEXTS:
+            kind, option = str, typer.Option("", metavar="NAME=VALUE,...", show_default=False, help=_HELP[each.name])
         yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=kind)
 
 

@@ -85,7 +85,9 @@ def test_a_worker_killed_in_the_middle(cluster: Any, tmp_path: Path) -> None:
             killed.append(worker.pid)
             os.kill(worker.process.pid, signal.SIGKILL)
 
-    done = run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster.scheduler_address), tell=kill)
+    done = run_batch(
+        [str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster.scheduler_address), tell=kill
+    )
     assert killed
     assert [one["exit_code"] for one in done.rows] == [0, 0, 0]
 

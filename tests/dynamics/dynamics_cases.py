@@ -39,14 +39,14 @@ def waves(time: np.ndarray, joints: int, seed: int = 0) -> tuple[np.ndarray, np.
 
 
 def independent(recorded: TrialData) -> np.ndarray:
-    """Acceleration errors that know nothing of each other, (T, n, n)."""
+    """Correlation (T, n, n) of independent acceleration errors."""
     return np.broadcast_to(np.eye(recorded.q.shape[1]), (*recorded.q.shape, recorded.q.shape[1]))
 
 
 def moving_body(
     seconds: float = 12.0, rate: float = 100.0, seed: int = 0, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> TrialData:
-    """A body whose joints all move, on a plate with white noise (sd of Fx, Fy, tauz)."""
+    """A recording of a body that moves all joints, with white noise of the plate (sd of Fx, Fy, tauz)."""
     time = np.arange(0, seconds, 1 / rate)
     q, dq, ddq = waves(time, len(CENTRES), seed)
     wrench = planar_regressor(CENTRES, q, dq, ddq) @ BODY.ravel()

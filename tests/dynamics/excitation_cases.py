@@ -1,4 +1,4 @@
-"""Bodies of three joints that move as widely and as fast as one wishes, and what is identified of them."""
+"""Bodies of three joints with chosen amplitudes and speeds, and their identification."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EXACT = KinematicError.none(3)
 
 
 def slides(q: np.ndarray) -> np.ndarray:
-    """Four waves of its own angle for the error of every joint, (T, 3, 12) rad."""
+    """Errors (T, 3, 12) of every joint, rad, as four waves of its own angle."""
     waves_ = [0.002 * np.sin((1 + k / 2) * q[:, :, None] + k) * np.eye(3) for k in range(4)]
     return np.concatenate(waves_, axis=-1)
 
@@ -30,7 +30,7 @@ NOISE = (1.0, 1.0, 0.3)
 def recorded(
     size: np.ndarray, speed: np.ndarray | float = 1.0, seed: int = 0, noise: tuple[float, ...] = NOISE
 ) -> TrialData:
-    """A body whose joints move as widely as ``size`` says, (n,), at these speeds, (n,)."""
+    """A recording of a body with amplitudes ``size`` (n,) and speeds ``speed`` (n,) of its joints."""
     time, speed = np.arange(0, 40, 0.01), np.broadcast_to(speed, 3)
     clock = np.multiply.outer(time, speed)
     sign, clock = np.where(clock < 40, 1.0, -1.0), np.where(clock < 40, clock, 80 - clock)  # to and fro

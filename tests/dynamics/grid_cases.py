@@ -38,6 +38,6 @@ def problem(seed: int, noise: float, base: np.ndarray | None = None, nuisance: i
 
 
 def impossible(seed: int) -> np.ndarray:
-    """Base parameters that no body is likely to have."""
+    """Improbable base parameters."""
     rng = np.random.default_rng(100 + seed)
     return M @ BODY.ravel() * rng.uniform(0.3, 1.7, len(M))

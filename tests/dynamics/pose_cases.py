@@ -25,13 +25,13 @@ OF_SEGMENT = np.array([0, 1, 2, 3])
 
 
 def slow(time: np.ndarray, joints: int = 4, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angles from 0.1 to 0.6 Hz, which low-passes of movements leave alone, with exact derivatives."""
+    """Angles from 0.1 to 0.6 Hz, which the low-pass does not change, with exact derivatives."""
     q, dq, ddq = waves(0.5 * time, joints, seed)
     return q, 0.5 * dq, 0.25 * ddq
 
 
 def hip_gap(time: np.ndarray, size: float = 0.012) -> tuple[np.ndarray, np.ndarray]:
-    """How the torso leaves the thigh, (T, 2) in the plane frame, m, and its second derivative."""
+    """Gap between thigh and torso (T, 2) in the plane frame, m, and its second derivative."""
     rates, phase = 2 * np.pi * np.array([0.45, 0.3]), np.array([0.4, 1.9])
     gap = size * np.sin(rates * time[:, None] + phase)
     return gap, -(rates**2) * gap
@@ -53,7 +53,7 @@ def moving(time: np.ndarray, *, size: float = 0.012, swing: float = 1.0, seed: i
 
 
 def poses_of(time: np.ndarray, motion: PlanarMotion, noise: float = 0.0, seed: int = 0) -> BodyPoses:
-    """What clusters with these centroids would show of it, with noise of each by its information."""
+    """Measured poses of clusters with these centroids, with noise according to their information."""
     rng = np.random.default_rng(seed)
     position = motion.origin + planar.rotate(motion.angle, CENTROID)
     return BodyPoses(
@@ -75,7 +75,7 @@ def recorded_of(
     bodies: np.ndarray = BODIES,
     seed: int = 0,
 ) -> TrialData:
-    """The chain's states, the wrench that these bodies need, and their motion as the measured one."""
+    """Trial data of the chain with the wrench of these bodies and their measured motion."""
     angles = slow(time, seed=seed)
     q, dq, ddq = (values[:, :3] for values in angles)
     wrench = wrench_regressor(motion) @ bodies.ravel()

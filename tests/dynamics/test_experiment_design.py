@@ -1,4 +1,4 @@
-"""What another movement would be worth, and the search for the one that is worth most."""
+"""Predicted uncertainty of other movements, and the search for the best one."""
 
 from __future__ import annotations
 
@@ -27,72 +27,74 @@ ROOM = MovementLimits(np.full(3, -1.0), np.full(3, 1.0), np.full(3, 4.0), np.ful
 FEET = replace(ROOM, support=(-0.3, 0.2))
 
 
-def foreseen_from(error: KinematicError = EXACT) -> CovariancePredictor:
+def build_predictor(error: KinematicError = EXACT) -> CovariancePredictor:
     prepared, found, _ = identified(recorded(SMALL, noise=(5.0, 5.0, 2.0)), error)
     own = recorded_trajectory(prepared.recorded, found.fit.in_fit)
     return CovariancePredictor.from_trial(IdentifiedBody(prepared, found), own, lambda q: error)
 
 
 @pytest.fixture(scope="module")
-def sight() -> CovariancePredictor:
-    return foreseen_from()
+def predictor() -> CovariancePredictor:
+    return build_predictor()
 
 
 @pytest.fixture(scope="module")
-def designed(sight: CovariancePredictor) -> ExperimentDesign:
-    return design_experiment(sight, FEET, REST, JOINTS, seconds=20.0)
+def designed(predictor: CovariancePredictor) -> ExperimentDesign:
+    return design_experiment(predictor, FEET, REST, JOINTS, seconds=20.0)
 
 
-def strain(sight: CovariancePredictor, limits: MovementLimits, course) -> float:
-    return limits.usage(course, sight.body.wrench(course))
+def usage(predictor: CovariancePredictor, limits: MovementLimits, course) -> float:
+    return limits.usage(course, predictor.body.wrench(course))
 
 
 @pytest.mark.parametrize("error", [EXACT, SLIDING], ids=["noise", "noise and sliding skin"])
-def test_the_trials_own_movement_is_foreseen_as_it_was_found(error: KinematicError) -> None:
-    sight = foreseen_from(error)
-    again = sight.predict(sight.own)
-    found = sight.body.found
+def test_prediction_for_the_trials_own_movement_is_exact(error: KinematicError) -> None:
+    predictor = build_predictor(error)
+    again = predictor.predict(predictor.own)
+    found = predictor.body.found
     np.testing.assert_allclose(again.sd, found.base_sd, rtol=1e-9)
     assert again.condition == found.fit.condition
     assert again.condition_scaled == found.fit.condition_scaled
 
 
-def test_its_copy_is_filtered_to_the_same_condition_number(sight: CovariancePredictor) -> None:
-    """Not the same object: the regressor is set up, filtered and gated anew."""
-    copied = replace(sight.own)
-    again = sight.predict(copied)
-    fit = sight.body.found.fit
+def test_a_copy_of_the_movement_has_the_same_condition_number(predictor: CovariancePredictor) -> None:
+    """A new object, so that regressor, filter and gate are computed again."""
+    copied = replace(predictor.own)
+    again = predictor.predict(copied)
+    fit = predictor.body.found.fit
     assert again.condition == pytest.approx(fit.condition, rel=0.02)  # its cut-off is the rule's, the trial's was given
-    np.testing.assert_allclose(again.sd, sight.body.found.base_sd, rtol=1e-9)
+    np.testing.assert_allclose(again.sd, predictor.body.found.base_sd, rtol=1e-9)
 
 
 def test_twice_as_long_halves_the_variance_of_the_noise_alone() -> None:
-    sight = foreseen_from(EXACT)
-    seconds = sight.now.samples
-    once, twice = (sight.predict(sight.own, seconds=k * seconds) for k in (1, 2))
+    predictor = build_predictor(EXACT)
+    seconds = predictor.now.samples
+    once, twice = (predictor.predict(predictor.own, seconds=k * seconds) for k in (1, 2))
     changing = np.diag(once.covariance) - once.fixed
     np.testing.assert_allclose(np.diag(twice.covariance) - once.fixed, changing / 2, rtol=1e-9)
 
 
-def test_a_foreseen_movement_is_identified_as_well_as_was_foreseen() -> None:
-    """Record it: the deviations and the condition number are those that were promised."""
-    sight = foreseen_from(EXACT)
-    best = design_experiment(sight, ROOM, REST, JOINTS, seconds=40.0).best
+def test_a_recording_of_the_best_movement_has_the_predicted_uncertainty() -> None:
+    """Deviations and condition number of the recorded movement agree with the prediction."""
+    predictor = build_predictor(EXACT)
+    best = design_experiment(predictor, ROOM, REST, JOINTS, seconds=40.0).best
     assert best is not None
     course = best.trajectory
     wrench = planar_regressor(CENTRES, course.q, course.dq, course.ddq) @ BODY.ravel()
     wrench += np.random.default_rng(9).normal(size=wrench.shape) * (5.0, 5.0, 2.0)
     observed = np.ones(len(wrench), dtype=bool)
-    made = TrialData(course.time, course.q, course.dq, course.ddq, np.zeros_like(course.q), observed, wrench, CENTRES)
-    _, found, _ = identified(made)
+    recording = TrialData(
+        course.time, course.q, course.dq, course.ddq, np.zeros_like(course.q), observed, wrench, CENTRES
+    )
+    _, found, _ = identified(recording)
     ratio = best.predicted.sd / found.base_sd
     assert np.median(np.abs(np.log(ratio))) < np.log(1.25)
     assert np.max(np.abs(np.log(ratio))) < np.log(2.0)
     assert best.predicted.condition == pytest.approx(found.fit.condition, rel=0.05)
-    assert np.median(found.base_sd / sight.now.sd) < 0.5
+    assert np.median(found.base_sd / predictor.now.sd) < 0.5
 
 
-def test_nothing_that_is_listed_is_better_than_the_best(designed: ExperimentDesign) -> None:
+def test_no_proposal_is_better_than_the_best(designed: ExperimentDesign) -> None:
     assert designed.best is not None
     assert designed.helps
     assert designed.simple
@@ -100,68 +102,68 @@ def test_nothing_that_is_listed_is_better_than_the_best(designed: ExperimentDesi
     assert all(designed.best.value <= each.value for each in designed.proposals)
 
 
-def test_every_proposal_keeps_the_limits(sight: CovariancePredictor, designed: ExperimentDesign) -> None:
+def test_every_proposal_keeps_the_limits(predictor: CovariancePredictor, designed: ExperimentDesign) -> None:
     for each in designed.proposals:
-        course, own = each.trajectory, len(sight.own.time) // 2
-        if not each.own and not each.standalone:  # half of it is the trial's own
+        course, own = each.trajectory, len(predictor.own.time) // 2
+        if not each.own and not each.standalone:  # half of it is the trial's own movement
             course = replace(
                 course, time=course.time[own:], q=course.q[own:], dq=course.dq[own:], ddq=course.ddq[own:], fitted=None
             )
-        assert strain(sight, FEET, course) <= 1.02, each.words  # what is simple is looked at in part and thinned out
+        assert usage(predictor, FEET, course) <= 1.02, each.words  # simple movements are checked on thinned samples
         if each.designed:
-            assert strain(sight, FEET, course) <= 1.0 + 1e-9
+            assert usage(predictor, FEET, course) <= 1.0 + 1e-9
 
 
-def test_the_same_seed_gives_the_same_movement(sight: CovariancePredictor, designed: ExperimentDesign) -> None:
-    again = design_experiment(sight, FEET, REST, JOINTS, seconds=20.0)
+def test_the_same_seed_gives_the_same_movement(predictor: CovariancePredictor, designed: ExperimentDesign) -> None:
+    again = design_experiment(predictor, FEET, REST, JOINTS, seconds=20.0)
     assert [each.words for each in again.proposals] == [each.words for each in designed.proposals]
     assert designed.designed is not None and again.designed is not None
     np.testing.assert_array_equal(again.designed.trajectory.q, designed.designed.trajectory.q)
 
 
 @pytest.mark.parametrize("objective", [each for each in OBJECTIVES if each != "condition-scaled"])
-def test_what_is_asked_for_becomes_smaller(sight: CovariancePredictor, objective) -> None:
-    found = design_experiment(sight, ROOM, REST, JOINTS, objective=objective, seconds=20.0)
+def test_the_search_reduces_its_objective(predictor: CovariancePredictor, objective) -> None:
+    found = design_experiment(predictor, ROOM, REST, JOINTS, objective=objective, seconds=20.0)
     assert found.best is not None
     assert found.best.value < 0.5 * found.value
     assert found.best.value == objective_value(objective, found.best.predicted, found.size)
 
 
-def test_where_nothing_may_move_nothing_helps(sight: CovariancePredictor) -> None:
-    found = design_experiment(sight, replace(ROOM, low=REST, high=REST), REST, JOINTS, seconds=20.0)
+def test_without_freedom_to_move_nothing_helps(predictor: CovariancePredictor) -> None:
+    found = design_experiment(predictor, replace(ROOM, low=REST, high=REST), REST, JOINTS, seconds=20.0)
     assert found.designed is None
     assert found.best is None
     assert not found.helps
 
 
-def test_a_chairs_recording_is_not_shared(sight: CovariancePredictor) -> None:
-    found = design_experiment(sight, FEET, REST, JOINTS, seconds=20.0, mixed=False)
+def test_a_recording_with_a_chair_is_not_shared(predictor: CovariancePredictor) -> None:
+    found = design_experiment(predictor, FEET, REST, JOINTS, seconds=20.0, mixed=False)
     assert not any("half of the recording" in each.words for each in found.proposals)
 
 
-def test_the_first_joint_brings_the_pressure_where_it_is_wanted(sight: CovariancePredictor) -> None:
+def test_balancing_reaches_the_target_pressure(predictor: CovariancePredictor) -> None:
     rng = np.random.default_rng(3)
     q = rng.uniform(-0.5, 0.5, (50, 3))
     target = rng.uniform(-0.1, 0.1, 50)
-    q[:, 0] = balance(sight.body, q, target, 0.0)
-    np.testing.assert_allclose(static_pressure(sight.body, q), target, atol=1e-12)
+    q[:, 0] = balance(predictor.body, q, target, 0.0)
+    np.testing.assert_allclose(static_pressure(predictor.body, q), target, atol=1e-12)
     assert np.max(np.abs(q[:, 0])) < np.pi / 2
 
 
-def test_beyond_reach_no_angle_does_it(sight: CovariancePredictor) -> None:
-    assert np.isnan(balance(sight.body, np.zeros((1, 3)), np.array([5.0]), 0.0)).all()
+def test_balancing_is_nan_for_unreachable_targets(predictor: CovariancePredictor) -> None:
+    assert np.isnan(balance(predictor.body, np.zeros((1, 3)), np.array([5.0]), 0.0)).all()
 
 
-def test_a_movement_starts_and_ends_at_rest(sight: CovariancePredictor) -> None:
+def test_a_movement_starts_and_ends_at_rest(predictor: CovariancePredictor) -> None:
     waves = replace(rest_movement(REST), amplitude=np.full((3, 2), 0.2), centre=np.full(3, 0.1))
-    course = waves.trajectory(sight.body, 12.0, 100.0)
+    course = waves.trajectory(predictor.body, 12.0, 100.0)
     for end in (0, -1):
         np.testing.assert_allclose([course.q[end], course.dq[end], course.ddq[end]], 0.0, atol=1e-9)
     np.testing.assert_allclose(np.gradient(course.q, 0.01, axis=0)[2:-2], course.dq[2:-2], atol=2e-2)
     assert np.ptp(course.q) > 0.3
 
 
-def test_limits_are_those_that_were_seen_and_somewhat_more() -> None:
+def test_limits_extend_the_observed_range() -> None:
     time = np.arange(0, 10, 0.01)
     course = spline_trajectory(time, np.column_stack([0.2 * np.sin(time), 0.1 + 0.0 * time]))
     wrench = np.column_stack([0 * time, 100.0 + 0 * time, 10.0 * np.sin(time)])
@@ -177,7 +179,7 @@ def test_limits_are_those_that_were_seen_and_somewhat_more() -> None:
     assert limits.usage(course, wrench, np.full(len(time), 6.0)) > 1.0
 
 
-def test_those_who_stand_rest_where_they_stand_highest() -> None:
+def test_a_standing_person_rests_in_the_highest_posture() -> None:
     time = np.arange(0, 10, 0.01)
     bent = 0.5 - 0.5 * np.cos(time)
     course = spline_trajectory(time, np.column_stack([0.3 * bent, -bent, 0.7 * bent]))
@@ -186,23 +188,23 @@ def test_those_who_stand_rest_where_they_stand_highest() -> None:
 
 
 @pytest.mark.parametrize("rate", [100.0, 150.0, 240.0])
-def test_a_whole_part_of_the_rate_is_that_part(rate: float) -> None:
+def test_thinning_by_a_whole_divisor_of_the_rate(rate: float) -> None:
     for count in range(600, 640):
         time = np.arange(count) / rate
         course, every = Trajectory(time, *np.zeros((3, count, 1))), int(rate / 20)
         assert len(course.thinned(course.rate / every).time) == -(-count // every)
 
 
-def test_one_movement_after_the_other_is_their_information_together(sight: CovariancePredictor) -> None:
-    """Two halves tell no less together than each by itself: what bias and clock hide of one the other may show."""
-    small = sight.own.thinned(25.0)
+def test_information_of_consecutive_movements_adds_up(predictor: CovariancePredictor) -> None:
+    """Bias and clock offset are common to both halves, so together they have at least the sum of the information."""
+    small = predictor.own.thinned(25.0)
     large = change_movement(small, "larger", None)
     half = np.arange(len(small.time)) % 2 == 0
     both = concatenate(replace(small, fitted=small.fitted & half), replace(large, fitted=large.fitted & ~half))
 
     def information(course) -> np.ndarray:
-        foreseen = sight.predict(course, seconds=10.0, exactly=False)
-        return np.linalg.inv((foreseen.covariance - np.diag(foreseen.fixed))[2:, 2:])
+        predicted = predictor.predict(course, seconds=10.0, exactly=False)
+        return np.linalg.inv((predicted.covariance - np.diag(predicted.fixed))[2:, 2:])
 
     apart = (information(small) + information(large)) / 2
     assert np.linalg.eigvals(np.linalg.solve(apart, information(both))).real.min() > 0.9

@@ -38,7 +38,7 @@ def with_(recorded: TrialData, **changes: np.ndarray) -> TrialData:
     return TrialData(**{**recorded.__dict__, **changes})
 
 
-def judged(prepared: PreparedTrial, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
+def cautions_of(prepared: PreparedTrial, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
     excited = excitation(prepared, found)
     recommendations = recommend_where_needed(prepared, found, excited)
     text = recommendation_text(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
@@ -84,7 +84,7 @@ def test_a_constant_error_of_Fx_is_found_and_does_no_harm() -> None:
 
 @pytest.mark.parametrize(("component", "parameter"), [(1, 0), (2, 1)])
 def test_a_constant_error_of_Fy_or_tauz_is_a_mass(component: int, parameter: int) -> None:
-    """Not to be told apart: it moves the first or the second base parameter, by error / g, and no other."""
+    """It changes only the first or the second base parameter, by error / g."""
     recorded = moving_body(noise=NOISE)
     shift = np.zeros(3)
     shift[component] = 3.0
@@ -160,40 +160,40 @@ def test_agreement() -> None:
     assert agreement(measured, measured, np.array([0, 0, 0, 1, 1], dtype=bool)) is None
 
 
-def test_judgement() -> None:
+def test_cautions() -> None:
     prepared, found = identified(moving_body(noise=NOISE))
     mass = float(BODY[:, 0].sum())
 
     def codes(given: float | None, standing: float | None) -> list[str]:
-        return [reason.code for reason in judged(prepared, found, given=given, standing=standing)]
+        return [reason.code for reason in cautions_of(prepared, found, given=given, standing=standing)]
 
     assert codes(mass, mass) == codes(mass, None) == codes(None, mass) == codes(None, None) == []
     assert codes(0.9 * mass, None) == codes(0.9 * mass, mass) == ["mass-contradiction"]
     assert excitation(prepared, found).doubtful == ()
 
 
-def test_a_load_that_something_else_shares_is_said() -> None:
-    """The identified mass against the standing one; the given one goes with the standing one."""
+def test_caution_for_a_load_carried_by_something_else() -> None:
+    """The identified mass is compared with the standing mass, and the given mass with the standing mass."""
     prepared, found = identified(moving_body(noise=NOISE))
     mass = float(BODY[:, 0].sum())
-    (reason,) = judged(prepared, found, given=1.2 * mass, standing=1.2 * mass)
+    (reason,) = cautions_of(prepared, found, given=1.2 * mass, standing=1.2 * mass)
     assert reason.code == "load-shared"
     assert "protocol: sit-to-stand" in reason.message
     assert f"{mass:.1f} kg" in reason.message
     assert f"{1.2 * mass:.1f} kg" in reason.message
-    (contradiction,) = judged(prepared, found, given=1.2 * mass, standing=None)
+    (contradiction,) = cautions_of(prepared, found, given=1.2 * mass, standing=None)
     assert contradiction.code == "mass-contradiction"
     assert "sit-to-stand" in contradiction.message
 
 
-def test_whose_answer_it_is_and_which_check_failed_is_said() -> None:
+def test_reasons_name_the_solver_and_the_failed_check() -> None:
     prepared, found = identified(moving_body(noise=NOISE))
     solution = found.solution
     fine, off = solution.answer, Optimality(0.0, 0.0, 1e-4, 0.0)
 
     def codes(**changes: object) -> dict[str, str]:
         told = replace(found, solution=replace(solution, **changes))
-        return {reason.code: reason.level for reason in judged(prepared, told, given=None, standing=None)}
+        return {reason.code: reason.level for reason in cautions_of(prepared, told, given=None, standing=None)}
 
     assert codes() == {}
     assert codes(answer=replace(fine, solver="osqp")) == {"solver-fallback": "ok"}
@@ -206,12 +206,12 @@ def test_whose_answer_it_is_and_which_check_failed_is_said() -> None:
     assert codes(requested="cone", consistency="cone") == {}
 
 
-def test_without_Fy_no_mass_is_judged() -> None:
+def test_without_Fy_the_identified_mass_is_not_compared() -> None:
     prepared, found = identified(moving_body(noise=NOISE), FitSettings(components=(2,)))
     mass = float(BODY[:, 0].sum())
 
     def cautions(given: float | None, standing: float | None) -> list[str]:
-        reasons = judged(prepared, found, given=given, standing=standing)
+        reasons = cautions_of(prepared, found, given=given, standing=standing)
         return [reason.code for reason in reasons if reason.level == "caution"]
 
     assert cautions(None, mass) == []
@@ -229,8 +229,8 @@ def test_without_Fy_no_mass_is_judged() -> None:
         ((1,), ("tauz", "cop_x", "tau_1", "tau_2", "tau_3")),
     ],
 )
-def test_what_the_components_do_not_tell_is_not_given(components: tuple[int, ...], untold: tuple[str, ...]) -> None:
-    """Wrench, centre of pressure and torques: right where there are values, and no values where there is no right."""
+def test_undetermined_columns_are_nan(components: tuple[int, ...], untold: tuple[str, ...]) -> None:
+    """Columns of the prediction are either correct or NaN."""
     recorded = moving_body(noise=NOISE)
     prepared, found = identified(recorded, FitSettings(components=components))
     model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
@@ -251,8 +251,8 @@ def test_what_the_components_do_not_tell_is_not_given(components: tuple[int, ...
             assert np.isfinite(sd[np.isfinite(value)]).all(), name
 
 
-def test_weak_excitation_is_said() -> None:
-    """A hip that hardly moves: full rank, and nothing known of how the torso's inertia parts from the thigh's."""
+def test_caution_for_weak_excitation() -> None:
+    """A hip that hardly moves: full rank, but the inertias of torso and thigh cannot be separated."""
     recorded = moving_body(noise=(5.0, 5.0, 2.0))
     noise = recorded.wrench - moving_body().wrench
     states = {name: getattr(recorded, name) * [1.0, 1.0, 1e-3] for name in ("q", "dq", "ddq")}
@@ -262,7 +262,9 @@ def test_weak_excitation_is_said() -> None:
     found = identify(prepared, np.ones(1200, dtype=bool), GRID, NO_REFERENCE, NO_ERROR)
     told = excitation(prepared, found)
     assert "I4" in [told.names[i] for i in told.doubtful]
-    (reason,) = [reason for reason in judged(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"]
+    (reason,) = [
+        reason for reason in cautions_of(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"
+    ]
     best = recommend_where_needed(prepared, found, told)[told.names.index("I4")]
     assert best is not None
     assert f"{best.describe(('joint 1', 'joint 2', 'joint 3'))[1:]} would take" in reason.message
@@ -282,7 +284,7 @@ def simulated(folder: Path, noise: float) -> tuple[TrialData, dict, dict]:
 
 @pytest.mark.recordings
 @pytest.mark.parametrize("name", ["sts-normal-clean", "sts-dynamic", "sts-stable-rotated-plate", "ur5-elbow-fast"])
-def test_the_recordings_truth_is_our_model(recordings: Path, name: str) -> None:
+def test_the_model_reproduces_simulated_recordings(recordings: Path, name: str) -> None:
     """Regressor times parameters is the wrench of another implementation, off the chair; so are the torques."""
     recorded, told, arrays = simulated(recordings / "simulated" / name, 0.0)
     parameters = np.array([[s[key] for key in ("m", "mx", "my", "Izz")] for s in told["segments"]]).ravel()

@@ -210,14 +210,14 @@ def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("trial: !!bool maybe", "line 1: `maybe` is no bool"),
-        ("trial: x\nwindow: !!int ''", "line 2: `` is no int"),
+        ("trial: !!bool maybe", "line 1: `maybe` is not a valid bool"),
+        ("trial: x\nwindow: !!int ''", "line 2: `` is not a valid int"),
         ("%YAML 9.9\n---\ntrial: x", "not valid YAML"),
-        ("trial: " + "9" * 5000, "is no int"),
-        ("a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]", "an alias"),
+        ("trial: " + "9" * 5000, "is not a valid int"),
+        ("a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]", "aliases"),
         ("deep: " + "[" * 5000, "deep"),
         ("deep: " + "- " * 100_000, "not valid YAML"),
-        ("deep: " + "{a: " * 40 + "}" * 40, "more than 32 deep"),
+        ("deep: " + "{a: " * 40 + "}" * 40, "more than 32 levels deep"),
         ("wide: [" + "1," * 600 + "]", "more than 500 values"),
         ("trial: !!python/object/apply:os.system [echo]", "tag"),
         ("trial: x\ntrial: y", "is given twice"),
@@ -315,10 +315,10 @@ def told(key: str, value: object) -> Callable[[Any], None]:
 
 INDEXES: dict[str, tuple[Callable[[Any], Any], str]] = {
     "after the end": (node("joints/centre", "<f8", [2, 2], 1 << 30), "ends after the end of the file"),
-    "before the start": (node("joints/centre", "<f8", [2, 2], -8), "shape or place"),
-    "no place": (node("joints/centre", "<f8", [2, 2], 1.5), "shape or place"),
-    "true": (node("joints/centre", "<f8", [True, 4], 0), "shape or place"),
-    "no numbers": (node("joints/centre", "<f8", "22", 0), "shape or place"),
+    "before the start": (node("joints/centre", "<f8", [2, 2], -8), "shape or offset"),
+    "no place": (node("joints/centre", "<f8", [2, 2], 1.5), "shape or offset"),
+    "true": (node("joints/centre", "<f8", [True, 4], 0), "shape or offset"),
+    "no numbers": (node("joints/centre", "<f8", "22", 0), "shape or offset"),
     "no shape": (node("joints/centre", "<f8", 4, 0), "is damaged"),
     "gigabytes": (node("joints/centre", "<f8", [1 << 30], 0), "ends after the end of the file"),
     "more than any memory": (node("joints/centre", "<f8", [1 << 40] * 9, 0), "ends after the end of the file"),
@@ -399,7 +399,7 @@ PARQUET = {
         lambda table: pa.table({f"theta_{k}": pa.nulls(1, pa.float64()) for k in range(1, 6000)}),
         "6000",
     ),
-    "one value eighty million times": (one_many_times, "more memory"),
+    "one value eighty million times": (one_many_times, "too much memory"),
     "facts that are none": (lambda table: table, "damaged provenance"),
 }
 

@@ -155,7 +155,7 @@ def test_a_contradiction_is_a_mistake_of_the_configuration(planar: LongTable) ->
 
 
 def test_an_unknown_joint_is_a_mistake_of_the_configuration(planar: LongTable) -> None:
-    with pytest.raises(ConfigError, match="there is no joint ancle; found were ankle, knee, hip"):
+    with pytest.raises(ConfigError, match="there is no joint ancle; expected one of ankle, knee, hip"):
         segmented(planar, joint_markers={"ancle": ANKLES})
 
 
@@ -175,12 +175,12 @@ def test_markers_around_a_joint_attract_it(planar: LongTable, plain: Table) -> N
     for tree in pulled:
         (note,) = (reason for reason in tree.reasons if reason.code == "joint-markers")
         assert note.level == "ok"
-        assert "the ankle is pulled towards the middle of LANK, RANK" in note.message
+        assert "the ankle is attracted to the mean of LANK, RANK" in note.message
 
 
 def test_only_the_fit_of_the_whole_chain_uses_joint_markers(planar: LongTable) -> None:
     about = segmented(planar, joint_markers={"ankle": ANKLES})
-    with pytest.raises(ConfigError, match=r"joint_markers: `fit-joints: \{estimator: circle\}` uses none"):
+    with pytest.raises(ConfigError, match=r"joint_markers: `fit-joints: \{estimator: circle\}` cannot use them"):
         fitted(planar, about, estimator="circle")
 
 

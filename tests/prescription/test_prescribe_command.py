@@ -107,7 +107,7 @@ def test_a_search_in_which_the_joint_never_rests(tmp_path: Path) -> None:
     file.write_text(ARM + limits + search, "utf-8")
     result = call("prescribe", file, "--out", tmp_path / "out", "-q")
     assert result.exit_code == 0, result.exception
-    assert "with none of these springs does the joint rest within its limits" in result.stdout
+    assert "the joint does not rest within its limits with any of these springs" in result.stdout
     found = json.loads((tmp_path / "out" / "prescription.json").read_text("utf-8"))
     assert found["search"]["best"] is None
     assert (tmp_path / "out" / "search.svg").is_file()
@@ -126,7 +126,10 @@ def test_without_springs_it_tells_what_can_be_held(body: str, tmp_path: Path) ->
 
 
 MISTAKES = {
-    "crossed limits": (ARM + "joints: [{limits_deg: [180, -60], strength_share: 0.2}]\n", "line 3.*is not below the upper"),
+    "crossed limits": (
+        ARM + "joints: [{limits_deg: [180, -60], strength_share: 0.2}]\n",
+        "line 3.*is not below the upper",
+    ),
     "missing limits": (ARM + "joints: [{strength_share: 0.2}]\n", "`limits_deg` of joint 1 is missing"),
     "no strength": (ARM + "joints: [{limits_deg: [0, 90]}]\n", "strength_Nm"),
     "crossed strength": (

@@ -86,7 +86,9 @@ def test_a_constant_of_fx_goes_nowhere(robot: TrialInputs, own: Estimates) -> No
 
 
 @pytest.mark.parametrize("delay", [0.02, -0.0437])
-def test_an_offset_of_the_clock_is_found_where_it_is_looked_for(robot: TrialInputs, own: Estimates, delay: float) -> None:
+def test_an_offset_of_the_clock_is_found_where_it_is_looked_for(
+    robot: TrialInputs, own: Estimates, delay: float
+) -> None:
     estimated = read_estimates(perturb(robot, Perturbation("clock-offset", "", delay)))
     assert estimated.offset - own.offset == pytest.approx(delay, abs=1e-4)
     assert others(own, estimated, but="") < 2e-3

@@ -15,7 +15,9 @@ from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
 
 MASS = Parameter("m1+m2", "kg", value=20.0, sd=0.1, size=20.0, verdict="known")
 WEAK = Parameter("mx1", "kg*m", value=1.0, sd=0.5, size=1.0, verdict="weak")
-OWN = Estimates({one.name: one for one in (MASS, WEAK)}, 10.0, 0.0, 0.001, (0.9, 0.9, 0.9), 500, "ok", frozenset({"gap"}))
+OWN = Estimates(
+    {one.name: one for one in (MASS, WEAK)}, 10.0, 0.0, 0.001, (0.9, 0.9, 0.9), 500, "ok", frozenset({"gap"})
+)
 
 
 def tried(kind: str, level: float, change: float, *codes: str, target: str = "") -> PerturbationRun:

@@ -51,7 +51,10 @@ def test_a_list_alone_and_the_whole_form_say_the_same(tmp_path: Path) -> None:
     entries = "- kind: filter-noise\n  on: [0.001]\n  levels: [100]\n- kind: frame-rate\n"
     whole = "seed: 1\nperturbations:\n" + "".join(f"  {line}\n" for line in entries.splitlines())
     assert asked(tmp_path, entries) == asked(tmp_path, whole)
-    assert asked(tmp_path, entries).selections == (KindSelection("filter-noise", (100.0,), ("0.001",)), KindSelection("frame-rate"))
+    assert asked(tmp_path, entries).selections == (
+        KindSelection("filter-noise", (100.0,), ("0.001",)),
+        KindSelection("frame-rate"),
+    )
 
 
 def test_without_perturbations_everything_is_tried(tmp_path: Path) -> None:

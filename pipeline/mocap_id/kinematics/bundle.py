@@ -33,12 +33,18 @@ _ITERATIONS = 200
 _CONVERGED = 1e-7  # relative decrease of the cost
 _NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
 _WEIGHINGS = 2
+_SHORTENINGS = 6
 _HUBER = 3.0  # scales beyond which a residual is a burst
+_OFF_JOINT = 0.01  # m; standard deviation of a marker from the joint that it represents, in x and in y
 _EXACT = 1e-4  # m; markers with smaller residuals have equal weights
 
 
 def fit_chain(
-    points: ComplexArray, segment: IntArray, auxiliary: Mapping[int, ComplexArray] | None = None, pull: float = 0.01
+    points: ComplexArray,
+    segment: IntArray,
+    auxiliary: Mapping[int, ComplexArray] | None = None,
+    pull: float = 0.01,
+    start: ChainState | None = None,
 ) -> ChainFit:
     """Fit the serial chain to the markers of its segments.
 
@@ -47,11 +53,14 @@ def fit_chain(
     points : (F, M) complex array
         Trajectories in the plane, m; NaN where unseen.
     segment : (M,) int array
-        Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers.
+        Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers
+        unless ``start`` is given.
     auxiliary : mapping of int to (F,) complex array
         Position in the plane, m, at which markers place joint 1 … n; NaN where unseen (p_A of 3.15).
     pull : float
         Weight of an auxiliary point relative to an average marker (lambda_A of 3.16).
+    start : ChainState, optional
+        First guess: centres, coordinates of all M markers, angles (F, n); NaN where unknown.
 
     Raises
     ------
@@ -62,7 +71,7 @@ def fit_chain(
     """
     moving = np.flatnonzero(segment > 0)
     joints = int(segment.max())
-    start = rigid_body_links(points, segment)
+    start = start or rigid_body_links(points, segment)
     used = np.flatnonzero(frames_used(start.angles))
     problem = _problem(points[np.ix_(used, moving)], segment[moving], auxiliary or {}, used, joints)
     local = np.concatenate([start.local[moving], np.zeros(int(problem.pinned.sum()))])
@@ -91,7 +100,7 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     cost, weighings = np.inf, 0
     for iteration in range(1, _ITERATIONS + 1):
         problem = _reweighted(problem, state, scale)
-        state = apply_step(state, eliminate_angles(problem, state).step())
+        state = _stepped(problem, state)
         previous, cost = cost, _cost(problem, state)
         fall = abs(previous - cost)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
@@ -100,6 +109,18 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
         elif fall <= _CONVERGED * cost + 1e-18:
             return state, problem, iteration
     raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
+
+
+def _stepped(problem: ChainProblem, state: ChainState) -> ChainState:
+    """Return the state after a Gauss-Newton step, shortened where the whole step increases the cost."""
+    common, turns = eliminate_angles(problem, state).step()
+    before, tried = _cost(problem, state), apply_step(state, (common, turns))
+    for _ in range(_SHORTENINGS):
+        if _cost(problem, tried) <= before * (1 + _CONVERGED):
+            break
+        common, turns = common / 2, turns / 2
+        tried = apply_step(state, (common, turns))
+    return tried
 
 
 def _cost(problem: ChainProblem, state: ChainState) -> float:
@@ -151,6 +172,7 @@ def _collect(
     angles[used] = state.angles
     angles = continuous(angles)
     full = centre_covariance(problem, state, eliminate_angles(problem, state))
+    full += _placement_covariance(problem, state, len(full))
     covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
     return ChainFit(
@@ -163,6 +185,19 @@ def _collect(
         residual,
         arcs,
     )
+
+
+def _placement_covariance(problem: ChainProblem, state: ChainState, size: int) -> FloatArray:
+    """Return what pinned markers add to the covariance of the centres, m^2: they are not exactly at their joints."""
+    total = np.zeros((size, size))
+    at_rest = eliminate_angles(problem, state).step()[0] if problem.pinned.any() else np.zeros(size)
+    for column in np.flatnonzero(problem.pinned):
+        for offset in (_OFF_JOINT, 1j * _OFF_JOINT):
+            points = problem.points.copy()
+            points[:, column] += offset
+            shift = (eliminate_angles(replace(problem, points=points), state).step()[0] - at_rest)[:size]
+            total += np.outer(shift, shift)
+    return total
 
 
 def _rms(off: ComplexArray) -> FloatArray:

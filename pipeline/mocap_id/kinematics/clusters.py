@@ -9,13 +9,15 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals, variance_over_time
 
 _REASSIGNMENTS = 20
 _AS_WELL = 1.2  # largest growth of the residual at which one body fits as well as two
+_FOREIGN = 4.0  # residual of a marker that is on no body, relative to the median of the nearest one
+_MIN_FOREIGN = 0.02  # m
 _WOBBLE = 6.0  # 2.5 to 97.5 % range of an angle of pure noise, in standard deviations, with a margin
 
 
@@ -104,7 +106,7 @@ class Clusters:
         """Return at most ``count`` bodies of at least two markers.
 
         The bodies start from average linkage on the variance of the mutual distances. Every marker then moves to the
-        body that fits it best, until none changes.
+        body that fits it best, until none changes. A marker that fits none of them is left out.
         """
         if self._tree is None:
             return []
@@ -116,6 +118,7 @@ class Clusters:
                 break
             residuals = np.stack([marker_residuals(body, self.points[:, self.moving]) for body in bodies])
             best = self.constraints.nearest_bodies(residuals**2, self.moving)
+            best[_foreign(residuals[best, np.arange(len(best))], best)] = -1
             regrouped = [self.moving[best == index] for index in range(len(bodies))]
             if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
                 break
@@ -176,6 +179,13 @@ class Clusters:
         if key not in self._bodies:
             self._bodies[key] = fit_body(self.points, markers)
         return self._bodies[key]
+
+
+def _foreign(residual: FloatArray, body: IntArray) -> BoolArray:
+    """Return which markers (M,) fit even their nearest body much worse than the body's usual marker does."""
+    usual = {index: float(np.median(residual[body == index])) for index in np.unique(body)}
+    limit = np.maximum([_FOREIGN * usual[index] for index in body], _MIN_FOREIGN)
+    return np.asarray(residual > limit)
 
 
 def _pooled(first: RigidBody, second: RigidBody) -> float:

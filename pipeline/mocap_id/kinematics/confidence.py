@@ -16,8 +16,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.kinematics.hypotheses import Hypothesis
+from mocap_id.kinematics.link_fit import LinkFit
 
-Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up"]
+Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up", "links", "ankle"]
 
 _BEST = 3.8  # log odds without evidence against
 _SURE_SKIPPED = 3.5  # growth of the residual without a segment: between right (4.0) and wrong segments (3.0)
@@ -26,6 +27,9 @@ _SURE_AXIS = 2.0
 _SURE_PIN = 8e-3  # m
 _SURE_GAP = 2.0
 _SURE_COST = 20.0
+_SURE_ANKLE_ARC = float(np.radians(30))
+_LEFT_OUT_OF_LINKS = 5.0  # off the log odds
+_LOOSE = 5.0  # off the log odds
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,11 @@ class Confidence:
         ``base``
             the still markers hardly differ from the moving ones;
         ``runner-up``
-            another number of segments explains the trial about as well.
+            another number of segments explains the trial about as well;
+        ``links``
+            a segment has a single marker, and no marker is at either of its joints;
+        ``ankle``
+            joint 1 turns little, and no marker is at it.
     """
 
     value: float
@@ -97,6 +105,25 @@ def assess_confidence(
     )
 
 
+def assess_links(links: LinkFit, explained: float, gap: float) -> Confidence:
+    """Weigh the evidence against a chain with single-marker segments.
+
+    Parameters
+    ----------
+    links : LinkFit
+    explained, gap : float
+        As for :func:`assess_confidence`.
+    """
+    ankle_marked = any(pin.joint == 0 for pin in links.pins)
+    against: dict[Evidence, float] = {
+        "left-out": _LEFT_OUT_OF_LINKS if explained < 1 else 0.0,
+        "base": 0.0 if ankle_marked else 2 * _short_of(gap, _SURE_GAP),
+        "links": _LOOSE if links.loose else 0.0,
+        "ankle": 0.0 if ankle_marked else 4 * _short_of(float(links.arcs[0]), _SURE_ANKLE_ARC),
+    }
+    return Confidence(float(1 / (1 + np.exp(sum(against.values()) - _BEST))), tuple(1.0 for _ in links.arcs), against)
+
+
 def _short_of(value: float, enough: float) -> float:
     """Return ln(enough / value), at least 0."""
     return float(max(np.log(enough) - np.log(max(value, 1e-3)), 0.0))
@@ -117,5 +144,8 @@ def explained_share(segment: IntArray, lateral: FloatArray, moving: IntArray) ->
     on_chain = moving[segment[moving] > 0]
     from_middle = np.abs(lateral - np.median(lateral[on_chain]))
     reach = from_middle[segment == segment.max()].max()
+    left_out = moving[segment[moving] < 0]
+    if len(left_out) > len(on_chain):  # limbs are never the larger part of a body
+        return len(on_chain) / (len(on_chain) + len(left_out))
     unexplained = moving[(segment[moving] < 0) & (from_middle[moving] <= reach)]
     return len(on_chain) / (len(on_chain) + len(unexplained))

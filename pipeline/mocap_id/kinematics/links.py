@@ -16,6 +16,7 @@ the assignment of the markers:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Literal
 
@@ -28,7 +29,7 @@ from mocap_id.kinematics.chain_equations import ChainState, joint_positions
 from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
 from mocap_id.kinematics.circle import fit_common_centre
 from mocap_id.kinematics.joint import arc, fit_joint
-from mocap_id.kinematics.rigid_body import RigidBody, fit_body, still_body
+from mocap_id.kinematics.rigid_body import RigidBody, fit_body, rigid_poses, still_body
 
 LinkMethod = Literal["rigid-body", "circle"]
 
@@ -100,6 +101,56 @@ def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
     for body, origin in zip(bodies, origins, strict=True):
         local[body.markers] = body.template - origin
     return ChainState(centres, local, np.stack([np.angle(body.rotation) for body in bodies[1:]], axis=1))
+
+
+def chain_angles(
+    points: ComplexArray,
+    segment: IntArray,
+    centres: ComplexArray,
+    local: ComplexArray,
+    joint_markers: Mapping[int, ComplexArray],
+) -> FloatArray:
+    """Return the segments' angles (F, n), rad, of a chain that is known; NaN where a frame does not show them.
+
+    Segments with two distinct points show theirs by themselves. The others follow from the joints at their ends: a
+    neighbour with a body carries one, or markers stand for it.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        m; NaN where unseen.
+    segment : (M,) int array
+        0 = base, 1 … n.
+    centres : (n,) complex array
+        Each joint in the frame of the segment before, m.
+    local : (M,) complex array
+        Coordinates in the segments' frames, m.
+    joint_markers : mapping of int to (F,) complex array
+        Where markers put a joint (1 … n), m.
+    """
+    joints = len(centres)
+    angles = np.full((len(points), joints), np.nan)
+    place: list[ComplexArray | None] = [None] * (joints + 1)
+    place[0] = np.full(len(points), centres[0])
+    for k in range(1, joints + 1):
+        own = np.flatnonzero(segment == k)
+        if len(own) < 2 or np.ptp(local[own].real) + np.ptp(local[own].imag) < 0.05:
+            continue
+        seen = np.isfinite(points[:, own])
+        turn, origin = rigid_poses(np.where(seen, points[:, own], 0), seen.astype(np.float64), local[own])
+        known = np.where(seen.sum(axis=1) >= 2, 1.0, np.nan)
+        angles[:, k - 1] = np.angle(turn * known)
+        place[k - 1] = origin * known if k > 1 else place[0]
+        if k < joints:
+            place[k] = (origin + turn * centres[k]) * known
+    for joint, track in joint_markers.items():
+        if place[joint - 1] is None:
+            place[joint - 1] = track
+    for k in range(joints):
+        near, far = place[k], place[k + 1]
+        if np.isnan(angles[:, k]).all() and near is not None and far is not None:
+            angles[:, k] = np.angle(far - near) - np.angle(centres[k + 1])
+    return angles
 
 
 def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:

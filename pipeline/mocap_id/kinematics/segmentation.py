@@ -17,13 +17,17 @@ from mocap_id.errors import Refused
 from mocap_id.kinematics.axis_markers import find_axis_markers
 from mocap_id.kinematics.chain_search import find_hypotheses
 from mocap_id.kinematics.clusters import Base, Clusters, find_base
-from mocap_id.kinematics.confidence import Confidence, assess_confidence, explained_share
+from mocap_id.kinematics.confidence import Confidence, assess_confidence, assess_links, explained_share
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules
 from mocap_id.kinematics.joint import PairJoint, fit_joint
+from mocap_id.kinematics.link_fit import SEGMENT_PRICE, LinkFit, log_cost
+from mocap_id.kinematics.link_search import best_links
 from mocap_id.kinematics.rigid_body import RigidBody, marker_residuals, still_body
 
 _ADOPT = 2.0  # largest residual of an adopted marker, relative to the segment's own
+_SURE = 0.9  # confidence in a chain of rigid bodies at which no other chain is tried
+_BETTER = 2.0  # least advantage in cost of a chain with single-marker segments
 _TALLEST = 5.0  # m; largest plausible height of the markers
 
 
@@ -47,7 +51,9 @@ class Segmentation:
     base : Base
         The still markers and the noise floor.
     hypotheses : tuple of Hypothesis
-        All hypotheses, best first.
+        All hypotheses with rigid bodies only, best first.
+    links : LinkFit or None
+        The fitted chain, if one of its segments is not a rigid body of its own (:mod:`.link_markers`).
     """
 
     segment: IntArray
@@ -57,6 +63,7 @@ class Segmentation:
     ratios: tuple[float, ...]
     base: Base
     hypotheses: tuple[Hypothesis, ...] = field(repr=False)
+    links: LinkFit | None = field(default=None, repr=False)
 
 
 def segment_markers(
@@ -89,9 +96,38 @@ def segment_markers(
         points, lateral, base, still_body(points, base.markers), moving, rules, constraints, clusters
     )
     considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
-    if not considered:
+    found = _assign(problem, considered) if considered else None
+    if found is None or found.confidence.value < _SURE:
+        links = best_links(problem)
+        if links is not None and (found is None or links.cost < _rigid_cost(problem, found) - _BETTER):
+            return _with_links(problem, considered, links)
+    if found is None:
         raise _no_chain(problem)
-    return _assign(problem, considered)
+    return found
+
+
+def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:
+    """Return the cost of a chain of rigid bodies, as :mod:`.link_fit` measures it."""
+    seen = np.isfinite(problem.base.scatter)
+    gaps = np.array([0.0, *(joint.residual for joint in found.hypotheses[0].joints)])
+    on_segment = np.where(np.isfinite(found.residual), found.residual, np.inf)
+    residual = np.hypot(on_segment, gaps[np.maximum(found.segment, 0)])
+    return float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (found.count - 1)
+
+
+def _with_links(problem: SegmentationProblem, considered: tuple[Hypothesis, ...], links: LinkFit) -> Segmentation:
+    """Return the segments of a chain with single-marker segments."""
+    explained = explained_share(links.segment, problem.lateral, problem.moving)
+    return Segmentation(
+        links.segment,
+        links.residual,
+        len(links.state.centres) + 1,
+        assess_links(links, explained, problem.base.gap),
+        links.ratios(problem.points),
+        problem.base,
+        considered,
+        links,
+    )
 
 
 def _require_base_and_motion(base: Base, points: ComplexArray, rules: SegmentationRules) -> None:

@@ -86,6 +86,17 @@ def distance_outside(points: FloatArray, outline: FloatArray) -> FloatArray:
     return np.asarray((points @ _DIRECTIONS - support).max(axis=1))
 
 
+def least_width(outline: FloatArray) -> float:
+    """Return the least distance between two parallel lines that enclose an outline (K, 2), m.
+
+    Examples
+    --------
+    >>> round(least_width(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]])), 3)
+    1.0
+    """
+    return float(np.ptp(outline @ _DIRECTIONS, axis=0).min())
+
+
 def largest_distance(outline: FloatArray) -> float:
     """Return the largest distance between any two points of an outline (K, 2), m."""
     return float(np.max(np.linalg.norm(outline[:, None] - outline[None], axis=-1)))

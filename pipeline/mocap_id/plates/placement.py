@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.plates.direction import mean_over_markers
-from mocap_id.plates.feet import distance_outside, find_standing_feet, largest_distance
+from mocap_id.plates.feet import distance_outside, find_standing_feet, largest_distance, least_width
 from mocap_id.recording.lab_plates import centre_of_pressure
 from mocap_id.recording.marker_posture import shows_standing, upright
 from mocap_id.recording.model import Plate
@@ -30,6 +30,16 @@ _PERCENTILE = 90.0
 
 _FOOT_M = 0.20
 """Length from the heel markers to the toe markers; a shorter outline lacks one end of the foot."""
+
+_BOTH_ENDS_M = 0.13
+"""Least length of each foot's markers, and least width of those of all feet. From the ankle to the toes it is at least
+0.135 m; markers of the toes alone, or of one foot alone, are at most 0.12 m long or wide."""
+
+_TWO_FEET_M = 0.25
+"""Least length of markers of two feet that stand so close that their markers form one group."""
+
+_WHOLE_WEIGHT = 0.75
+"""If the plates carry this share of the standing weight while the body is low, a chair may stand on them."""
 
 _STEP_S = 0.1
 """Speeds are differences over this time to either side."""
@@ -53,7 +63,9 @@ class PlatePlacement:
         The plate's number, from 1.
     off_feet : float or None
         90th percentile of the distance of the centre of pressure from the outline of the feet, m; negative inside. None
-        if no feet stand still.
+        if it is unknown.
+    unknown : str or None
+        Why it is unknown.
     allowance : float
         Length by which the outline of the markers may be shorter than the foot, m.
     over_surface : float or None
@@ -66,6 +78,7 @@ class PlatePlacement:
 
     index: int
     off_feet: float | None
+    unknown: str | None
     allowance: float
     over_surface: float | None
     normal: FloatArray | None
@@ -92,7 +105,7 @@ def compare_with_feet(
         Markers, lab axes, m.
     """
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
-    loaded = [_loaded(each) for each in samples]
+    loaded = _on_feet_alone(positions, samples)
     surface = float(np.mean(surfaces)) if surfaces else None
     feet = (
         find_standing_feet(positions, np.logical_or.reduce(loaded), surface, len(plates))
@@ -100,15 +113,40 @@ def compare_with_feet(
         else []
     )
     feet = [foot for foot in feet if largest_distance(foot[:, :2]) > _FOOT_M / 2]
-    outlines = feet if len(feet) == len(plates) else [np.concatenate(feet)] * len(plates) if feet else []
+    unknown = _why_no_outline(feet)
+    outlines = [] if unknown else feet if len(feet) == len(plates) else [np.concatenate(feet)] * len(plates)
     distances = np.array(
         [[_off(*each, outline) for outline in outlines] for each in zip(plates, samples, loaded, strict=True)]
     )
     own: IntArray = linear_sum_assignment(np.nan_to_num(distances, nan=0.0))[1] if outlines else np.zeros(0, np.int64)
     return [
-        _placement(plate, each, where, distances[k, own[k]] if outlines else np.nan, feet)
+        _placement(plate, each, where, distances[k, own[k]] if outlines else np.nan, feet, unknown)
         for k, (plate, each, where) in enumerate(zip(plates, samples, loaded, strict=True))
     ]
+
+
+def _on_feet_alone(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
+    """Return the samples (F,) in which each plate is loaded by the feet: all, or those of a person who stands.
+
+    If the plates carry the whole weight while the body is low, a chair may stand on them. Its force acts behind the feet.
+    """
+    loaded = [_loaded(each) for each in samples]
+    tall, low = upright(positions)
+    total = np.sum([np.where(each.ok, each.force[:, 2], 0.0) for each in samples], axis=0) if samples else np.zeros(0)
+    if low.any() and tall.any() and np.median(total[low]) > _WHOLE_WEIGHT * np.median(total[tall]):
+        return [each & tall for each in loaded]
+    return loaded
+
+
+def _why_no_outline(feet: Sequence[FloatArray]) -> str | None:
+    """Return why markers of feet (K, 3) do not show where the soles are; None if they do."""
+    if not feet:
+        return "no foot with two markers stands still"
+    if min(largest_distance(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
+        return "the markers show one foot alone, or not both ends of each foot"
+    if least_width(np.concatenate(feet)[:, :2]) < _BOTH_ENDS_M:
+        return "the markers show one foot alone, or one end of the feet"
+    return None
 
 
 def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
@@ -165,14 +203,20 @@ def _off(plate: Plate, samples: PlateSamples, loaded: BoolArray, outline: FloatA
 
 
 def _placement(
-    plate: Plate, samples: PlateSamples, loaded: BoolArray, off: float, feet: Sequence[FloatArray]
+    plate: Plate,
+    samples: PlateSamples,
+    loaded: BoolArray,
+    off: float,
+    feet: Sequence[FloatArray],
+    unknown: str | None,
 ) -> PlatePlacement:
     known, over = bool(np.isfinite(off)), None
-    if known and plate.centre is not None:
+    if feet and loaded.any() and plate.centre is not None:
         over = float(min(foot[:, 2].min() for foot in feet) - plate.centre[2])
     return PlatePlacement(
         index=plate.index,
         off_feet=off if known else None,
+        unknown=None if known else unknown or "the plate is hardly loaded",
         allowance=max(0.0, _FOOT_M - max(largest_distance(foot[:, :2]) for foot in feet)) if known else 0.0,
         over_surface=over,
         normal=None if plate.corners is None else -plate_axes(plate.corners)[:, 2],  # the z axis of a plate points down

@@ -8,6 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import planar
+from mocap_id.simulation.faults import Displacement
 from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.markers import MarkerSet
 from mocap_id.simulation.scene import Scene
@@ -37,7 +38,9 @@ class Jump:
     by: FloatArray
 
 
-def true_positions(scene: Scene, state: TrueState, skin: FloatArray) -> FloatArray:
+def true_positions(
+    scene: Scene, state: TrueState, skin: FloatArray, displacement: Displacement | None = None
+) -> FloatArray:
     """Return marker positions in the laboratory, without measurement error.
 
     Parameters
@@ -47,6 +50,8 @@ def true_positions(scene: Scene, state: TrueState, skin: FloatArray) -> FloatArr
         State at T frames.
     skin : (T, M, 3) array
         Displacement of the markers in their links' frames, m.
+    displacement : Displacement, optional
+        Displacement of the whole person.
 
     Returns
     -------
@@ -57,7 +62,10 @@ def true_positions(scene: Scene, state: TrueState, skin: FloatArray) -> FloatArr
     local = local + skin
     flat = origin[:, link] + planar.rotate(angle[:, link], local[..., :2])
     depth = local[..., 2:] + scene.offset
-    return scene.plane.from_plane(np.concatenate([flat, depth], axis=-1))
+    positions = np.concatenate([flat, depth], axis=-1)
+    if displacement is not None:
+        positions = np.where(scene.markers.on_plate[:, None], positions, displacement.positions(positions))
+    return scene.plane.from_plane(positions)
 
 
 def _carriers(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.simulation.body import SimulatedBody
 
+MarkerSetName: TypeAlias = Literal["clusters", "plug-in-gait", "plug-in-gait-without-wands", "joints"]
 PLACEMENT = 0.006  # m, standard deviation of a marker's placement
 
 
@@ -104,13 +107,56 @@ _ROBOT = (
     _Site("WRI4", 1, -0.034, 0.98, 0.070, 0.0, paired=False, hidden=True),
 )
 
+_CONVENTIONAL = (
+    _Site("C7", 3, 0.065, 1.17, 0.0, 2.0, paired=False, hidden=True),
+    _Site("T10", 3, 0.100, 0.72, 0.0, 3.0, paired=False, hidden=True),
+    _Site("CLAV", 3, -0.075, 1.02, 0.0, 2.0, paired=False, hidden=True),
+    _Site("STRN", 3, -0.110, 0.74, 0.0, 3.0, paired=False, hidden=True),
+    _Site("SHO", 3, 0.0, 1.07, 0.185, 3.0, hidden=True),
+    _Site("ASI", 3, -0.090, 0.17, 0.125, 4.0, hidden=True),
+    _Site("PSI", 3, 0.100, 0.20, 0.050, 3.0, hidden=True),
+    _Site("THI", 2, -0.020, 0.45, 0.170, 4.0),
+    _Site("KNE", 2, 0.0, 0.0, 0.140, 4.0, at_joint="knee"),
+    _Site("TIB", 1, -0.020, 0.50, 0.130, 2.0),
+    _Site("ANK", 1, 0.0, 0.0, 0.130, 1.0, at_joint="ankle"),
+    _Site("HEE", 0, 0.09, 0.55, 0.100, 0.3),
+    _Site("TOE", 0, -0.14, 0.50, 0.130, 0.3),
+)
+_WANDS = ("THI", "TIB")
+_JOINTS = ("HEE", "TOE", "ANK", "KNE", "ASI", "SHO")
+MARKER_SETS: Mapping[MarkerSetName, tuple[_Site, ...]] = {
+    "clusters": _PERSON,
+    "plug-in-gait": _CONVENTIONAL,
+    "plug-in-gait-without-wands": tuple(site for site in _CONVENTIONAL if site.name not in _WANDS),
+    "joints": tuple(site for site in _CONVENTIONAL if site.name in _JOINTS),
+}
+"""Sites of each marker set of a person."""
+
 PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
 
 
-def place_markers(rng: np.random.Generator, body: SimulatedBody) -> MarkerSet:
-    """Place the body's markers and seven on the plate, with random placement errors."""
+def place_markers(
+    rng: np.random.Generator, body: SimulatedBody, name: MarkerSetName = "clusters", without: str = ""
+) -> MarkerSet:
+    """Place the body's markers with random placement errors; clusters have seven more on the plate.
+
+    Parameters
+    ----------
+    rng : Generator
+    body : SimulatedBody
+    name : str
+        Marker set of a person; a robot has its own.
+    without : str
+        Markers to leave out, separated by commas: on both sides (``KNE``), on one (``LKNE``) or a whole side (``R*``).
+    """
     person = len(body.links) > 2
-    sites = tuple(one for site in (_PERSON if person else _ROBOT) for one in _sides(site))
+    left_out = {each.strip() for each in without.split(",")}
+    sites = tuple(
+        one
+        for site in (MARKER_SETS[name] if person else _ROBOT)
+        for one in _sides(site)
+        if not {site.name, one.name, f"{one.name[0]}*" if site.paired else site.name} & left_out
+    )
     return with_plate(
         rng,
         tuple(site.name for site in sites),
@@ -119,7 +165,16 @@ def place_markers(rng: np.random.Generator, body: SimulatedBody) -> MarkerSet:
         softness=np.array([site.soft_mm for site in sites]) / 1e3,
         hidden=np.array([site.hidden for site in sites]),
         at_joint=tuple(site.at_joint for site in sites),
+        plate=PLATE if name == "clusters" else (),
     )
+
+
+def knee_to_shank(markers: MarkerSet, body: SimulatedBody) -> MarkerSet:
+    """Return the markers with those at the knee fixed to the shank."""
+    at_knee = np.array([joint == "knee" for joint in markers.at_joint])
+    local = markers.local.copy()
+    local[at_knee, :2] += body.links[2].centre
+    return replace(markers, link=markers.link - at_knee, local=local)
 
 
 def with_plate(
@@ -131,11 +186,12 @@ def with_plate(
     softness: FloatArray,
     hidden: BoolArray,
     at_joint: tuple[str | None, ...],
+    plate: Sequence[tuple[float, float]] = PLATE,
 ) -> MarkerSet:
-    """Add seven markers on the plate, and random placement errors; parameters as for :class:`MarkerSet`."""
-    plain = len(PLATE)
+    """Add markers on the ``plate`` and random placement errors; other parameters as for :class:`MarkerSet`."""
+    plain = len(plate)
     on_plate = np.arange(len(labels) + plain) >= len(labels)
-    local = np.concatenate([local, [(x, 0.004, z) for x, z in PLATE]])
+    local = np.concatenate([local, np.array([(x, 0.004, z) for x, z in plate]).reshape(-1, 3)])
     local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
     return MarkerSet(
         labels=(*labels, *(f"PLT{i + 1}" for i in range(plain))),

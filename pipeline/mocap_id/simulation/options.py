@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal, TypeAlias
 
 from mocap_id.errors import ConfigError
+from mocap_id.simulation.markers import MARKER_SETS, MarkerSetName
 from mocap_id.simulation.plate import Sense
 from mocap_id.simulation.schedule import STRATEGIES, Strategy
 from mocap_id.simulation.subject import Subject
@@ -82,6 +83,55 @@ class PersonOptions:
 
 
 @dataclass(frozen=True)
+class FaultOptions:
+    """Faults of a recording; by default there are none. The seed draws which marker, when and where.
+
+    Raises
+    ------
+    ConfigError
+        A value is out of range.
+    """
+
+    frozen_s: float = _option(0.0, "A moving marker keeps its last position for this time, s.", (0, 60), "s")
+    ghost_walks: float = _option(0.0, "1 adds a trajectory that moves through the volume and is no marker.", (0, 1))
+    ghost_reflects: float = _option(0.0, "1 adds the mirror image of a marker.", (0, 1))
+    reattached_mm: float = _option(
+        0.0, "A moving marker falls off and is attached again at this distance, mm.", (0, 200), "mm"
+    )
+    mislabelled_s: float = _option(0.0, "Two moving markers exchange their names for this time, s.", (0, 60), "s")
+    wander_mm: float = _option(0.0, "Slow wander (below 0.5 Hz) of every marker, mm rms.", (0, 10), "mm")
+    wobble_mm: float = _option(
+        0.0, "Wobble at 4 Hz of the skin of each segment, all its markers alike, mm rms.", (0, 10), "mm"
+    )
+    filter_hz: float = _option(0.0, "Cut-off of a zero-phase low-pass filter on the markers, Hz.", (0, 50), "Hz")
+    repeated_share: float = _option(0.0, "Share of the frames that repeat the frame before.", (0, 0.9))
+    camera_scale: float = _option(0.0, "Relative error of all distances between markers.", (-0.2, 0.2))
+    tilt_deg: float = _option(0.0, "Tilt of the cameras' frame in the plane of motion, degrees.", (-10, 10), "degrees")
+    rate_error: float = _option(0.0, "Relative error of the frame rate and the analog rate in the file.", (-0.5, 0.5))
+    gain: float = _option(0.0, "Relative error of all channels of the plate.", (-0.9, 1))
+    gain_fz: float = _option(0.0, "Relative error of the plate's vertical force.", (-0.9, 1))
+    gain_moments: float = _option(0.0, "Relative error of the plate's moments.", (-0.9, 1))
+    offset_fz_N: float = _option(0.0, "Constant error of the vertical force, N.", (-200, 200), "N")  # noqa: N815  a unit
+    corners_mm: float = _option(0.0, "Error of the plate's corners in the file along the motion, mm.", (0, 200), "mm")
+    foot_slide_mm: float = _option(0.0, "Distance by which the feet slide once, while seated, mm.", (0, 100), "mm")
+    foot_moves_mm: float = _option(
+        0.0, "Largest distance of the feet from their usual place in each repetition, mm.", (0, 100), "mm"
+    )
+    turn_deg: float = _option(
+        0.0, "Angle by which the seated person turns about the vertical at mid-trial, degrees.", (0, 45), "degrees"
+    )
+    plane_tilt_deg: float = _option(0.0, "Sideways lean of the plane of motion, degrees.", (-20, 20), "degrees")
+
+    def __post_init__(self) -> None:
+        _check(self, "simulate: faults")
+
+    @property
+    def present(self) -> dict[str, float]:
+        """Faults that are not zero."""
+        return {name: value for name, value in vars(self).items() if value}
+
+
+@dataclass(frozen=True)
 class Options:
     """Options of a simulated trial; the same options give the same files.
 
@@ -125,6 +175,17 @@ class Options:
     hold: float = _option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
     rail: float = _option(0.0, "Share of the vertical load that a hand on a rail carries during each rise.", (0, 0.5))
     people: PersonOptions = field(default_factory=PersonOptions)
+    rest_before: float = _option(0.0, "Rest before the first rise, s.", (0, 600), "s")
+    rest_standing: float = _option(0.0, "Additional rest in the first stand, s.", (0, 600), "s")
+    rest_after: float = _option(0.0, "Rest after the last repetition, s.", (0, 600), "s")
+    marker_set: MarkerSetName = _option(  # noqa: RUF009  a dataclass field
+        "clusters",
+        "Markers of the person: clusters on every segment and on the plate, Plug-in-Gait, or one at each joint.",
+        choices=MARKER_SETS,
+    )
+    without: str = _option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
+    knee_on_shank: bool = _option(False, "Fix the knee marker of a conventional set to the shank, not to the thigh.")
+    faults: FaultOptions = field(default_factory=FaultOptions)
     joint: JointName | None = _option(  # noqa: RUF009  a dataclass field
         None, "Joint of the thesis's UR5 robot that moves; a random robot if omitted.", choices=(None, *REFERENCE)
     )
@@ -142,21 +203,29 @@ class Options:
 
 
 def read_people(text: str) -> PersonOptions:
-    """Read a person's options from text such as ``hip_gap_mm=10,held_mass_kg=2``.
+    """Read a person's options from text such as ``hip_gap_mm=10,held_mass_kg=2``; errors as for :func:`read_faults`."""
+    return PersonOptions(**_read_numbers(text, "people", [each.name for each in fields(PersonOptions)]))
+
+
+def read_faults(text: str) -> FaultOptions:
+    """Read faults from text such as ``frozen_s=4,gain_fz=0.05``.
 
     Raises
     ------
     ConfigError
         An entry is not ``name=number``, a name is repeated, or a value is out of range.
     """
-    names = [each.name for each in fields(PersonOptions)]
+    return FaultOptions(**_read_numbers(text, "faults", [each.name for each in fields(FaultOptions)]))
+
+
+def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
     values: dict[str, float] = {}
     for pair in filter(None, (part.strip() for part in text.split(","))):
         name, _, number = (part.strip() for part in pair.partition("="))
         if name not in names or name in values:
-            raise ConfigError(f"simulate: people: {pair!r} is not expected; expected each once: {', '.join(names)}")
+            raise ConfigError(f"simulate: {option}: {pair!r} is not expected; expected each once: {', '.join(names)}")
         try:
             values[name] = float(number)
         except ValueError:
-            _refuse("simulate: people", name, number, "a number")
-    return PersonOptions(**values)
+            _refuse(f"simulate: {option}", name, number, "a number")
+    return values

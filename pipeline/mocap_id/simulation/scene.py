@@ -13,12 +13,13 @@ from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame
 from mocap_id.simulation import ur5
 from mocap_id.simulation.body import GRAVITY, SimulatedBody, draw_person, draw_robot
+from mocap_id.simulation.faults import Displacement
 from mocap_id.simulation.forces import TrueState, true_state
 from mocap_id.simulation.joint_motion import JointMotion, Swing
 from mocap_id.simulation.loose_body import LooseBody, divide_body
 from mocap_id.simulation.loose_forces import LoosePerson, perform_loose, true_loose_state
 from mocap_id.simulation.loose_motion import Looseness, draw_habit, draw_trial_variation
-from mocap_id.simulation.markers import MarkerSet, place_markers
+from mocap_id.simulation.markers import MarkerSet, knee_to_shank, place_markers
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.plate import SimulatedPlate, draw_plate
 from mocap_id.simulation.schedule import Schedule
@@ -27,7 +28,7 @@ from mocap_id.simulation.subject import Subject
 from mocap_id.simulation.supports import Chair, Rail
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
-_LATER = ("jumps", "seat", "seat channels", "feet", "wander", "people", "people here")
+_LATER = ("jumps", "seat", "seat channels", "feet", "wander", "people", "people here", "faults", "displacement")
 _STREAMS = (*_OLDEST, *_LATER)  # append new streams at the end, so that a seed always gives the same trial
 _OF_SUBJECT = ("body", "markers", "skin", "people")
 
@@ -96,9 +97,15 @@ class Scene:
             return true_loose_state(self.loose, self.chair, time, self.rail)
         return true_state(self.body, self.motion, self.chair, time, self.rail)
 
-    def load_on_plate(self, state: TrueState) -> tuple[FloatArray, FloatArray]:
+    def load_on_plate(
+        self, state: TrueState, displacement: Displacement | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the plate's force on the body and moment about the surface's centre, (T, 3) each, laboratory axes."""
-        return self._in_laboratory(state.wrench)
+        if displacement is None:
+            return self._in_laboratory(state.wrench)
+        com = np.column_stack([state.com, np.full(len(state.com), self.offset)])
+        force, moment = displacement.load(*self._in_plane(state.wrench), GRAVITY * self.body.mass, com)
+        return force @ self.plane.axes, moment @ self.plane.axes
 
     def load_on_seat_plate(self, state: TrueState) -> tuple[FloatArray, FloatArray]:
         """Return the load as :meth:`load_on_plate` for the plate under the chair, including the chair's weight."""
@@ -110,11 +117,16 @@ class Scene:
 
     def _in_laboratory(self, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return force and moment about the plane's origin in laboratory axes (T, 3) of a planar wrench (T, 3)."""
+        force, moment = self._in_plane(wrench)
+        return force @ self.plane.axes, moment @ self.plane.axes
+
+    def _in_plane(self, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return force and moment about the plane's origin in its axes (T, 3) of a planar wrench (T, 3)."""
         fx, fy, tauz = wrench.T
         still = np.zeros_like(fx)
         force = np.column_stack([fx, fy, still])
         moment = np.column_stack([-self.offset * fy, self.offset * fx, tauz])
-        return force @ self.plane.axes, moment @ self.plane.axes
+        return force, moment
 
 
 def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | None = None) -> Scene:
@@ -138,7 +150,12 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
         apart, body = divide_body(rng["people"], body, options.people.held_mass_kg)
     played = _Performance(given) if given else _performance(kind, options, body, apart, rng)
     plate = _draw_plate(options, rng["plate"])
-    markers = place_markers(rng["markers"], body) if ur5_joint is None else ur5.place_markers(rng["markers"], ur5_joint)
+    if ur5_joint is not None:
+        markers = ur5.place_markers(rng["markers"], ur5_joint)
+    else:
+        markers = place_markers(rng["markers"], body, options.marker_set, options.without)
+    if options.knee_on_shank:
+        markers = knee_to_shank(markers, body)
     yaw = float(rng["place"].uniform(-np.pi, np.pi))
     scene = Scene(
         body=body,

@@ -152,11 +152,18 @@ class Schedule:
 
 
 def draw_schedule(
-    rng: np.random.Generator, strategy: StrategyParameters, repetitions: int, *, attempts: int = 0, hold: float = 0.0
+    rng: np.random.Generator,
+    strategy: StrategyParameters,
+    repetitions: int,
+    *,
+    attempts: int = 0,
+    hold: float = 0.0,
+    rests: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Schedule:
     """Draw a sequence of repetitions whose durations vary by up to 6 %.
 
     A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` s.
+    ``rests`` are s before the first rise, in the first stand and after the last repetition.
     """
 
     def about(value: float) -> float:
@@ -164,7 +171,7 @@ def draw_schedule(
 
     done: list[Repetition] = []
     failed: list[Attempt] = []
-    now = 1.5
+    now = 1.5 + rests[0]
     for k in range(repetitions):
         if k >= repetitions - attempts:
             failed.append(Attempt(now, now + 1.0, now + 2.0))
@@ -172,10 +179,10 @@ def draw_schedule(
         rise, unload, sit, load = (about(x) for x in (strategy.rise, strategy.unload, strategy.sit, strategy.load))
         seat_off = now + about(0.8) + unload
         rise_end = seat_off - unload + rise + (hold if k == repetitions - 1 else 0.0)
-        sit_start = rise_end + float(rng.uniform(0.8, 1.3))
+        sit_start = rise_end + float(rng.uniform(0.8, 1.3)) + (rests[1] if k == 0 else 0.0)
         seat_on = sit_start + sit - load
         sit_end = seat_on + load + about(0.7)
         done.append(Repetition(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
         now = sit_end + float(rng.uniform(0.8, 1.2))
     stop = Hold(repetitions - 1, hold) if hold > 0 else None
-    return Schedule(tuple(done), now + 0.5, tuple(failed), stop)
+    return Schedule(tuple(done), now + 0.5 + rests[2], tuple(failed), stop)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from mocap_id.simulation.cameras import (
     true_positions,
     visibility,
 )
+from mocap_id.simulation.faults import camera_faults, draw_displacement, plate_faults, skin_faults
 from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.joint_motion import JointMotion
 from mocap_id.simulation.options import Kind, Options
@@ -47,6 +50,10 @@ class SimulatedTrial:
         The plate's channels, ``analog_rate / rate`` samples a frame.
     seat_signals : PlateSignals or None
         Channels of the plate under the chair.
+    labels : tuple of str
+        Names in the file: those of the M markers, then trajectories that are no markers.
+    fault_truth : mapping
+        Which markers a fault concerns, and when.
     """
 
     scene: Scene
@@ -58,6 +65,8 @@ class SimulatedTrial:
     points: FloatArray
     signals: PlateSignals
     seat_signals: PlateSignals | None
+    labels: tuple[str, ...]
+    fault_truth: Mapping[str, Any]
 
 
 def generate(kind: Kind, options: Options, given: JointMotion | None = None) -> SimulatedTrial:
@@ -71,12 +80,21 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     frames = round(scene.motion.duration * options.rate)
     state = scene.at(np.arange(frames) / options.rate)
     scene, skin = _with_skin(scene, options, rng, state)
-    positions = true_positions(scene, state, skin)
+    faults, schedule = options.faults, None if scene.chair is None else scene.chair.schedule
+    skin = skin + skin_faults(rng["faults"], faults, scene.markers, state.time)
+    seed = int(rng["displacement"].integers(2**32))
+    positions = true_positions(scene, state, skin, draw_displacement(seed, faults, schedule, state.time))
     bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate, options.occlusions)
     jumps = draw_jumps(rng["jumps"], scene.markers, frames, options.jumps)
     visible = visibility(scene.markers, bursts, frames)
     samples = frames * round(options.analog_rate / options.rate)
     loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
+    points = measure_positions(
+        rng["cameras"], positions + jump_displacements(scene.markers, jumps, frames), options.marker_noise, visible
+    )
+    labels, points, fault_truth = camera_faults(rng["faults"], faults, scene, points, options.rate)
+    load = scene.load_on_plate(loaded, draw_displacement(seed, faults, schedule, loaded.time))
+    signals = measure(rng["channels"], scene.plate, *load, options.analog_rate)
     return SimulatedTrial(
         scene=scene,
         state=state,
@@ -84,13 +102,13 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
         visible=visible,
         bursts=bursts,
         jumps=jumps,
-        points=measure_positions(
-            rng["cameras"], positions + jump_displacements(scene.markers, jumps, frames), options.marker_noise, visible
-        ),
-        signals=measure(rng["channels"], scene.plate, *scene.load_on_plate(loaded), options.analog_rate),
+        points=points,
+        signals=plate_faults(faults, signals, scene.plane.axes[0]),
         seat_signals=None
         if scene.seat_plate is None
         else measure(rng["seat channels"], scene.seat_plate, *scene.load_on_seat_plate(loaded), options.analog_rate),
+        labels=labels,
+        fault_truth=fault_truth,
     )
 
 

@@ -73,7 +73,14 @@ class _Task:
 def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -> Plan:
     """Draw a trial of a person, except for the trunk's lean."""
     strategy = STRATEGIES[options.strategy]
-    schedule = draw_schedule(rng, strategy, options.repetitions, attempts=options.attempts, hold=options.hold)
+    schedule = draw_schedule(
+        rng,
+        strategy,
+        options.repetitions,
+        attempts=options.attempts,
+        hold=options.hold,
+        rests=(options.rest_before, options.rest_standing, options.rest_after),
+    )
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
     legs = _legs(body, strategy, schedule, time)
     under_feet = _under_feet(rng, body, strategy, schedule, time)

@@ -6,6 +6,7 @@ import io
 import json
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
@@ -95,8 +96,13 @@ def c3d_bytes(options: Options, trial: SimulatedTrial) -> bytes:
     """Return the content of the C3D file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial.c3d"
-        plates = (trial.signals,) if trial.seat_signals is None else (trial.signals, trial.seat_signals)
-        write_c3d(path, trial.scene.markers.labels, trial.points, options.rate, plates=plates)
+        stated = 1 + options.faults.rate_error
+        plates = [
+            replace(plate, rate=plate.rate * stated)
+            for plate in (trial.signals, trial.seat_signals)
+            if plate is not None
+        ]
+        write_c3d(path, trial.labels, trial.points, options.rate * stated, plates=plates)
         return path.read_bytes()
 
 

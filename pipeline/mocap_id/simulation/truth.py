@@ -82,7 +82,13 @@ def document(kind: Kind, options: Options, trial: SimulatedTrial) -> dict[str, A
         **scene.protocol,
         "cop_outside_foot_max_m": max(outside, 0.0),
         **_people(options, trial),
+        **_faults(options, trial),
     }
+
+
+def _faults(options: Options, trial: SimulatedTrial) -> Mapping[str, Any]:
+    present = options.faults.present
+    return {"faults": {**present, **trial.fault_truth}} if present else {}
 
 
 def _people(options: Options, trial: SimulatedTrial) -> Mapping[str, Any]:

@@ -48,12 +48,8 @@ WRENCH = TableSchema(
     ),
     (
         (
-            Column(
-                "Fx_seat", "float64", "N", "force of the chair on the body along x, without the empty chair's reading"
-            ),
-            Column(
-                "Fy_seat", "float64", "N", "force of the chair on the body upwards, without the empty chair's reading"
-            ),
+            Column("Fx_seat", "float64", "N", "force of the chair on the body along x, empty reading removed"),
+            Column("Fy_seat", "float64", "N", "force of the chair on the body upwards, empty reading removed"),
             Column("tauz_seat", "float64", "N*m", "moment of the chair on the body about the plane-frame origin"),
         ),
         (
@@ -103,19 +99,9 @@ STATES = TableSchema(
         Column("dtheta_{k}", "float64", "rad/s", "velocity"),
         Column("ddtheta_{k}", "float64", "rad/s^2", "acceleration"),
         Column("dddtheta_{k}", "float64", "rad/s^3", "jerk"),
-        Column(
-            "sd_theta_{k}",
-            "float64",
-            "rad",
-            "standard deviation of the angle except for a constant, from camera noise and skin motion",
-        ),
-        Column(
-            "sd_dtheta_{k}",
-            "float64",
-            "rad/s",
-            "standard deviation of the velocity, from camera noise and skin motion",
-        ),
-        Column("sd_ddtheta_{k}", "float64", "rad/s^2", "standard deviation of the acceleration, from the same"),
+        Column("sd_theta_{k}", "float64", "rad", "its standard deviation without a constant, by camera and skin"),
+        Column("sd_dtheta_{k}", "float64", "rad/s", "its standard deviation, by camera and skin"),
+        Column("sd_ddtheta_{k}", "float64", "rad/s^2", "its standard deviation, by camera and skin"),
         Column("observed_{k}", "bool", "", "the angle was estimated from markers in this frame; false = bridged"),
     ),
 )
@@ -155,11 +141,9 @@ ENCODER = TableSchema(
         Column("theta", "float64", "rad", "joint angle from the encoder, with the sense and zero of the plane"),
         Column("dtheta", "float64", "rad/s", "velocity"),
         Column("ddtheta", "float64", "rad/s^2", "acceleration"),
-        Column(
-            "sd_theta", "float64", "rad", "standard deviation of the angle except for a constant, from encoder noise"
-        ),
-        Column("sd_dtheta", "float64", "rad/s", "standard deviation of the velocity, from encoder noise"),
-        Column("sd_ddtheta", "float64", "rad/s^2", "standard deviation of the acceleration, from encoder noise"),
+        Column("sd_theta", "float64", "rad", "its standard deviation without a constant, by encoder noise"),
+        Column("sd_dtheta", "float64", "rad/s", "its standard deviation, by encoder noise"),
+        Column("sd_ddtheta", "float64", "rad/s^2", "its standard deviation, by encoder noise"),
     ),
 )
 
@@ -174,12 +158,7 @@ SKIN = TreeSchema(
         Column("markers/local", "float64", "m", "(K, 2) coordinates in the segment frame"),
         Column("markers/seen", "float64", "1", "(K,) share of the frames in which the marker was used for the states"),
         Column("markers/variance", "float64", "m^2", "(K,) variance of the slide, per coordinate"),
-        Column(
-            "markers/unshaped_variance",
-            "float64",
-            "m^2",
-            "(K,) variance of the part of the slide that follows no joint",
-        ),
+        Column("markers/unshaped_variance", "float64", "m^2", "(K,) variance of the part that follows no joint"),
         Column("markers/spread", "float64", "rad", "(K,) rms variation of the angles of the joints below and above"),
         Column(
             "response/slides",
@@ -188,29 +167,17 @@ SKIN = TreeSchema(
             "(K, 2, 2, 2(n + K)) change of the centres, then of the coordinates, caused by a slide along x or y of the "
             "segment in proportion to the joint below or above",
         ),
-        Column(
-            "response/noise",
-            "float64",
-            "m",
-            "(P, P) square root of the covariance of centres and coordinates from other causes",
-        ),
+        Column("response/noise", "float64", "m", "(P, P) square root of their covariance by other causes"),
     ),
 )
 
 RISE = (
-    Column(
-        "seat_off_72", "float64", "s", "the feet's force passes the share of the standing weight given in the thesis"
-    ),
+    Column("seat_off_72", "float64", "s", "the feet's force passes the thesis's share of the standing weight"),
     Column("seat_off_model", "float64", "s", "measured and modelled force meet"),
     Column("reached", "float64", "1", "greatest height, as a share of the rise from seat to standing"),
     Column("held", "float64", "s", "duration of pauses between seat and standing"),
     Column("attempts", "int64", "", "failed attempts before this rise"),
-    Column(
-        "support",
-        "float64",
-        "1",
-        "vertical force that neither ground nor chair explains, as a share of the standing weight",
-    ),
+    Column("support", "float64", "1", "vertical force not from ground or chair, share of the standing weight"),
     Column("left_seated", "float64", "1", "left foot's share of the load on the feet, seated before the rise"),
     Column("left_rising", "float64", "1", "left foot's share of the load on the feet, from start to stand"),
     Column("left_standing", "float64", "1", "left foot's share of the load on the feet, standing after the rise"),
@@ -283,24 +250,14 @@ DYNAMICS_TREE = TreeSchema(
         Column("base/unit", "str", "", "(b,) kg, kg*m or kg*m^2"),
         Column("base/verdict", "str", "", "(b,) known, weak or not identifiable"),
         Column(
-            "base/excitation",
-            "float64",
-            "",
-            "(b,) norm of the part of the column that no other column explains, residual sds per SI unit",
+            "base/excitation", "float64", "", "(b,) norm of the column's independent part, residual sds per SI unit"
         ),
-        Column(
-            "base/own_share", "float64", "", "(b,) base/excitation as a share of the norm of the whole column, 0 ... 1"
-        ),
+        Column("base/own_share", "float64", "", "(b,) base/excitation by the norm of the whole column, 0 ... 1"),
         Column("base/relative_sd", "float64", "", "(b,) standard deviation divided by the parameter's magnitude"),
-        Column("base/prior_share", "float64", "1", "(b,) share of the precision that comes from the prior, 0 ... 1"),
+        Column("base/prior_share", "float64", "1", "(b,) share of the precision from the prior, 0 ... 1"),
         Column("base/regrouping", "float64", "", "(b, 4(n+1)) matrix M of eq. 4.24"),
         Column("full/name", "str", "", "(4(n+1),) m, mx, my, Izz of every segment, base first"),
-        Column(
-            "full/value",
-            "float64",
-            "",
-            "(4(n+1),) one physically consistent solution; its values are not identifiable individually",
-        ),
+        Column("full/value", "float64", "", "(4(n+1),) one consistent solution; not identifiable individually"),
         Column("full/reference", "float64", "", "(4(n+1),) allometric values, NaN where none apply"),
         Column("bodies/value", "float64", "", "(4K,) m, mx, my, Izz of the K fitted bodies (poses.parquet)"),
         Column("bodies/reference", "float64", "", "(4K,) allometric values, NaN where none apply"),
@@ -309,9 +266,7 @@ DYNAMICS_TREE = TreeSchema(
         Column("grid/position", "float64", "m", "(p, 2) in the segment frame"),
         Column("held_out/base", "float64", "", "(k, b) base parameters of k fits, each without some repetitions"),
         Column("held_out/clock_offset", "float64", "s", "(k,) clock offset of each of these fits"),
-        Column(
-            "grid/mass", "float64", "kg", "(p,) point masses, never negative; NaN where `consistency` is not `grid`"
-        ),
+        Column("grid/mass", "float64", "kg", "(p,) point masses; NaN where `consistency` is not `grid`"),
     ),
 )
 

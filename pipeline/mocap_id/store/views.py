@@ -72,12 +72,10 @@ class Trajectories:
         found[self.bursts] = np.nan
         return found
 
-    def spaced(self, count: int) -> FloatArray:
-        """Return at most ``count`` evenly spaced frames (f, M, 3), m; NaN also during bursts."""
-        every = np.arange(len(self.frames))
-        kept = every if len(every) <= count else np.unique(np.linspace(0, every[-1], count).round().astype(np.int64))
-        found = np.stack([np.asarray(self.planar.values[name][kept], np.float64) for name in "xyz"], axis=2)
-        found[self.bursts[kept]] = np.nan
+    def at(self, frames: IntArray) -> FloatArray:
+        """Return some frames (f, M, 3), by their rows, m; NaN also during bursts."""
+        found = np.stack([np.asarray(self.planar.values[name][frames], np.float64) for name in "xyz"], axis=2)
+        found[self.bursts[frames]] = np.nan
         return found
 
 

@@ -20,17 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialOutcome:
-    """How a trial run ended.
-
-    Parameters
-    ----------
-    run : TrialRun
-    summary : mapping or None
-        Content of summary.json; None for a trial that failed.
-    """
+    """How a trial run ended."""
 
     run: TrialRun
-    summary: Mapping[str, Any] | None
+    summary: Mapping[str, Any] | None  # content of summary.json; None for a trial that failed
 
     @property
     def level(self) -> Any:

@@ -18,20 +18,11 @@ COHORT = "cohort"
 
 @dataclass(frozen=True)
 class CohortData:
-    """The data of a cohort's page.
+    """The data of a cohort's page."""
 
-    Parameters
-    ----------
-    study : str
-        Name of the study.
-    trials : tuple of TrialEntry
-    tables : mapping of str to DataFrame
-        trials, lengths, strategies, models, parameters, variation.
-    """
-
-    study: str
+    study: str  # name of the study
     trials: tuple[TrialEntry, ...]
-    tables: Mapping[str, pd.DataFrame]
+    tables: Mapping[str, pd.DataFrame]  # trials, lengths, strategies, models, parameters, variation
 
     @property
     def subjects(self) -> tuple[str, ...]:

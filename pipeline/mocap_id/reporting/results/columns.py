@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import pandas as pd
 import pyarrow as pa
@@ -23,17 +23,35 @@ from mocap_id.store.provenance import PREFIX
 _MISSING = {"str": "", "float64": math.nan, "Int64": pd.NA}
 
 
+Value: TypeAlias = Callable[[Any], Any] | None
+
+
 @dataclass(frozen=True)
 class ResultColumn(Column):
-    """A column of a result table: its name, type, unit and meaning, and where its values come from.
+    """A column of a result table: its name, type, unit and meaning, and where its values come from."""
 
-    Parameters
-    ----------
-    value : callable, optional
-        Returns the value for the object that a row is about. By default a row is a mapping and names its values.
-    """
+    # returns the value for the object that a row is about; None if rows are mappings that name their values
+    value: Value = None
 
-    value: Callable[[Any], Any] | None = None
+
+def text(name: str, meaning: str, value: Value = None) -> ResultColumn:
+    """Return a column of texts."""
+    return ResultColumn(name, "str", "", meaning, value)
+
+
+def number(name: str, unit: str, meaning: str, value: Value = None) -> ResultColumn:
+    """Return a column of numbers; NaN if unknown."""
+    return ResultColumn(name, "float64", unit, meaning, value)
+
+
+def whole(name: str, meaning: str, value: Value = None) -> ResultColumn:
+    """Return a column of whole numbers, all known."""
+    return ResultColumn(name, "int64", "1", meaning, value)
+
+
+def count(name: str, meaning: str, value: Value = None) -> ResultColumn:
+    """Return a column of whole numbers of which some may be unknown."""
+    return ResultColumn(name, "Int64", "1", meaning, value)
 
 
 @dataclass(frozen=True)

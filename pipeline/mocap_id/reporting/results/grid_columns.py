@@ -12,23 +12,12 @@ from mocap_id.reporting.tables import Grid, grid
 
 @dataclass(frozen=True)
 class GridColumn:
-    """A column as it is shown.
-
-    Parameters
-    ----------
-    head : str
-    cell : callable
-        Returns the text of a row's cell.
-    text : bool
-        The column is text, and set left.
-    optional : bool
-        The column is left out where no row has a value.
-    """
+    """A column as it is shown."""
 
     head: str
-    cell: Callable[[Any], str]
-    text: bool = False
-    optional: bool = False
+    cell: Callable[[Any], str]  # returns the text of a row's cell
+    text: bool = False  # the column is text, and set left
+    optional: bool = False  # the column is left out where no row has a value
 
 
 def text(head: str, name: str, missing: str = "") -> GridColumn:

@@ -29,39 +29,19 @@ class ResultSection:
 
 @dataclass(frozen=True)
 class ResultPage:
-    """The content of a result's page.
+    """The content of a result's page."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the study or trial.
-    headline, lead : str
-        The result in a few words, and in a sentence.
-    command : str
-        The command that made it, such as ``study``.
-    level : str
-        ``ok`` or ``caution`` for a coloured box; empty for plain text.
-    note : str
-        What could not be done; empty if nothing.
-    key_numbers : tuple of KeyNumber
-    sections : tuple of ResultSection
-    trials : tuple of TrialEntry
-        Their verdicts are the last section.
-    figures : Drawings
-    footer : str
-    """
-
-    name: str
-    headline: str
-    lead: str
-    command: str
+    name: str  # name of the study or trial
+    headline: str  # the result in a few words
+    lead: str  # the result in a sentence
+    command: str  # the command that made it, such as ``study``
     sections: tuple[ResultSection, ...]
     figures: Drawings
     footer: str
-    level: str = ""
-    note: str = ""
+    level: str = ""  # ``ok`` or ``caution`` for a coloured box; empty for plain text
+    note: str = ""  # what could not be done; empty if nothing
     key_numbers: tuple[KeyNumber, ...] = ()
-    trials: tuple[TrialEntry, ...] = ()
+    trials: tuple[TrialEntry, ...] = ()  # their verdicts are the last section
 
     def render(self) -> bytes:
         """Return the page as UTF-8."""

@@ -18,34 +18,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Result:
-    """What a command has to write.
+    """What a command has to write."""
 
-    Parameters
-    ----------
-    kind : str
-        Such as ``study``; the document's schema is ``mocap-id/`` and this.
-    file : str
-        Name of the JSON document.
-    content : mapping
-        Content of the document after its schema and version; no NaN.
-    tables : mapping of str to ResultTable
-        Each is written as CSV and as Parquet under its name.
-    other_files : callable
-        Returns the other files, such as page and figures, by name. Called once, when they are needed.
-    hashed : bool
-        The document ends with the hash of every other file.
-    indent, end : int, str
-        Layout of the document.
-    """
-
-    kind: str
-    file: str
-    content: Mapping[str, Any]
+    kind: str  # such as ``study``; the document's schema is ``mocap-id/<kind>``
+    file: str  # name of the JSON document
+    content: Mapping[str, Any]  # content of the document after its schema and version; no NaN
+    # written as CSV and as Parquet under their names
     tables: Mapping[str, ResultTable] = field(default_factory=dict)
+    # returns the other files, such as page and figures, by name; called once, when they are needed
     other_files: Callable[[], Mapping[str, bytes]] = dict
-    hashed: bool = False
-    indent: int = 1
-    end: str = "\n"
+    hashed: bool = False  # the document ends with the hash of every other file
+    indent: int = 1  # of the document
+    end: str = "\n"  # of the document
 
     @cached_property
     def files(self) -> dict[str, bytes]:

@@ -18,28 +18,14 @@ FATES: dict[Fate, str] = {"ok": "good", "caution": "usable with care", "refused"
 
 @dataclass(frozen=True)
 class TrialEntry:
-    """How one trial ended.
-
-    Parameters
-    ----------
-    name : str
-    about : str
-        Person and strategy, or joint and movement.
-    fate : {"ok", "caution", "refused", "failed"}
-    reasons : sequence of ReasonEntry
-        Reasons of the verdict, without notes.
-    message : str or None
-        Why the trial failed.
-    report : str or None
-        Path of the trial's own report, from the page's folder.
-    """
+    """How one trial ended."""
 
     name: str
-    about: str
+    about: str  # person and strategy, or joint and movement
     fate: Fate
-    reasons: Sequence[ReasonEntry]
-    message: str | None
-    report: str | None
+    reasons: Sequence[ReasonEntry]  # reasons of the verdict, without notes
+    message: str | None  # why the trial failed
+    report: str | None  # path of the trial's own report, from the page's folder
 
     @property
     def passed(self) -> bool:

@@ -27,76 +27,38 @@ class StateTraces:
 
 @dataclass(frozen=True)
 class Recovery:
-    """How skeleton and states of one trial were found.
-
-    Parameters
-    ----------
-    trial, joint, speed : str
-    paths : mapping of str to (F, 2) array
-        Path of each marker in the plane, m.
-    segment : mapping of str to int
-        Segment of each marker, 0 = base.
-    local : mapping of str to (2,) array
-        Coordinates of each marker in its segment's frame, m.
-    centre : (2,) array
-        Centre of the joint, plane frame, m.
-    traces : StateTraces
-    """
+    """How skeleton and states of one trial were found."""
 
     trial: str
     joint: str
     speed: str
-    paths: Mapping[str, FloatArray]
-    segment: Mapping[str, int]
-    local: Mapping[str, FloatArray]
-    centre: FloatArray
+    paths: Mapping[str, FloatArray]  # (F, 2) path of each marker in the plane, m
+    segment: Mapping[str, int]  # segment of each marker, 0 = base
+    local: Mapping[str, FloatArray]  # (2,) coordinates of each marker in its segment's frame, m
+    centre: FloatArray  # (2,) centre of the joint, plane frame, m
     traces: StateTraces
 
 
 @dataclass(frozen=True)
 class AveragedWrench:
-    """Wrench over the repetitions of one cell's trials, in the robot's frame.
-
-    Parameters
-    ----------
-    cell : str
-    repetitions : int
-    phase : (P,) array
-        % of a repetition.
-    measured : (R, P, 3) array
-        Fx, Fy, tauz, N and N·m.
-    models, errors : mapping of str to (R, P, 3) array
-        By the thesis's labels; errors are model less measured.
-    """
+    """Wrench over the repetitions of one cell's trials, in the robot's frame."""
 
     cell: str
     repetitions: int
-    phase: FloatArray
-    measured: FloatArray
-    models: Mapping[str, FloatArray]
-    errors: Mapping[str, FloatArray]
+    phase: FloatArray  # (P,) % of a repetition
+    measured: FloatArray  # (R, P, 3) Fx, Fy, tauz, N and N·m
+    models: Mapping[str, FloatArray]  # (R, P, 3) by the thesis's labels
+    errors: Mapping[str, FloatArray]  # (R, P, 3) model minus measurement
 
 
 @dataclass(frozen=True)
 class RobotStudyData:
-    """The data of a robot study's page.
-
-    Parameters
-    ----------
-    study : str
-    trials : tuple of TrialEntry
-    overview : DataFrame
-        The table `trials`.
-    tables : tuple of (str, DataFrame, sequence of Quantity)
-        Title, rows and quantities of each of the thesis's tables.
-    recoveries : tuple of Recovery
-    averaged : AveragedWrench or None
-    traces : StateTraces or None
-    """
+    """The data of a robot study's page."""
 
     study: str
     trials: tuple[TrialEntry, ...]
-    overview: pd.DataFrame
+    overview: pd.DataFrame  # the table `trials`
+    # title, rows and quantities of each of the thesis's tables
     tables: tuple[tuple[str, pd.DataFrame, Sequence[Quantity]], ...]
     recoveries: tuple[Recovery, ...]
     averaged: AveragedWrench | None

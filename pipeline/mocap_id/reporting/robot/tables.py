@@ -23,29 +23,17 @@ _SOURCES = {"this": "this program", "thesis": "thesis"}
 
 @dataclass(frozen=True)
 class Quantity:
-    """A pair of columns, mean and standard deviation, in a table of the thesis.
-
-    Parameters
-    ----------
-    name, unit, meaning : str
-    symbol : str
-        The head of the column as it is shown.
-    kind : {"value", "error"}
-        A value has its mean and standard deviation over the trials. An error has the mean of the trials' biases, and
-        the root mean square of their standard deviations: those of all samples together.
-    to_si : float
-        Factor from the thesis's unit to SI.
-    decimals : int or None
-        As shown; None for the usual number for the unit.
-    """
+    """A pair of columns, mean and standard deviation, in a table of the thesis."""
 
     name: str
     unit: str
     meaning: str
-    symbol: str
+    symbol: str  # the head of the column as it is shown
+    # a value has its mean and standard deviation over the trials. An error has the mean of the
+    # trials' biases, and the root mean square of their standard deviations: those of all samples together
     kind: Kind = "value"
-    to_si: float = 1.0
-    decimals: int | None = None
+    to_si: float = 1.0  # factor from the thesis's unit to SI
+    decimals: int | None = None  # as shown; None for the usual number for the unit
 
     @property
     def grid_column(self) -> GridColumn:

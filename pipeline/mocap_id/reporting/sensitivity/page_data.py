@@ -29,33 +29,13 @@ class ParameterEntry:
 
 @dataclass(frozen=True)
 class SensitivityData:
-    """The data of a sensitivity study's page.
+    """The data of a sensitivity study's page."""
 
-    Parameters
-    ----------
-    trial : str
-        Name of the trial.
-    verdict : {"ok", "caution", "refused"}
-        Verdict of the unperturbed trial.
-    note : str
-        What could not be studied; empty if nothing.
-    tolerance : float
-        Tolerated change of a parameter, as a share of its size.
-    seed : int
-        Seed of everything that was drawn.
-    parameters : tuple of ParameterEntry
-        The parameters that are judged.
-    titles : mapping of str to str
-        Kinds in words.
-    tables : mapping of str to DataFrame
-        responses, perturbations, tolerates.
-    """
-
-    trial: str
-    verdict: Level
-    note: str
-    tolerance: float
-    seed: int
-    parameters: tuple[ParameterEntry, ...]
-    titles: Mapping[str, str]
-    tables: Mapping[str, pd.DataFrame]
+    trial: str  # name of the trial
+    verdict: Level  # verdict of the unperturbed trial
+    note: str  # what could not be studied; empty if nothing
+    tolerance: float  # tolerated change of a parameter, as a share of its size
+    seed: int  # seed of everything that was drawn
+    parameters: tuple[ParameterEntry, ...]  # the parameters that are judged
+    titles: Mapping[str, str]  # kinds in words
+    tables: Mapping[str, pd.DataFrame]  # responses, perturbations, tolerates

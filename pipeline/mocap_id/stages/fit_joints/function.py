@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, IntArray, as_xy
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, frames_along_motion
+from mocap_id.kinematics.chain_equations import ChainState
+from mocap_id.kinematics.links import chain_angles
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.store import Tree
@@ -24,15 +28,19 @@ def fit_joints(context: Context) -> Outputs:
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     points, own = view.plane(), _columns(view, labels)
-    useful = np.flatnonzero(_shown(points, own, segment))
-    if len(useful) > settings.frames:
-        points = points[frames_along_motion(points, settings.frames, useful)]
     joint_names = segments.facts["joint_names"]
     named: Mapping[str, list[str]] = segments.facts["joint_markers"]
-    auxiliary = {
-        joint_names.index(name) + 1: points[:, _columns(view, about)].mean(axis=1) for name, about in named.items()
-    }
-    fit = fix_gauge(_estimate(points[:, own], segment, auxiliary, settings))
+    at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in named.items()}
+    links = segments.facts["links"]
+    tracks = {joint: points[:, about].mean(axis=1) for joint, about in at_joint.items()}
+    start = None if links is None else _start(links, points[:, own], segment, labels, tracks)
+    useful = np.flatnonzero(_shown(points, own, segment) if start is None else np.isfinite(start.angles).all(axis=1))
+    if len(useful) > settings.frames:
+        frames = frames_along_motion(points, settings.frames, useful)
+        points = points[frames]
+        start = None if start is None else replace(start, angles=start.angles[frames])
+        tracks = {joint: track[frames] for joint, track in tracks.items()}
+    fit = fix_gauge(_estimate(points[:, own], segment, tracks, settings, start))
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -73,11 +81,33 @@ def _shown(points: ComplexArray, own: IntArray, segment: IntArray) -> BoolArray:
     return np.asarray(np.all([visible[:, markers].sum(axis=1) >= 2 for markers in moving], axis=0))
 
 
+def _start(
+    links: Mapping[str, Any],
+    points: ComplexArray,
+    segment: IntArray,
+    labels: list[str],
+    tracks: Mapping[int, ComplexArray],
+) -> ChainState:
+    """Return the chain that segment found, with the angles of all frames."""
+    centres = np.array([complex(x, y) for x, y in links["centres"]])
+    local = np.array([complex(*links["local"][label]) for label in labels])
+    return ChainState(centres, local, chain_angles(points, segment, centres, local, tracks))
+
+
 def _estimate(
-    points: ComplexArray, segment: IntArray, auxiliary: Mapping[int, ComplexArray], settings: FitJointsSettings
+    points: ComplexArray,
+    segment: IntArray,
+    auxiliary: Mapping[int, ComplexArray],
+    settings: FitJointsSettings,
+    start: ChainState | None,
 ) -> ChainFit:
     if settings.estimator == "bundle":
-        return fit_chain(points, segment, auxiliary, settings.lambda_a)
+        return fit_chain(points, segment, auxiliary, settings.lambda_a, start)
+    if start is not None:
+        raise ConfigError(
+            f"fit-joints: a segment has a single marker, and `estimator: {settings.estimator}` needs two of each; "
+            "expected `estimator: bundle`"
+        )
     if auxiliary:
         raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` cannot use them")
     return fit_links(points, segment, settings.estimator)
@@ -103,7 +133,7 @@ def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tupl
         Reason(
             "joint-markers",
             f"the centre of the {name} is attracted to the mean of {', '.join(about)} (λ_A = {settings.lambda_a:g}); "
-            "its standard deviation does not include the distance between this mean and the joint.",
+            "its standard deviation includes 10 mm for the distance between this mean and the joint.",
             settings.lambda_a,
             level="ok",
         )

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_xy
 from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
+from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import marker_columns
@@ -27,7 +28,7 @@ def segment(context: Context) -> Outputs:
     settings: SegmentSettings = context.settings
     trial = context.trial
     view = Trajectories(context.long("planar.parquet"))
-    points = view.spaced(settings.frames)
+    points = view.at(frames_along_motion(view.plane(), settings.frames))
     longest = settings.count or LONGEST[trial.protocol]
     rules = SegmentationRules(
         still_limit=settings.still_limit_m,
@@ -64,7 +65,9 @@ def segment(context: Context) -> Outputs:
         "count": found.count,
         "names": list(names),
         "joint_names": list(joint_names),
-        "joint_markers": _joint_markers(labels, settings.joint_markers, joint_names),
+        "joint_markers": _found_joint_markers(labels, found, joint_names)
+        | _joint_markers(labels, settings.joint_markers, joint_names),
+        "links": _links(labels, found),
         "confidence": found.confidence.value,
         "against": dict(found.confidence.against),
         "planarity": planarity,
@@ -184,6 +187,25 @@ def _joint_markers(
     }
 
 
+def _found_joint_markers(
+    labels: tuple[str, ...], found: Segmentation, joint_names: Sequence[str]
+) -> dict[str, list[str]]:
+    """Return the labels of the markers that the motion shows to be at a joint."""
+    pins = () if found.links is None else found.links.pins
+    return {joint_names[pin.joint]: [labels[m] for m in pin.unit] for pin in pins}
+
+
+def _links(labels: tuple[str, ...], found: Segmentation) -> dict[str, Any] | None:
+    """Return the first guess of the joint fit if a segment has a single marker: centres and marker coordinates, m."""
+    if found.links is None:
+        return None
+    state, assigned = found.links.state, np.flatnonzero(found.segment >= 0)
+    return {
+        "centres": as_xy(state.centres).tolist(),
+        "local": {labels[m]: as_xy(state.local[m]).tolist() for m in assigned},
+    }
+
+
 def _given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     if len(names) != count:
         raise ConfigError(
@@ -251,9 +273,11 @@ def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, 
         "left-out": f"{on_none} markers are on no segment, and many of them are not on a side limb either",
         "axis": f"a marker near the {joint_names[0]} could also be on the other side of it",
         "first-joint": f"the {joint_names[0]} is not a fixed point: it moves by "
-        f"{1e3 * found.hypotheses[0].joints[0].residual:.0f} mm",
+        f"{1e3 * (found.hypotheses[0].joints[0].residual if found.hypotheses else np.nan):.0f} mm",
         "base": f"the first moving marker moves only {found.base.gap:.1f} times as much as the last marker of the base",
         "runner-up": "another number of segments explains the markers about as well",
+        "links": f"no marker shows the {_loose(found, joint_names)}; add a marker there",
+        "ankle": f"the {joint_names[0]} turns little and no marker is at it; add a marker there",
     }[gravest]
     return (
         Reason(
@@ -264,6 +288,11 @@ def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, 
             _UNSURE,
         ),
     )
+
+
+def _loose(found: Segmentation, joint_names: tuple[str, ...]) -> str:
+    """Return the names of the joints that no marker shows."""
+    return " and the ".join(joint_names[joint] for joint in (found.links.loose if found.links else ()))
 
 
 def _asymmetric(asymmetries: FloatArray, names: tuple[str, ...], limit: float) -> tuple[Reason, ...]:

@@ -38,29 +38,16 @@ _POSTURES = 60  # postures for predicting the joints' errors in another movement
 
 @dataclass(frozen=True)
 class Advice:
-    """The movement to record next.
-
-    Parameters
-    ----------
-    trial : str
-    joints, names, units : tuple of str
-        Names of the joints; names and units of the base parameters.
-    value : (b,) array
-        Base parameters of the trial, SI.
-    design : ExperimentDesign
-    limits : MovementLimits
-    weak : float
-        Relative standard deviation above which a parameter is weak.
-    """
+    """The movement to record next."""
 
     trial: str
     joints: tuple[str, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    value: FloatArray
+    names: tuple[str, ...]  # of the base parameters
+    units: tuple[str, ...]  # of the base parameters
+    value: FloatArray  # (b,) base parameters of the trial, SI
     design: ExperimentDesign
     limits: MovementLimits
-    weak: float
+    weak: float  # relative standard deviation above which a parameter is weak
 
 
 def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:

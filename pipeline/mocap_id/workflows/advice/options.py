@@ -18,34 +18,20 @@ Support = tuple[float, float] | Literal["bolted"] | None
 
 @dataclass(frozen=True)
 class AdviceOptions:
-    """The objective and the limits of the movement; None takes the limit from the trial.
-
-    Parameters
-    ----------
-    objective : {"intervals", "volume", "condition", "condition-scaled"}
-    seconds : float or None
-        Length of the recording, s; None: that of the trial.
-    widen : float or None
-        How far every joint may go beyond its observed range, degrees; None: 20 for a robot, 5 for a person.
-    angles : mapping
-        Range of a joint by its name, degrees; replaces the observed range.
-    speed, acceleration : float or None
-        Limits of every joint, degrees/s and degrees/s².
-    support : (float, float), "bolted" or None
-        Range of the centre of pressure, m in the plane; None: 3 cm beyond its observed range, and no limit for a
-        robot, which is bolted down.
-    seed : int
-        Seed of the search.
-    """
+    """The objective and the limits of the movement; None takes the limit from the trial."""
 
     objective: Objective = "intervals"
-    seconds: float | None = None
+    seconds: float | None = None  # length of the recording, s; None: that of the trial
+    # how far every joint may go beyond its observed range, degrees; None: 20 for a robot, 5 for a person
     widen: float | None = None
+    # range of a joint by its name, degrees; replaces the observed range
     angles: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    speed: float | None = None
-    acceleration: float | None = None
+    speed: float | None = None  # limit of every joint, degrees/s
+    acceleration: float | None = None  # limit of every joint, degrees/s²
+    # range of the centre of pressure, m in the plane; None: 3 cm beyond its observed range, and no limit for a robot,
+    # which is bolted down
     support: Support = None
-    seed: int = 0
+    seed: int = 0  # seed of the search
 
     def __post_init__(self) -> None:
         checks = (

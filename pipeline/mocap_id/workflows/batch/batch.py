@@ -17,18 +17,11 @@ from mocap_id.workflows.parallel import Backend, LocalBackend, OnError, TrialRun
 
 @dataclass(frozen=True)
 class Batch:
-    """The result of a batch.
+    """The result of a batch."""
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Rows of the table in the order of the trials, followed by the files that could not be read as trials.
-    messages : mapping
-        Row number → why the trial failed or was refused, with names of files, for the owner of the recordings.
-    table : Path
-    """
-
+    # rows of the table in the order of the trials, followed by the files that could not be read as trials
     rows: Sequence[Mapping[str, Any]]
+    # row number → why the trial failed or was refused, with names of files, for the owner of the recordings
     messages: Mapping[int, str]
     table: Path
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from mocap_id.config import Trial
 from mocap_id.reporting.results.columns import ResultColumn as Column
+from mocap_id.reporting.results.columns import count, number, text, whole
 from mocap_id.store import TableSchema
 from mocap_id.workflows.batch.trial_files import UnreadableFile
 from mocap_id.workflows.parallel import TrialRun
@@ -41,77 +42,61 @@ BATCH = TableSchema(
     "batch.parquet",
     1,
     (
-        Column("trial", "str", "", "name of the trial", lambda one: one.run.trial),
-        Column("file", "str", "", "its YAML file, seen from the table's folder", lambda one: one.relative(one.file)),
-        Column("folder", "str", "", "its run folder, likewise", lambda one: one.relative(one.out)),
-        Column(
-            "verdict",
-            "str",
-            "",
-            "ok, caution, refused, failed, or not run after another one's failure",
-            lambda one: one.level,
-        ),
-        Column("codes", "str", "", "codes of the verdict's reasons", lambda one: ", ".join(one.codes)),
-        Column("exit_code", "int64", "1", "what `mocap-id run` would have ended with", lambda one: one.run.exit_code),
-        Column(
+        text("trial", "name of the trial", lambda one: one.run.trial),
+        text("file", "its YAML file, relative to the table's folder", lambda one: one.relative(one.file)),
+        text("folder", "its run folder, relative to the table's folder", lambda one: one.relative(one.out)),
+        text("verdict", "ok, caution, refused, failed, or not run because another trial failed", lambda one: one.level),
+        text("codes", "codes of the verdict's reasons", lambda one: ", ".join(one.codes)),
+        whole("exit_code", "exit code of `mocap-id run` for the trial", lambda one: one.run.exit_code),
+        text(
             "message",
-            "str",
-            "",
-            "why it failed, was refused or not run, without names of recordings",
+            "why the trial failed, was refused or not run, without names of recordings",
             lambda one: one.run.published or "",
         ),
         Column("computed", "bool", "", "whether any stage had to be computed", lambda one: one.run.computed),
-        Column("seconds", "float64", "s", "that the trial took in this batch", lambda one: one.run.seconds),
-        Column(
-            "segments", "Int64", "1", "number of segments with the base", lambda one: one.value("segments", "count")
-        ),
-        Column(
+        number("seconds", "s", "time that the trial took in this batch", lambda one: one.run.seconds),
+        count("segments", "number of segments with the base", lambda one: one.value("segments", "count")),
+        number(
             "confidence",
-            "float64",
             "1",
-            "chance that the segments are right",
+            "probability that the segments are right",
             lambda one: one.value("segments", "confidence"),
         ),
-        Column(
+        number(
             "missing_fraction",
-            "float64",
             "1",
-            "of the marker samples",
+            "share of missing marker samples",
             lambda one: one.value("markers", "missing_fraction"),
         ),
-        Column(
+        number(
             "reprojection",
-            "float64",
             "m",
             "rms distance between measured and predicted markers",
             lambda one: one.metres("markers", "reprojection_rms_mm"),
         ),
-        Column(
-            "marker_sd",
-            "float64",
-            "m",
-            "standard deviation of a marker coordinate",
-            lambda one: one.value("noise", "marker_sd_m"),
+        number(
+            "marker_sd", "m", "standard deviation of a marker coordinate", lambda one: one.value("noise", "marker_sd_m")
         ),
-        Column("mass", "float64", "kg", "that was identified", lambda one: one.value("dynamics", "mass_kg")),
-        Column(
+        number("mass", "kg", "mass that the plates measure at rest", lambda one: one.value("dynamics", "mass_kg")),
+        number(
             "condition_number",
-            "float64",
             "1",
-            "of the regressor over the samples of the fit",
+            "condition number of the regressor over the samples of the fit",
             lambda one: one.value("dynamics", "condition_number"),
         ),
-        Column(
-            "clock_offset", "float64", "s", "plates after cameras", lambda one: one.value("dynamics", "clock_offset_s")
+        number(
+            "clock_offset",
+            "s",
+            "clock offset, plates after cameras",
+            lambda one: one.value("dynamics", "clock_offset_s"),
         ),
-        Column(
+        number(
             "cop_rms",
-            "float64",
             "m",
-            "modelled less measured centre of pressure",
+            "modelled minus measured centre of pressure, rms",
             lambda one: one.value("dynamics", "cop_rms_m"),
         ),
-        Column("repetitions", "Int64", "1", "that were found", lambda one: one.repetitions),
+        count("repetitions", "number of repetitions found", lambda one: one.repetitions),
     ),
 )
 

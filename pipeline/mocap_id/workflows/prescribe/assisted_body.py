@@ -24,33 +24,16 @@ _LAST = "identify-dim"
 
 @dataclass(frozen=True)
 class AssistedBody:
-    """A planar chain of n joints with its weights, limits and strength.
-
-    Parameters
-    ----------
-    joints : tuple of str
-    arm : PlanarArm
-    weights : ChainMasses or None
-        None if the trial's dynamics were not identified.
-    limits : JointLimits
-    strength : (n, 2) array
-        N·m; NaN for a share of unknown weights.
-    inertia : float or None
-        Inertia about the joint of a body with one joint, kg·m².
-    subject : SubjectArm or None
-        The arm of the trial that the body comes from.
-    why : str
-        Why there are no weights.
-    """
+    """A planar chain of n joints with its weights, limits and strength."""
 
     joints: tuple[str, ...]
     arm: PlanarArm
-    weights: ChainMasses | None
+    weights: ChainMasses | None  # None if the trial's dynamics were not identified
     limits: JointLimits
-    strength: FloatArray
-    inertia: float | None
-    subject: SubjectArm | None
-    why: str = ""
+    strength: FloatArray  # (n, 2) N·m; NaN for a share of unknown weights
+    inertia: float | None  # inertia about the joint of a body with one joint, kg·m²
+    subject: SubjectArm | None  # the arm of the trial that the body comes from
+    why: str = ""  # why there are no weights
 
     def one_joint(self) -> OneJoint:
         """Return the body as one joint."""
@@ -120,14 +103,14 @@ def _body(  # noqa: PLR0917
 ) -> AssistedBody:
     """The body, with the limits of the configuration in place of those of the trial."""
     wishes = config.wishes
-    seen = subject.limits if subject is not None else None
+    observed = subject.limits if subject is not None else None
     lower, upper = np.empty(len(names)), np.empty(len(names))
     for j, joint in enumerate(wishes.joints):
         if joint.limits_deg is not None:
             lower[j], upper[j] = np.radians(joint.limits_deg)
         else:
-            assert seen is not None
-            lower[j], upper[j] = seen.lower[j], seen.upper[j]
+            assert observed is not None
+            lower[j], upper[j] = observed.lower[j], observed.upper[j]
     limits = JointLimits.given(lower, upper)
     try:
         weights = None if masses is None else ChainMasses(arm.centres, masses, gravity)

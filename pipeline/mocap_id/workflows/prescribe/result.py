@@ -19,59 +19,30 @@ from mocap_id.workflows.workspace import Reach
 
 @dataclass(frozen=True)
 class Timed:
-    """The angles that are reached over time with a spring, and those of them that can be held.
-
-    Parameters
-    ----------
-    dynamics : JointDynamics
-    reached : ReachableSet
-    bounds : tuple of ((low, high) or None)
-        Range of each horizon, rad (table 7.2).
-    static : (low, high) or None
-        Range that can be held without a time limit, rad.
-    """
+    """The angles that are reached over time with a spring, and those of them that can be held."""
 
     dynamics: JointDynamics
     reached: ReachableSet
-    bounds: tuple[tuple[float, float] | None, ...]
-    static: tuple[float, float] | None
+    bounds: tuple[tuple[float, float] | None, ...]  # range of each horizon, rad (table 7.2)
+    static: tuple[float, float] | None  # range that can be held without a time limit, rad
 
 
 @dataclass(frozen=True)
 class PrescriptionResult:
-    """The result of a prescription; None for what was not configured, or is not possible.
-
-    Parameters
-    ----------
-    config : PrescriptionConfig
-    body : AssistedBody
-    places : tuple of SpringPlace
-        The places for springs.
-    joint, one : OneJoint, Prescription
-        Result for one joint.
-    postures, several : Postures, Springs
-        Result for several joints.
-    workspace : Reach
-        The workspace within the joint limits of a trial.
-    timed : Timed
-    map : SpringMap
-    graph : Graph
-    graph_postures : (N, n) array
-        The postures of the graph, rad.
-    """
+    """The result of a prescription; None for what was not configured, or is not possible."""
 
     config: PrescriptionConfig
     body: AssistedBody
-    places: tuple[SpringPlace, ...]
-    joint: OneJoint | None = None
-    one: Prescription | None = None
-    postures: Postures | None = None
-    several: Springs | None = None
-    workspace: Reach | None = None
+    places: tuple[SpringPlace, ...]  # the places for springs
+    joint: OneJoint | None = None  # for one joint
+    one: Prescription | None = None  # for one joint
+    postures: Postures | None = None  # for several joints
+    several: Springs | None = None  # for several joints
+    workspace: Reach | None = None  # the workspace within the joint limits of a trial
     timed: Timed | None = None
     map: SpringMap | None = None
     graph: Graph | None = None
-    graph_postures: FloatArray | None = None
+    graph_postures: FloatArray | None = None  # (N, n) the postures of the graph, rad
 
     @property
     def refused(self) -> str | None:

@@ -22,28 +22,15 @@ KEPT = "search.json"
 
 @dataclass(frozen=True)
 class SpringMap:
-    """The range that a person can reach and hold with each spring of a grid.
+    """The range that a person can reach and hold with each spring of a grid."""
 
-    Parameters
-    ----------
-    stiffness : (K,) array
-        N·m/rad.
-    rest : (R,) array
-        rad.
-    width : (K, R) array
-        Total width of the held intervals that are reached within the horizon, rad; NaN without an equilibrium within
-        the joint's limits.
-    static : (K, R) array
-        The same without a time limit, rad.
-    horizon : float
-        s.
-    """
-
-    stiffness: FloatArray
-    rest: FloatArray
+    stiffness: FloatArray  # (K,) N·m/rad
+    rest: FloatArray  # (R,) rad
+    # (K, R) total width of the held intervals that are reached within the horizon, rad; NaN without an equilibrium
+    # within the joint's limits
     width: FloatArray
-    static: FloatArray
-    horizon: float
+    static: FloatArray  # (K, R) the same without a time limit, rad
+    horizon: float  # s
 
     @property
     def best(self) -> tuple[int, int] | None:

@@ -73,38 +73,19 @@ class RobotFrame:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The result of one trial by one method.
-
-    Parameters
-    ----------
-    identified : IdentifiedTrial
-    frame : RobotFrame
-    parameters, sds : (5,) arrays
-        Of :data:`mocap_id.workflows.robot_study.truth.PARAMETERS`; NaN if unknown.
-    verdicts : tuple of str
-        known, weak or not identifiable.
-    condition, clock_offset : float
-    states : mapping of str to SeriesErrors
-        Errors of :data:`STATES` against ``against``.
-    against : str
-        truth, encoder, or empty if there is neither.
-    wrench : mapping of str to SeriesErrors
-        Model less measurement over the samples of the fit.
-    torque : SeriesErrors
-        Model less encoder.
-    """
+    """The result of one trial by one method."""
 
     identified: IdentifiedTrial
     frame: RobotFrame
-    parameters: FloatArray
-    sds: FloatArray
-    verdicts: tuple[str, ...]
+    parameters: FloatArray  # (5,) in the order of PARAMETERS; NaN if unknown
+    sds: FloatArray  # (5,) their standard deviations
+    verdicts: tuple[str, ...]  # known, weak or not identifiable
     condition: float
     clock_offset: float
-    states: Mapping[str, SeriesErrors]
-    against: str
-    wrench: Mapping[str, SeriesErrors]
-    torque: SeriesErrors
+    states: Mapping[str, SeriesErrors]  # errors of :data:`STATES` against ``against``
+    against: str  # truth, encoder, or empty if there is neither
+    wrench: Mapping[str, SeriesErrors]  # model less measurement over the samples of the fit
+    torque: SeriesErrors  # model less encoder
 
     @property
     def folder(self) -> Folder:

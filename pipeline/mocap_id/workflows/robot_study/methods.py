@@ -22,21 +22,11 @@ _STATES = "ukf-smooth"
 
 @dataclass(frozen=True)
 class Method:
-    """A method for the joint states.
+    """A method for the joint states."""
 
-    Parameters
-    ----------
-    name : str
-        Name of its folder in the trial's folder.
-    thesis : str
-        Label in the thesis's tables.
-    settings : mapping
-        Settings of `ukf-smooth` that replace the trial's own.
-    """
-
-    name: str
-    thesis: str
-    settings: Mapping[str, str | float]
+    name: str  # name of its folder in the trial's folder
+    thesis: str  # label in the thesis's tables
+    settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the trial's own
 
 
 CAMERAS = Method("cameras", "P", {})

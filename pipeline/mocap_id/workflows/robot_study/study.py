@@ -28,30 +28,19 @@ from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, read_
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
 _BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
 _ABOUT = (
-    "Each table stands as CSV and as Parquet (units and meanings in the field metadata). Missing is empty "
-    "in CSV and NaN in Parquet. Rows whose source is `thesis` are what its table has there."
+    "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A missing value is empty in "
+    "CSV and NaN in Parquet. Rows with the source `thesis` are from its tables."
 )
 
 
 @dataclass(frozen=True)
 class RobotStudyResult:
-    """The result of a robot study.
+    """The result of a robot study."""
 
-    Parameters
-    ----------
-    folder : Path
-        The folder of tables and page.
-    trials : tuple of RobotTrialResult
-    frames : mapping of str to DataFrame
-        Every table.
-    document : mapping
-        Content of validation.json.
-    """
-
-    folder: Path
+    folder: Path  # the folder of tables and page
     trials: tuple[RobotTrialResult, ...]
-    frames: Mapping[str, pd.DataFrame]
-    document: Mapping[str, Any]
+    frames: Mapping[str, pd.DataFrame]  # every table
+    document: Mapping[str, Any]  # content of validation.json
 
     @property
     def failed(self) -> tuple[TrialRun, ...]:

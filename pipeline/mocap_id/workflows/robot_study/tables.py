@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results.columns import ResultTable, number
 from mocap_id.reporting.robot.tables import Quantity
-from mocap_id.store import Column, TableSchema
+from mocap_id.store import TableSchema
 from mocap_id.workflows.robot_study import thesis_tables
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult
 from mocap_id.workflows.robot_study.trials_table import (
@@ -36,24 +36,13 @@ _SYMBOLS = {
 
 @dataclass(frozen=True)
 class ThesisTable:
-    """A table of the thesis.
-
-    Parameters
-    ----------
-    name, title : str
-    methods : mapping of str to str
-        The thesis's label of each method in the table.
-    quantities : tuple of Quantity
-        Those of the thesis in its order, then ours.
-    by_orientation : bool
-        Orientations have rows of their own.
-    """
+    """A table of the thesis."""
 
     name: str
     title: str
-    methods: Mapping[str, str]
-    quantities: tuple[Quantity, ...]
-    by_orientation: bool = False
+    methods: Mapping[str, str]  # the thesis's label of each method in the table
+    quantities: tuple[Quantity, ...]  # those of the thesis in its order, then ours
+    by_orientation: bool = False  # orientations have rows of their own
 
     @cached_property
     def published(self) -> Mapping[thesis_tables.Cell, thesis_tables.Row]:
@@ -64,7 +53,7 @@ class ThesisTable:
     def schema(self) -> TableSchema:
         """Columns of the table's file."""
         pairs = (
-            Column(f"{one.name}_{part}", "float64", one.unit, f"{one.meaning}: {words}")
+            number(f"{one.name}_{part}", one.unit, f"{one.meaning}: {words}")
             for one in self.quantities
             for part, words in (("mean", "mean"), ("sd", "standard deviation"))
         )
@@ -81,7 +70,7 @@ def _with_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity,
 _DYNAMICS = (
     Quantity("condition", "1", "condition number of the stacked regressor", "condition"),
     *(Quantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETER_UNITS.items()),
-    *_with_r2("torque", "N*m", "torque of the model less the encoder's", "ε_τ"),
+    *_with_r2("torque", "N*m", "torque of the model minus the encoder's", "ε_τ"),
 )
 _BOTH = {"encoder": "R", "cameras": "P"}
 _ALL = {"reference": "Ref.", **_BOTH}
@@ -94,9 +83,9 @@ TABLES = (
         (
             Quantity("base", "m", "distance of the joint from the plane's origin", "l₁", to_si=1e-3),
             Quantity("marker", "m", "distance of the markers from their prediction", "ε_M", "error", 1e-3),
-            Quantity("theta", "rad", "angle less the truth's or the encoder's", "ε_θ", "error", np.pi / 180),
-            Quantity("dtheta", "rad/s", "velocity less the truth's or the encoder's", "ε_θ̇", "error", np.pi / 180),
-            Quantity("base_error", "m", "distance less the reference's", "l₁ − reference"),
+            Quantity("theta", "rad", "angle minus that of the truth or the encoder", "ε_θ", "error", np.pi / 180),
+            Quantity("dtheta", "rad/s", "velocity minus that of the truth or the encoder", "ε_θ̇", "error", np.pi / 180),
+            Quantity("base_error", "m", "distance minus that of the reference", "l₁ − reference"),
         ),
         by_orientation=True,
     ),
@@ -108,17 +97,17 @@ TABLES = (
         tuple(
             quantity
             for name, unit in STATE_UNITS.items()
-            for quantity in _with_r2(name, unit, f"{name} less the truth's", _SYMBOLS[name])
+            for quantity in _with_r2(name, unit, f"{name} minus the truth's", _SYMBOLS[name])
         ),
     ),
     ThesisTable(
         "table_5_4",
-        "Contact wrench of the models less the measured one (thesis table 5.4)",
+        "Contact wrench of the models minus the measured one (thesis table 5.4)",
         _ALL,
         tuple(
             quantity
             for name, unit in WRENCH_UNITS.items()
-            for quantity in _with_r2(name, unit, f"{name} of the model less the measured", _SYMBOLS[name])
+            for quantity in _with_r2(name, unit, f"{name} of the model minus the measured", _SYMBOLS[name])
         ),
     ),
     ThesisTable(

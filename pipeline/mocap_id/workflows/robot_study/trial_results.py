@@ -19,24 +19,13 @@ from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
 
 @dataclass(frozen=True, kw_only=True)
 class RobotTrialResult(TrialOutcome):
-    """The result of one robot trial by every method.
-
-    Parameters
-    ----------
-    trial : RobotTrial
-    labels : Labels
-    truth : Truth or None
-    reference : mapping of str to float
-        The known reference parameters, and ``base``.
-    by_method : mapping of str to MethodResult
-        Empty for a trial that failed or was refused.
-    """
+    """The result of one robot trial by every method."""
 
     trial: RobotTrial
     labels: Labels
     truth: Truth | None
-    reference: Mapping[str, float]
-    by_method: Mapping[str, MethodResult]
+    reference: Mapping[str, float]  # the known reference parameters, and ``base``
+    by_method: Mapping[str, MethodResult]  # empty for a trial that failed or was refused
 
     @property
     def name(self) -> str:

@@ -10,7 +10,9 @@ import numpy as np
 from mocap_id import recording
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.clock_offset import SampledWrench
-from mocap_id.store import Column, TableSchema
+from mocap_id.reporting.results.columns import ResultColumn as Column
+from mocap_id.reporting.results.columns import number, text, whole
+from mocap_id.store import TableSchema
 from mocap_id.workflows.robot_study.method_results import NO_ERRORS, STATES, WRENCH, MethodResult, SeriesErrors
 from mocap_id.workflows.robot_study.methods import CAMERAS
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, reference_series
@@ -22,21 +24,19 @@ WRENCH_UNITS = dict(zip(WRENCH, ("N", "N", "N*m"), strict=True))
 PARAMETER_UNITS = dict(zip(PARAMETERS, ("kg", "kg*m", "kg*m", "kg*m", "kg*m^2"), strict=True))
 
 CELL = (
-    Column("joint", "str", "", "the joint that moves"),
-    Column("speed", "str", "", "how it moves"),
-    Column("orientation", "float64", "deg", "of the robot about the vertical; NaN: all together"),
-    Column(
-        "obs", "str", "", "by what the states are: P cameras, R encoder, Ref. the reference parameters, or a method"
-    ),
-    Column("source", "str", "", "`this`, or `thesis`: what its table has there"),
-    Column("trials", "int64", "1", "how many trials the row is about; 0 for the thesis's"),
+    text("joint", "the joint that moves"),
+    text("speed", "speed of the movement"),
+    number("orientation", "deg", "angle of the robot about the vertical; NaN: all together"),
+    text("obs", "source of the states: P cameras, R encoder, Ref. the reference parameters, or a method"),
+    text("source", "`this` program, or the `thesis`"),
+    whole("trials", "number of trials in the row; 0 for the thesis"),
 )
 """Columns that say which cell of the thesis's tables a row is about."""
 
 
 def _errors(name: str, unit: str, meaning: str) -> list[Column]:
     parts = (("bias", unit, "mean"), ("sd", unit, "standard deviation"), ("r2", "1", "r²"))
-    return [Column(f"{name}_{part}", "float64", of, f"{meaning}: {words}") for part, of, words in parts]
+    return [number(f"{name}_{part}", of, f"{meaning}: {words}") for part, of, words in parts]
 
 
 def _all_errors(units: Mapping[str, str], meaning: str) -> list[Column]:
@@ -45,10 +45,10 @@ def _all_errors(units: Mapping[str, str], meaning: str) -> list[Column]:
 
 def _parameter(name: str, unit: str) -> tuple[Column, ...]:
     return (
-        Column(name, "float64", unit, f"base parameter {name} in the robot's own frame"),
-        Column(f"{name}_sd", "float64", unit, "its standard deviation"),
-        Column(f"{name}_reference", "float64", unit, "by the reference"),
-        Column(f"{name}_verdict", "str", "", "known, weak or not identifiable"),
+        number(name, unit, f"base parameter {name} in the robot's own frame"),
+        number(f"{name}_sd", unit, "its standard deviation"),
+        number(f"{name}_reference", unit, "value of the reference"),
+        text(f"{name}_verdict", "known, weak or not identifiable"),
     )
 
 
@@ -56,25 +56,25 @@ TRIALS = TableSchema(
     "trials.parquet",
     1,
     (
-        Column("trial", "str", "", "name of the trial and of its run folder"),
+        text("trial", "name of the trial and of its run folder"),
         *CELL[:3],
-        Column("method", "str", "", "cameras, encoder, differences, differences-6, spline, or reference"),
-        Column("verdict", "str", "", "of the trial: ok, caution, refused or failed"),
-        Column("codes", "str", "", "codes of the verdict's reasons"),
-        Column("against", "str", "", "what the states are held against: truth, encoder, or nothing"),
-        Column("base", "float64", "m", "distance of the joint from the plane's origin"),
-        Column("base_sd", "float64", "m", "its standard deviation"),
-        Column("base_error", "float64", "m", "distance less the reference's"),
+        text("method", "cameras, encoder, differences, differences-6, spline, or reference"),
+        text("verdict", "verdict of the trial: ok, caution, refused or failed"),
+        text("codes", "codes of the verdict's reasons"),
+        text("against", "reference of the states: truth, encoder, or empty"),
+        number("base", "m", "distance of the joint from the plane's origin"),
+        number("base_sd", "m", "its standard deviation"),
+        number("base_error", "m", "distance minus that of the reference"),
         *_errors("marker", "m", "distance of the moving markers from their prediction")[:2],
-        *_all_errors(STATE_UNITS, "less the truth's or the encoder's"),
-        Column("condition", "float64", "1", "condition number of the stacked regressor"),
+        *_all_errors(STATE_UNITS, "minus that of the truth or the encoder"),
+        number("condition", "1", "condition number of the stacked regressor"),
         *(column for name, unit in PARAMETER_UNITS.items() for column in _parameter(name, unit)),
-        *_errors("torque", "N*m", "torque of the model less the encoder's"),
-        *_all_errors(WRENCH_UNITS, "of the model less the measured"),
-        Column("clock_offset", "float64", "s", "plates after cameras"),
-        Column("encoder_offset", "float64", "s", "an encoder's row at t is the state at t + this"),
-        Column("encoder_offset_sd", "float64", "s", "its standard deviation"),
-        Column("encoder_offset_truth", "float64", "s", "the true one, where it is known"),
+        *_errors("torque", "N*m", "torque of the model minus the encoder's"),
+        *_all_errors(WRENCH_UNITS, "of the model minus the measured"),
+        number("clock_offset", "s", "clock offset, plates after cameras"),
+        number("encoder_offset", "s", "the encoder's row at t is the state at t + this offset"),
+        number("encoder_offset_sd", "s", "its standard deviation"),
+        number("encoder_offset_truth", "s", "true offset, if known"),
     ),
 )
 

@@ -20,21 +20,11 @@ _FAST = 0.375  # Hz: half-way between the thesis's speeds
 
 @dataclass(frozen=True)
 class Truth:
-    """The exact states and the encoder's clock of a simulated trial.
+    """The exact states and the encoder's clock of a simulated trial."""
 
-    Parameters
-    ----------
-    document : mapping
-        Content of truth.json.
-    time : (T,) array
-        On the recording's clock, s.
-    states : (T, 3) array
-        Angle, velocity and acceleration of the joint, rad.
-    """
-
-    document: Mapping[str, Any]
-    time: FloatArray
-    states: FloatArray
+    document: Mapping[str, Any]  # content of truth.json
+    time: FloatArray  # (T,) on the recording's clock, s
+    states: FloatArray  # (T, 3) angle, velocity and acceleration of the joint, rad
 
     def at(self, time: FloatArray) -> FloatArray:
         """Return the states (N, 3) at frames of the recording; NaN outside them."""

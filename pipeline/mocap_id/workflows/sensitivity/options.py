@@ -30,19 +30,11 @@ class _File(Settings):
 
 @dataclass(frozen=True)
 class SensitivityOptions:
-    """The perturbations to try, and the tolerated change.
-
-    Parameters
-    ----------
-    selections : tuple of KindSelection
-    seed : int
-    tolerance : float
-        Tolerated change of a base parameter, as a share of its size.
-    """
+    """The perturbations to try, and the tolerated change."""
 
     selections: tuple[KindSelection, ...] = ALL_KINDS
     seed: int = SEED
-    tolerance: float = 0.05
+    tolerance: float = 0.05  # tolerated change of a base parameter, as a share of its size
 
     def only(self, kinds: Sequence[str]) -> SensitivityOptions:
         """Return the same options for some kinds only.

@@ -16,40 +16,21 @@ SEED = 1
 
 @dataclass(frozen=True)
 class KindSelection:
-    """A kind with levels and targets; the kind's own where none are given.
+    """A kind with levels and targets; the kind's own where none are given."""
 
-    Parameters
-    ----------
-    kind : str
-        One of :data:`mocap_id.workflows.sensitivity.kinds.KINDS`.
-    levels : tuple of float
-    targets : tuple of str
-    """
-
-    kind: str
+    kind: str  # one of :data:`mocap_id.workflows.sensitivity.kinds.KINDS`
     levels: tuple[float, ...] = ()
     targets: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One change to one trial.
-
-    Parameters
-    ----------
-    kind : str
-    target : str
-        A joint, a component, a marker standard deviation, or empty.
-    level : float
-        In the kind's unit.
-    seed : int
-        Seed of the whole study.
-    """
+    """One change to one trial."""
 
     kind: str
-    target: str
-    level: float
-    seed: int = SEED
+    target: str  # a joint, a component, a marker standard deviation, or empty
+    level: float  # in the kind's unit
+    seed: int = SEED  # seed of the whole study
 
     @property
     def definition(self) -> Kind:
@@ -62,7 +43,7 @@ class Perturbation:
         return " ".join(part for part in (self.kind, self.target, f"{self.level:g}") if part)
 
     def rng(self) -> np.random.Generator:
-        """Return a generator that depends only on seed, kind and target, so that a higher level scales the same draw."""
+        """Return a generator that depends only on seed, kind and target: a higher level scales the same draw."""
         words = np.frombuffer(hashlib.sha256(f"{self.kind}/{self.target}".encode()).digest(), dtype=np.uint32)
         return np.random.default_rng([self.seed, *words.tolist()])
 

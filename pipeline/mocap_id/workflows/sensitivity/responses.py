@@ -22,75 +22,39 @@ _NAN = math.nan
 
 @dataclass(frozen=True)
 class Parameter:
-    """A base parameter, or the length of a segment.
-
-    Parameters
-    ----------
-    name, unit : str
-    value, sd : float
-        NaN if not known.
-    size : float
-        Size that changes are relative to, as in the verdict on its standard deviation.
-    verdict : str
-        ``known``, ``weak`` or ``not identifiable``; empty for a length.
-    """
+    """A base parameter, or the length of a segment."""
 
     name: str
     unit: str
-    value: float
-    sd: float
-    size: float
-    verdict: str = ""
+    value: float  # NaN if not known
+    sd: float  # NaN if not known
+    size: float  # size that changes are relative to, as in the verdict on its standard deviation
+    verdict: str = ""  # ``known``, ``weak`` or ``not identifiable``; empty for a length
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """The estimates of a trial, perturbed or not.
+    """The estimates of a trial, perturbed or not."""
 
-    Parameters
-    ----------
-    parameters : mapping of str to Parameter
-        Parameters by name.
-    condition, offset, cop_rms : float
-        Condition number, clock offset (s), and rms error of the centre of pressure (m); NaN if not known.
-    wrench_r2 : tuple of float
-        r² of Fx, Fy and tauz.
-    samples : int
-        Number of samples of the fit.
-    level : {"ok", "caution", "refused"}
-        Level of the verdict.
-    codes : frozenset of str
-        Codes of the verdict's reasons, without notes.
-    """
-
-    parameters: Mapping[str, Parameter]
-    condition: float
-    offset: float
-    cop_rms: float
-    wrench_r2: tuple[float, ...]
-    samples: int
-    level: Level
-    codes: frozenset[str]
+    parameters: Mapping[str, Parameter]  # by name
+    condition: float  # condition number; NaN if not known
+    offset: float  # clock offset, s; NaN if not known
+    cop_rms: float  # rms error of the centre of pressure, m; NaN if not known
+    wrench_r2: tuple[float, ...]  # r² of Fx, Fy and tauz
+    samples: int  # number of samples of the fit
+    level: Level  # level of the verdict
+    codes: frozenset[str]  # codes of the verdict's reasons, without notes
 
 
 @dataclass(frozen=True)
 class SeriesChanges:
-    """Changes of the series of a perturbed trial from the unperturbed one, at common times.
+    """Changes of the series of a perturbed trial from the unperturbed one, at common times."""
 
-    Parameters
-    ----------
-    state_r2 : (3, n) array
-        r² of angle, velocity and acceleration against the unperturbed ones; 1 = no change.
-    angle_rms, torque_rms : (n,) arrays
-        Changes of angles and torques, rms, rad and N·m.
-    torque_size : (n,) array
-        rms of the unperturbed torques, N·m.
-    """
-
+    # (3, n) r² of angle, velocity and acceleration against the unperturbed ones; 1 = no change
     state_r2: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
-    angle_rms: FloatArray = field(default_factory=lambda: np.zeros(0))
-    torque_rms: FloatArray = field(default_factory=lambda: np.zeros(0))
-    torque_size: FloatArray = field(default_factory=lambda: np.zeros(0))
+    angle_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) rad
+    torque_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) N·m
+    torque_size: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) rms of the unperturbed torques, N·m
 
     @property
     def torque_share(self) -> float:

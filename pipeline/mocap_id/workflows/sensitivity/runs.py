@@ -22,29 +22,14 @@ _FIRST = ("fit-joints", "ukf-smooth", "identify-dim")
 
 @dataclass(frozen=True)
 class PerturbationRun:
-    """The result of one perturbation.
-
-    Parameters
-    ----------
-    perturbation : Perturbation
-    estimates : Estimates or None
-        Estimates of the perturbed trial; None if it was refused or failed.
-    changes : SeriesChanges
-        Changes from the unperturbed trial; empty if there are no estimates.
-    why : str
-        Why there are no estimates; empty if there are.
-    refused : bool
-        The perturbed trial was refused, rather than failed.
-    seconds : float
-        Processor time.
-    """
+    """The result of one perturbation."""
 
     perturbation: Perturbation
-    estimates: Estimates | None
-    changes: SeriesChanges
-    why: str
-    refused: bool
-    seconds: float
+    estimates: Estimates | None  # estimates of the perturbed trial; None if it was refused or failed
+    changes: SeriesChanges  # changes from the unperturbed trial; empty if there are no estimates
+    why: str  # why there are no estimates; empty if there are
+    refused: bool  # the perturbed trial was refused, rather than failed
+    seconds: float  # processor time
 
 
 RunCallback: TypeAlias = Callable[[PerturbationRun], None]

@@ -33,25 +33,13 @@ PerturbationCallback = Callable[[PerturbationRun, int, int], None]
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """The result of a sensitivity study.
+    """The result of a sensitivity study."""
 
-    Parameters
-    ----------
-    trial : str
-        Name of the trial.
-    options : SensitivityOptions
-    own : Estimates
-        Estimates of the unperturbed trial.
-    runs : tuple of PerturbationRun
-    note : str
-        What could not be studied on this trial; empty if nothing.
-    """
-
-    trial: str
+    trial: str  # name of the trial
     options: SensitivityOptions
-    own: Estimates
+    own: Estimates  # estimates of the unperturbed trial
     runs: tuple[PerturbationRun, ...]
-    note: str
+    note: str  # what could not be studied on this trial; empty if nothing
 
     @property
     def judged_parameters(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.results.columns import ResultColumn as Column
-from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results.columns import ResultTable, number, text, whole
 from mocap_id.store import TableSchema
 from mocap_id.workflows.sensitivity.responses import (
     STATE_NAMES,
@@ -56,23 +56,15 @@ def _broken(name: str, missing: Any) -> Any:
 
 
 _PERTURBATION = (
-    Column("perturbation", "str", "", "kind, target and level", lambda row: row.run.perturbation.name),
-    Column("kind", "str", "", "what was perturbed", lambda row: row.run.perturbation.kind),
-    Column(
+    text("perturbation", "kind, target and level", lambda row: row.run.perturbation.name),
+    text("kind", "kind of the perturbation", lambda row: row.run.perturbation.kind),
+    text(
         "target",
-        "str",
-        "",
-        "joint, component or marker sd (m) that it acted on; empty: everything alike",
+        "joint, component or marker sd (m) that it acted on; empty: everything",
         lambda row: row.run.perturbation.target,
     ),
-    Column("level", "float64", "", "how much, in `level_unit`", lambda row: row.run.perturbation.level),
-    Column(
-        "level_unit",
-        "str",
-        "",
-        "unit of the level; empty: a number of things",
-        lambda row: row.run.perturbation.definition.unit,
-    ),
+    number("level", "", "level of the perturbation, in `level_unit`", lambda row: row.run.perturbation.level),
+    text("level_unit", "unit of the level; empty: a count", lambda row: row.run.perturbation.definition.unit),
 )
 
 RESPONSES = TableSchema(
@@ -80,35 +72,34 @@ RESPONSES = TableSchema(
     1,
     (
         *_PERTURBATION,
-        Column("parameter", "str", "", "base parameter, or length of a segment", lambda row: row.before.name),
-        Column("unit", "str", "", "of the parameter", lambda row: row.before.unit),
-        Column("own_value", "float64", "", "unperturbed, in `unit`", lambda row: row.before.value),
-        Column("own_sd", "float64", "", "its stated standard deviation, in `unit`", lambda row: row.before.sd),
-        Column("value", "float64", "", "perturbed, in `unit`", lambda row: row.after and row.after.value),
-        Column("sd", "float64", "", "its stated standard deviation, in `unit`", lambda row: row.after and row.after.sd),
-        Column("change", "float64", "", "perturbed less unperturbed, in `unit`", lambda row: row.change),
-        Column(
-            "change_percent", "float64", "%", "of the parameter's size", lambda row: row.change_by(row.before.size, 100)
+        text("parameter", "base parameter, or length of a segment", lambda row: row.before.name),
+        text("unit", "unit of the parameter", lambda row: row.before.unit),
+        number("own_value", "", "unperturbed value, in `unit`", lambda row: row.before.value),
+        number("own_sd", "", "its stated standard deviation, in `unit`", lambda row: row.before.sd),
+        number("value", "", "perturbed value, in `unit`", lambda row: row.after and row.after.value),
+        number("sd", "", "its stated standard deviation, in `unit`", lambda row: row.after and row.after.sd),
+        number("change", "", "perturbed minus unperturbed value, in `unit`", lambda row: row.change),
+        number(
+            "change_percent",
+            "%",
+            "change relative to the parameter's size",
+            lambda row: row.change_by(row.before.size, 100),
         ),
-        Column(
+        number(
             "change_sd",
-            "float64",
             "1",
-            "in stated standard deviations of the unperturbed parameter",
+            "change in stated standard deviations of the unperturbed parameter",
             lambda row: row.change_by(row.before.sd),
         ),
-        Column(
+        number(
             "ratio",
-            "float64",
             "1",
-            "size of the change over what is tolerated; infinite where it is lost",
+            "absolute change over the tolerated change; infinite if the parameter is lost",
             lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
         ),
-        Column(
+        text(
             "judged",
-            "str",
-            "",
-            "known, weak or not identifiable, by the perturbed trial",
+            "known, weak or not identifiable in the perturbed trial",
             lambda row: row.after and row.after.verdict,
         ),
     ),
@@ -119,53 +110,47 @@ PERTURBATIONS = TableSchema(
     1,
     (
         *_PERTURBATION,
-        Column("enters", "str", "", "the stage that saw it first"),
-        Column("verdict", "str", "", "ok or caution, or refused or failed where there is no result"),
-        Column("raised", "str", "", "codes that the unperturbed verdict has not"),
-        Column("fallen", "str", "", "codes of the unperturbed verdict that are gone"),
-        Column("ratio", "float64", "1", "largest change of a parameter over what is tolerated"),
-        Column("parameter", "str", "", "whose change that is"),
-        Column("tolerated", "bool", "", "ratio is at most 1"),
-        Column("samples", "int64", "1", "of the fit"),
-        Column("condition_number", "float64", "1", "of the regressor"),
-        Column("clock_offset", "float64", "s", "that the program found"),
-        *(Column(f"{name}_r2", "float64", "1", "of the model against the measurement") for name in WRENCH_NAMES),
-        Column("cop_rms", "float64", "m", "rms error of the model's centre of pressure"),
-        Column("theta_r2", "float64", "1", "worst joint's angle against the unperturbed one"),
-        Column("dtheta_r2", "float64", "1", "worst joint's velocity against the unperturbed one"),
-        Column("ddtheta_r2", "float64", "1", "worst joint's acceleration against the unperturbed one"),
-        Column("theta_rms", "float64", "rad", "worst joint's angle off the unperturbed one, rms"),
+        text("enters", "the first stage that the perturbation affects"),
+        text("verdict", "ok or caution; refused or failed if there is no result"),
+        text("raised", "codes that are new in the perturbed verdict"),
+        text("fallen", "codes of the unperturbed verdict that no longer occur"),
+        number("ratio", "1", "largest change of a parameter over the tolerated change"),
+        text("parameter", "the parameter with this change"),
+        Column("tolerated", "bool", "", "whether the ratio is at most 1"),
+        whole("samples", "number of samples of the fit"),
+        number("condition_number", "1", "condition number of the regressor"),
+        number("clock_offset", "s", "clock offset that the program estimated"),
+        *(number(f"{name}_r2", "1", "r² of the model against the measurement") for name in WRENCH_NAMES),
+        number("cop_rms", "m", "rms error of the model's centre of pressure"),
+        number("theta_r2", "1", "r² of the worst joint's angle against the unperturbed one"),
+        number("dtheta_r2", "1", "r² of the worst joint's velocity against the unperturbed one"),
+        number("ddtheta_r2", "1", "r² of the worst joint's acceleration against the unperturbed one"),
+        number("theta_rms", "rad", "change of the worst joint's angle, rms"),
     ),
-    (Column("tau_{k}_rms", "float64", "N*m", "torque of the joint off the unperturbed one, rms"),),
-    ((Column("why", "str", "", "why there is no result, or empty"),),),
+    (number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),),
+    ((text("why", "why there is no result; else empty"),),),
 )
 
 TOLERATES = TableSchema(
     "tolerates.parquet",
     1,
     (
-        Column("kind", "str", "", "what was perturbed", lambda one: one.kind.name),
-        Column("target", "str", "", "what it acted on; empty: everything alike", lambda one: one.target),
-        Column("low", "float64", "", "least tolerated level, in `level_unit`", lambda one: one.low),
-        Column("high", "float64", "", "most tolerated level, interpolated, in `level_unit`", lambda one: one.high),
-        Column("level_unit", "str", "", "unit of the levels; empty: a number of things", lambda one: one.kind.unit),
-        Column(
-            "least_tried", "float64", "", "mildest level tried", lambda one: one.points[0].level if one.points else None
-        ),
-        Column(
-            "most_tried", "float64", "", "worst level tried", lambda one: one.points[-1].level if one.points else None
-        ),
-        Column("breaks_at", "float64", "", "level that is too much", _broken("level", None)),
-        Column("parameter", "str", "", "the parameter that moves most there", _broken("parameter", "")),
-        Column("change_percent", "float64", "%", "by so much of its size", _broken("percent", None)),
-        Column(
+        text("kind", "kind of the perturbation", lambda one: one.kind.name),
+        text("target", "what it acted on; empty: everything", lambda one: one.target),
+        number("low", "", "lowest tolerated level, in `level_unit`", lambda one: one.low),
+        number("high", "", "highest tolerated level, interpolated, in `level_unit`", lambda one: one.high),
+        text("level_unit", "unit of the levels; empty: a count", lambda one: one.kind.unit),
+        number("least_tried", "", "mildest level tried", lambda one: one.points[0].level if one.points else None),
+        number("most_tried", "", "worst level tried", lambda one: one.points[-1].level if one.points else None),
+        number("breaks_at", "", "level that is not tolerated", _broken("level", None)),
+        text("parameter", "the parameter with the largest change there", _broken("parameter", "")),
+        number("change_percent", "%", "its change, relative to its size", _broken("percent", None)),
+        text(
             "silent",
-            "str",
-            "",
-            "levels that are too much with no new caution in the verdict",
+            "levels that are not tolerated and give no new caution in the verdict",
             lambda one: ", ".join(f"{level:g}" for level in one.silent),
         ),
-        Column("sentence", "str", "", "the same for people", sentence),
+        text("sentence", "the same as a sentence", sentence),
     ),
 )
 

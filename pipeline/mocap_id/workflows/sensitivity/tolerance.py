@@ -18,30 +18,14 @@ from mocap_id.workflows.sensitivity.runs import PerturbationRun
 
 @dataclass(frozen=True)
 class Point:
-    """A level of one kind on one target; of a level that was tried with both signs, the worse one.
+    """A level of one kind on one target; of a level that was tried with both signs, the worse one."""
 
-    Parameters
-    ----------
-    level : float
-        Absolute level.
-    ratio : float
-        Largest change of a parameter over the tolerated change; infinite if the parameters are lost.
-    parameter : str
-        The parameter with this change.
-    percent : float
-        The change, % of the parameter's size.
-    noticed : bool
-        The verdict has a new caution, or there is no result.
-    torque : float
-        Largest rms change of a joint torque, % of the rms of the unperturbed torque.
-    """
-
-    level: float
-    ratio: float
-    parameter: str
-    percent: float
-    noticed: bool
-    torque: float = math.nan
+    level: float  # absolute level
+    ratio: float  # largest change of a parameter over the tolerated change; infinite if the parameters are lost
+    parameter: str  # the parameter with this change
+    percent: float  # the change, % of the parameter's size
+    noticed: bool  # the verdict has a new caution, or there is no result
+    torque: float = math.nan  # largest rms change of a joint torque, % of the rms of the unperturbed torque
 
     @property
     def within(self) -> bool:
@@ -51,21 +35,13 @@ class Point:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The tolerated levels of one kind on one target.
-
-    Parameters
-    ----------
-    kind : Kind
-    target : str
-    points : tuple of Point
-        From the mildest to the worst level; by level for a kind that gets worse in both directions.
-    low, high : float
-        Ends of the tolerated levels, interpolated; NaN if no tried level is tolerated and none can be estimated.
-    """
+    """The tolerated levels of one kind on one target."""
 
     kind: Kind
     target: str
+    # from the mildest to the worst level; by level for a kind that gets worse in both directions
     points: tuple[Point, ...]
+    # ends of the tolerated levels, interpolated; NaN if no tried level is tolerated and none can be estimated
     low: float
     high: float
 

@@ -23,41 +23,21 @@ FIRST, LAST = "fit-joints", "identify-dim"
 
 @dataclass(frozen=True)
 class TrialSource:
-    """The folder of a trial's artefacts, and the settings of its stages.
-
-    Parameters
-    ----------
-    name : str
-    folder : Path
-        The run folder.
-    keys : TrialKeys
-        Keys of the trial, without those for the report's comparison with other systems.
-    settings : mapping of str to Settings
-        Settings of the stages that are run again.
-    """
+    """The folder of a trial's artefacts, and the settings of its stages."""
 
     name: str
-    folder: Path
-    keys: TrialKeys
-    settings: Mapping[str, Settings]
+    folder: Path  # the run folder
+    keys: TrialKeys  # keys of the trial, without those for the report's comparison with other systems
+    settings: Mapping[str, Settings]  # settings of the stages that are run again
 
 
 @dataclass(frozen=True)
 class TrialInputs:
-    """The inputs of the stages that are run again, unperturbed or perturbed.
-
-    Parameters
-    ----------
-    source : TrialSource
-    artefacts : mapping of str to Table or Tree
-        Artefacts by file name.
-    settings : mapping of str to Settings
-        Settings by stage.
-    """
+    """The inputs of the stages that are run again, unperturbed or perturbed."""
 
     source: TrialSource
-    artefacts: Mapping[str, Artefact]
-    settings: Mapping[str, Settings]
+    artefacts: Mapping[str, Artefact]  # artefacts by file name
+    settings: Mapping[str, Settings]  # settings by stage
 
     def table(self, file: str) -> Table:
         """Return a Parquet artefact."""
@@ -131,7 +111,7 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
 
 def _of_folder(path: Path) -> TrialSource:
     """The trial of a run folder, with the settings that its artefacts were made with."""
-    folder, settings, asked = Folder(path), {}, dict[str, Any]()
+    folder, settings, parameters = Folder(path), {}, dict[str, Any]()
     for stage in repeated_stages():
         origin = folder.provenance(stage.outputs[0]).origin
         if origin.stage_version != stage.version:
@@ -140,12 +120,15 @@ def _of_folder(path: Path) -> TrialSource:
                 f"version {stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
             )
         settings[stage.name] = stage.settings.model_validate_json(dumps(origin.parameters[stage.name]), strict=True)
-        asked |= origin.parameters
+        parameters |= origin.parameters
     if getattr(settings["ukf-smooth"], "method", None) == "encoder":
         raise ConfigError(f"{path}: its states come from an encoder's file: give the trial's YAML file instead")
-    known = {"trial": asked["trial"], "protocol": asked["protocol"]}  # no stage that is run again reads the recording
-    keys = TrialKeys.model_construct(**known, subject=Subject.model_validate(asked["subject"]))
-    return TrialSource(str(asked["trial"]), path, keys, settings)
+    known = {
+        "trial": parameters["trial"],
+        "protocol": parameters["protocol"],
+    }  # no stage that is run again reads the recording
+    keys = TrialKeys.model_construct(**known, subject=Subject.model_validate(parameters["subject"]))
+    return TrialSource(str(parameters["trial"]), path, keys, settings)
 
 
 def read_inputs(source: TrialSource) -> TrialInputs:

@@ -142,7 +142,9 @@ def _ids(names: Iterable[str], keep: bool, known: Mapping[str, str]) -> dict[str
         ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in ordered}
         twice = sorted(name for name, count in Counter(ids.values()).items() if count > 1 or not name)
         if twice:
-            raise ConfigError(f"--keep-names: several folders give the id `{twice[0]}`: rename one, or leave out the option")
+            raise ConfigError(
+                f"--keep-names: several folders give the id `{twice[0]}`: rename one, or leave out the option"
+            )
         return ids
     taken, number = set(known.values()), 0
     ids = {name: known[name] for name in ordered if name in known}

@@ -80,7 +80,7 @@ class Pattern:
 
 
 def default(paths: Sequence[PurePosixPath]) -> Pattern:
-    """Return the common pattern that fits most paths; of equal ones the first, and one with a strategy before others."""
+    """Return the common pattern that fits most paths, of equal ones the first."""
     patterns = [Pattern(text) for text in DEFAULTS]
     scored = [(_fit(pattern, paths), -k, pattern) for k, pattern in enumerate(patterns)]
     return max(scored, key=lambda one: one[:2])[2]

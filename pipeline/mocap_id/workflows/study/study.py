@@ -26,8 +26,8 @@ from mocap_id.workflows.study.variation_table import variation_rows
 DOCUMENT = "study.json"
 _VERSION = 3  # raised whenever the same trials would give other tables or another page
 _ABOUT = (
-    "Each table stands as CSV and as Parquet (units and meanings in the field metadata). A row of the "
-    "subject `cohort` is about all people. Missing is empty in CSV and NaN in Parquet."
+    "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row of the subject `cohort` "
+    "is about all people. A missing value is empty in CSV and NaN in Parquet."
 )
 _ROWS: Mapping[str, Callable[[Sequence[TrialResult]], Iterable[Any]]] = {
     "trials": lambda trials: trials,
@@ -41,23 +41,12 @@ _ROWS: Mapping[str, Callable[[Sequence[TrialResult]], Iterable[Any]]] = {
 
 @dataclass(frozen=True)
 class StudyResult:
-    """The result of a study.
-
-    Parameters
-    ----------
-    study : Study
-    runs : tuple of TrialRun
-        How the trials ended.
-    document : mapping
-        Content of study.json.
-    reused : bool
-        Tables and page were up to date.
-    """
+    """The result of a study."""
 
     study: Study
-    runs: tuple[TrialRun, ...]
-    document: Mapping[str, Any]
-    reused: bool
+    runs: tuple[TrialRun, ...]  # how the trials ended
+    document: Mapping[str, Any]  # content of study.json
+    reused: bool  # tables and page were up to date
 
     @property
     def failed(self) -> tuple[TrialRun, ...]:

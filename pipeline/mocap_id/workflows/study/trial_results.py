@@ -26,69 +26,37 @@ LANDMARKS = "landmarks"
 
 @dataclass(frozen=True)
 class LengthReference:
-    """The reference for a person's segment lengths.
+    """The reference for a person's segment lengths."""
 
-    Parameters
-    ----------
-    kind : str
-        ``landmarks``, or ``stature`` with the allometric table; empty if there is no reference.
-    lengths : mapping of str to float or None
-        Of shank and thigh, m.
-    by_stature : mapping of str to float or None
-        The table's lengths for the person's height, m.
-    """
-
-    kind: str
-    lengths: Mapping[str, float | None]
-    by_stature: Mapping[str, float | None]
+    kind: str  # ``landmarks``, or ``stature`` with the allometric table; empty if there is no reference
+    lengths: Mapping[str, float | None]  # of shank and thigh, m
+    by_stature: Mapping[str, float | None]  # the table's lengths for the person's height, m
 
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """The base parameters of a trial.
+    """The base parameters of a trial."""
 
-    Parameters
-    ----------
-    symbols : tuple of str
-        The first parameter of each group: m1, mx1, mx2 …
-    expressions, units, verdicts : tuple of str
-    value, sd, reference : (b,) arrays
-        Identified value, its standard deviation, and value of the allometric body on the same chain; NaN if unknown.
-    segments : int
-        Number of segments of the chain with the base.
-    """
-
-    symbols: tuple[str, ...]
+    symbols: tuple[str, ...]  # the first parameter of each group: m1, mx1, mx2 …
     expressions: tuple[str, ...]
     units: tuple[str, ...]
     verdicts: tuple[str, ...]
-    value: FloatArray
-    sd: FloatArray
-    reference: FloatArray
-    segments: int
+    value: FloatArray  # (b,) NaN if unknown
+    sd: FloatArray  # (b,) its standard deviation
+    reference: FloatArray  # (b,) of the allometric body on the same chain; NaN if unknown
+    segments: int  # number of segments of the chain with the base
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult(TrialOutcome):
-    """The result of one trial of a study.
-
-    Parameters
-    ----------
-    trial : StudyTrial
-    reference : LengthReference
-    identified : IdentifiedTrial or None
-        None for a trial that failed or was refused.
-    bodies : tuple of BodyErrors
-        Errors of the trial's own model, of the same on left-out repetitions, and of the allometric body.
-    parameters : BaseParameters or None
-        None if no parameter was identified.
-    """
+    """The result of one trial of a study."""
 
     trial: StudyTrial
     reference: LengthReference
-    identified: IdentifiedTrial | None
+    identified: IdentifiedTrial | None  # None for a trial that failed or was refused
+    # errors of the trial's own model, of the same on left-out repetitions, and of the allometric body
     bodies: tuple[BodyErrors, ...]
-    parameters: BaseParameters | None
+    parameters: BaseParameters | None  # None if no parameter was identified
 
     @property
     def name(self) -> str:

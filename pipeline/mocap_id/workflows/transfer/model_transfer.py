@@ -41,58 +41,31 @@ _MASS_APART = 0.05  # of the standing mass, as for the verdict of a trial
 
 @dataclass(frozen=True)
 class BodyErrors:
-    """The errors of one body on a trial.
+    """The errors of one body on a trial."""
 
-    Parameters
-    ----------
-    name : str
-        ``own``, ``own, held out``, ``transferred``, or the name of the allometric table.
-    errors : mapping
-        Model less measurement for each of :data:`SERIES`; None if unknown.
-    torques : tuple
-        Difference of each joint torque from that of the trial's own model, N·m, joint 1 first; None if unknown. Empty
-        for the own model.
-    """
-
-    name: str
-    errors: Mapping[str, Agreement | None]
+    name: str  # ``own``, ``own, held out``, ``transferred``, or the name of the allometric table
+    errors: Mapping[str, Agreement | None]  # model less measurement for each of :data:`SERIES`; None if unknown
+    # difference of each joint torque from that of the trial's own model, N·m, joint 1 first; None if unknown. Empty for
+    # the own model
     torques: tuple[Agreement | None, ...]
 
 
 @dataclass(frozen=True)
 class TrialTransfer:
-    """A model applied to one trial.
-
-    Parameters
-    ----------
-    trial : str
-    samples : int
-        Number of samples that the trial's own model was fitted to, off the chair.
-    condition : float or None
-        Condition number of the regressor over these samples.
-    bodies : tuple of BodyErrors
-    registration : Registration
-        Pose of the model's bodies in the trial's bodies.
-    support : Support or None
-        Evidence that does not use the trial's forces; None if there is no allometric body to compare with.
-    stated : mapping
-        Stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms
-        over the samples; NaN if unknown.
-    inside : mapping
-        Share of the samples within the stated 95 % intervals; NaN if unknown.
-    reasons : tuple of Reason
-        Reasons not to rely on the result.
-    """
+    """A model applied to one trial."""
 
     trial: str
-    samples: int
-    condition: float | None
+    samples: int  # number of samples that the trial's own model was fitted to, off the chair
+    condition: float | None  # condition number of the regressor over these samples
     bodies: tuple[BodyErrors, ...]
-    registration: Registration
+    registration: Registration  # pose of the model's bodies in the trial's bodies
+    # evidence that does not use the trial's forces; None if there is no allometric body to compare with
     support: Support | None
+    # stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms over
+    # the samples; NaN if unknown
     stated: Mapping[str, float]
-    inside: Mapping[str, float]
-    reasons: tuple[Reason, ...]
+    inside: Mapping[str, float]  # share of the samples within the stated 95 % intervals; NaN if unknown
+    reasons: tuple[Reason, ...]  # reasons not to rely on the result
 
     @property
     def supported(self) -> bool | None:
@@ -113,19 +86,10 @@ class TrialTransfer:
 
 @dataclass(frozen=True)
 class Transfer:
-    """A model applied to other trials.
+    """A model applied to other trials."""
 
-    Parameters
-    ----------
-    model : str
-        Name of the trial that the model comes from.
-    segments : tuple of str
-        The bodies that were identified on this trial.
-    trials : tuple of TrialTransfer
-    """
-
-    model: str
-    segments: tuple[str, ...]
+    model: str  # name of the trial that the model comes from
+    segments: tuple[str, ...]  # the bodies that were identified on this trial
     trials: tuple[TrialTransfer, ...]
 
     @property
@@ -227,7 +191,7 @@ def _registered(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFram
 
 
 def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
-    """Return the errors of a trial's own model, of the same on left-out repetitions, and of the allometric body."""
+    """Return the errors of the own model, of the same on left-out repetitions, and of the allometric body."""
     samples = _samples(target)
     return tuple(body for body in (*_own(target, samples), _table(target, samples)) if body is not None)
 

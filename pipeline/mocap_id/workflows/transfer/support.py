@@ -38,23 +38,12 @@ _INSIDE = 0.8  # least share of the samples in the 95 % intervals
 
 @dataclass(frozen=True)
 class TransferredBody:
-    """The body of one trial, transferred to the bodies of another.
+    """The body of one trial, transferred to the bodies of another."""
 
-    Parameters
-    ----------
-    bodies : MovingBodies
-        K bodies of the other trial with their motion.
-    registration : Registration
-        Pose of the model's bodies in these.
-    parameters : (4K,) array
-    covariance : (4K, 4K) array
-        Covariance of the parameters; NaN if unknown.
-    """
-
-    bodies: MovingBodies
-    registration: Registration
-    parameters: FloatArray
-    covariance: FloatArray
+    bodies: MovingBodies  # K bodies of the other trial with their motion
+    registration: Registration  # pose of the model's bodies in these
+    parameters: FloatArray  # (4K,)
+    covariance: FloatArray  # (4K, 4K) covariance of the parameters; NaN if unknown
 
     @classmethod
     def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
@@ -65,21 +54,14 @@ class TransferredBody:
 
 @dataclass(frozen=True)
 class Support:
-    """Evidence for a transfer that does not use the forces of the other trial.
+    """Evidence for a transfer that does not use the forces of the other trial."""
 
-    Parameters
-    ----------
-    apart : mapping
-        Difference between the predictions of transferred and allometric body for each of :data:`AT_HOME`, rms over
-        the other trial's states, N, N·m or m.
-    sd : mapping
-        Standard deviation of the transferred body's prediction from the covariance of its parameters, rms.
-    at_home : mapping
-        Error on left-out repetitions of the model's own trial over that of the allometric body; NaN if unknown.
-    """
-
+    # difference between the predictions of transferred and allometric body for each of :data:`AT_HOME`, rms over the
+    # other trial's states, N, N·m or m
     apart: Mapping[str, float]
+    # standard deviation of the transferred body's prediction from the covariance of its parameters, rms
     sd: Mapping[str, float]
+    # error on left-out repetitions of the model's own trial over that of the allometric body; NaN if unknown
     at_home: Mapping[str, float]
 
 
@@ -203,8 +185,8 @@ def _no_better_at_home(found: Support) -> Iterator[Reason]:
         listed = ", ".join(f"{name} ({ratio:.2f} times its error)" for name, ratio in worse.items())
         yield Reason(
             "transfer-not-at-home",
-            f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in {listed}: "
-            "there is nothing individual to transfer",
+            f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
+            f"{listed}: there is nothing individual to transfer",
             value=max(worse.values()),
             limit=1.0,
         )
@@ -217,8 +199,9 @@ def _too_similar(found: Support) -> Iterator[Reason]:
         listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
         yield Reason(
             "transfer-not-told-apart",
-            f"on this movement the prediction of the transferred body does not differ enough from that of the allometric "
-            f"body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too little for this movement",
+            f"on this movement the prediction of the transferred body does not differ enough from that of the "
+            f"allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too little for "
+            "this movement",
             value=min(near.values()),
             limit=_TIMES,
         )

@@ -24,29 +24,15 @@ _LAST = "ukf-smooth"
 
 @dataclass(frozen=True)
 class SubjectArm:
-    """An arm with its joint limits.
-
-    Parameters
-    ----------
-    name : str
-    joints : tuple of str
-    arm : PlanarArm or SpatialArm
-    limits : JointLimits
-    tip : str
-        The tip: a marker, or a point.
-    observed : (T, n) array
-        Recorded postures, rad; none for a chain in YAML.
-    notes : tuple of str
-        Limitations of the result.
-    """
+    """An arm with its joint limits."""
 
     name: str
     joints: tuple[str, ...]
     arm: PlanarArm | SpatialArm
     limits: JointLimits
-    tip: str
-    observed: FloatArray
-    notes: tuple[str, ...]
+    tip: str  # a marker, or a point
+    observed: FloatArray  # (T, n) recorded postures, rad; none for a chain in YAML
+    notes: tuple[str, ...]  # limitations of the result
 
 
 def read_arm(
@@ -76,7 +62,9 @@ def read_arm(
     """
     if not path.is_dir() and is_chain(path):
         if tip is not None or quantile:
-            raise ConfigError(f"{path}: a chain in YAML has its own `tip:` and limits; leave out `--tip` and `--quantile`")
+            raise ConfigError(
+                f"{path}: a chain in YAML has its own `tip:` and limits; leave out `--tip` and `--quantile`"
+            )
         return _of_chain(load_chain(path))
     folder, trial = open_run_to(path, _LAST, progress)
     return of_folder(folder, path.name if trial is None else trial.name, path, tip, quantile)

@@ -12,8 +12,8 @@ from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
 from mocap_id.reporting.robot.page_data import AveragedWrench
 
 CAPTION = (
-    "Mean over the repetitions of the cell's trials, with one standard deviation to either side as a band. Measured (black), "
-    "reference parameters (orange), states from the encoder (R, green), states from the cameras (P, blue)."
+    "Mean over the repetitions of the cell's trials, with one standard deviation to either side as a band. Measured "
+    "(black), reference parameters (orange), states from the encoder (R, green), states from the cameras (P, blue)."
 )
 RESIDUALS = "The same models less the measured wrench: mean and one standard deviation over the repetitions."
 _NAMES = ("Fx (N)", "Fy (N)", "τz (N·m)")

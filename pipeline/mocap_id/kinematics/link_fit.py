@@ -1,0 +1,286 @@
+"""Fit of a chain with single-marker segments: which marker is on which segment, and which joints carry a marker.
+
+Markers and chain are found in turns. Every marker goes to the segment that fits it best; then a robust bundle (Cauchy's
+loss with a decreasing scale) fits the chain to the markers. This ends when no marker changes its segment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.chain_equations import (
+    ChainProblem,
+    ChainState,
+    apply_step,
+    eliminate_angles,
+    joint_positions,
+    predict_markers,
+)
+from mocap_id.kinematics.hypotheses import FLOOR, SegmentationProblem
+from mocap_id.kinematics.joint import arc
+from mocap_id.kinematics.link_markers import Path
+
+SEGMENT_PRICE = 4.0
+"""Cost of one more segment."""
+
+SCALE = 0.002
+"""m; residuals below this cost little."""
+
+_ANNEALED = (4.0, 2.0, 1.0)  # multiples of it, one after the other
+_LEFT_OUT = 0.05  # m; a marker on no segment costs as much as one with this residual
+_FOREIGN = 4.0  # a marker is on no segment beyond this multiple of the segment's median residual
+_FOREIGN_BETWEEN = (0.008, 0.025)  # m; that limit is never below or above
+_FRAMES = 150
+_ROUNDS = 3
+_SAME_PLACE = 0.03  # m
+_STEPS = 20
+_SETTLED = 1e-4  # relative fall of the cost
+_FRAMES_A_SEGMENT = 15
+_SHORTEST = 0.03  # m; a link shorter than this is none
+
+
+@dataclass(frozen=True)
+class Pin:
+    """Markers that stand for a joint.
+
+    Parameters
+    ----------
+    joint : int
+        0 is the first joint.
+    unit : int array
+        Columns of the markers.
+    track : (F,) complex array
+        Where they put the joint, m.
+    weight : float
+        Of one frame against a marker's.
+    """
+
+    joint: int
+    unit: IntArray
+    track: ComplexArray
+    weight: float
+
+
+@dataclass(frozen=True)
+class LinkFit:
+    """A chain fitted to all markers of a trial.
+
+    Parameters
+    ----------
+    cost : float
+        Sum over markers of the mean log residual, and the price of the segments.
+    segment : (M,) int array
+        0 = base, -1 = none.
+    residual : (M,) array
+        Typical residual of each marker on its segment, m.
+    state : ChainState
+        Centres, coordinates of the M markers on their segments, angles in the frames ``used``.
+    used : (T,) int array
+        Frames in which every angle is known.
+    pins : tuple of Pin
+    """
+
+    cost: float
+    segment: IntArray
+    residual: FloatArray
+    state: ChainState
+    used: IntArray
+    pins: tuple[Pin, ...] = ()
+
+    @property
+    def arcs(self) -> FloatArray:
+        """(n,) relative angle that each joint travels, rad."""
+        turns = np.diff(self.state.angles, axis=1, prepend=0.0)
+        return np.array([arc(np.exp(1j * turn)) for turn in turns.T])
+
+    def ratios(self, points: ComplexArray) -> tuple[float, ...]:
+        """Return, for each joint, the residual of its segment's markers fixed to the parent over their own."""
+        origin, turn = joint_positions(self.state)
+        ratios = []
+        for k in range(1, len(self.state.centres) + 1):
+            own = points[np.ix_(self.used, np.flatnonzero(self.segment >= k))]
+            seen = own if k == 1 else np.conj(turn[:, k - 2 : k - 1]) * (own - origin[:, k - 2 : k - 1])
+            fixed = np.sqrt(np.nanmean(np.abs(seen - np.nanmean(seen, axis=0)) ** 2))
+            ratios.append(float(fixed / max(np.nanmedian(self.residual[self.segment >= k]), FLOOR)))
+        return tuple(ratios)
+
+    @property
+    def loose(self) -> tuple[int, ...]:
+        """Joints (0 is the first) of segments with a single point and no marker at either joint."""
+        count, held = len(self.state.centres), {pin.joint for pin in self.pins}
+        weak = [
+            k
+            for k in range(count)
+            if not {k, k + 1} & held and len(_distinct(self.state.local[self.segment == k + 1])) < 2
+        ]
+        return tuple(sorted({joint for k in weak for joint in (k, k + 1) if 0 < joint < count}))
+
+
+def log_cost(residual: FloatArray) -> FloatArray:
+    """Return the cost of residuals, m; those beyond 50 mm cost no more."""
+    return np.asarray(np.minimum(_log_cost(residual), _log_cost(_LEFT_OUT)))
+
+
+def path_cost(problem: SegmentationProblem, path: Path) -> float:
+    """Return the cost of a path before any fit, on a few frames; inf where too few frames show it."""
+    state, used = _start(path)
+    if len(used) < _FRAMES_A_SEGMENT * len(path):
+        return np.inf
+    few = used[:: max(1, len(used) // 60)]
+    state = replace(state, angles=state.angles[few])
+    if np.abs(state.centres[1:]).min(initial=np.inf) < _SHORTEST:
+        return np.inf
+    costs, _ = costs_on_segments(problem.points[few], state)
+    each = np.minimum(costs.min(axis=0), _log_cost(_LEFT_OUT))
+    return float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
+
+
+def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = ()) -> LinkFit | None:
+    """Fit the chain of a path to all markers; None where it falls apart.
+
+    Parameters
+    ----------
+    problem : SegmentationProblem
+    path : tuple of Step
+    pins : tuple of Pin
+        Markers that stand for joints.
+    """
+    state, used = _start(path)
+    if len(used) < _FRAMES_A_SEGMENT * len(path):
+        return None
+    used = used[np.unique(np.linspace(0, len(used) - 1, _FRAMES).round().astype(np.int64))]
+    points, state = problem.points[used], replace(state, angles=state.angles[used])
+    costs, local = costs_on_segments(points, state)
+    segment: IntArray | None = None
+    for _ in range(_ROUNDS):
+        found = _assigned(problem, costs)
+        if segment is not None and np.array_equal(found, segment):
+            break
+        segment = found
+        if (segment > 0).sum() <= len(path):
+            return None
+        fitted = _bundle(points, segment, replace(state, local=_own(local, segment)), pins, used)
+        if fitted is None:
+            return None
+        state = fitted
+        costs, local = costs_on_segments(points, state)
+    if segment is None or np.abs(state.centres[1:]).min(initial=np.inf) < _SHORTEST:
+        return None
+    own = costs[np.maximum(segment, 0), np.arange(len(segment))]
+    price = _log_cost(_LEFT_OUT)
+    each = np.where(segment >= 0, np.minimum(own, price), price)
+    total = float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
+    residual = np.where(segment >= 0, _residual(own), np.nan)
+    return LinkFit(total, segment, residual, replace(state, local=_own(local, segment)), used, pins)
+
+
+def _distinct(local: ComplexArray) -> list[complex]:
+    """Coordinates that are not at the same place."""
+    kept: list[complex] = []
+    for each in local:
+        if all(abs(each - other) > _SAME_PLACE for other in kept):
+            kept.append(complex(each))
+    return kept
+
+
+def _start(path: Path) -> tuple[ChainState, IntArray]:
+    """Centres and angles of a path from its joints' tracks, and the frames that show all of them."""
+    tracks = np.stack([step.joint for step in path], axis=1)
+    angles = np.empty(tracks.shape)
+    for k, step in enumerate(path):
+        angles[:, k] = np.angle(step.body.rotation if step.body is not None else tracks[:, k + 1] - tracks[:, k])
+    known = np.isfinite(angles).all(axis=1) & np.isfinite(tracks).all(axis=1)
+    centres = np.zeros(len(path), dtype=np.complex128)
+    if known.any():
+        centres[0] = tracks[known, 0].mean()
+        along = np.exp(-1j * angles[known, :-1]) * np.diff(tracks[known], axis=1)
+        centres[1:] = along.mean(axis=0)
+    return ChainState(centres, np.zeros(0, dtype=np.complex128), angles), np.flatnonzero(known)
+
+
+def costs_on_segments(points: ComplexArray, state: ChainState) -> tuple[FloatArray, ComplexArray]:
+    """(n + 1, M) cost of every marker on every segment, inf where hardly seen, and its coordinates there, m."""
+    origin, turn = joint_positions(state)
+    counts = np.isfinite(points).sum(axis=0)
+    costs = np.full((len(state.centres) + 1, points.shape[1]), np.inf)
+    local = np.zeros(costs.shape, dtype=np.complex128)
+    seen = np.flatnonzero(counts >= 10)
+    for k in range(len(costs)):
+        own = points[:, seen] if k == 0 else np.conj(turn[:, k - 1 : k]) * (points[:, seen] - origin[:, k - 1 : k])
+        local[k, seen] = np.nanmedian(own.real, axis=0) + 1j * np.nanmedian(own.imag, axis=0)
+        costs[k, seen] = np.nanmean(_log_cost(np.abs(own - local[k, seen])), axis=0)
+    return costs, local
+
+
+def _log_cost(residual: FloatArray | float) -> FloatArray:
+    return np.asarray(0.5 * np.log1p((np.asarray(residual) / SCALE) ** 2))
+
+
+def _residual(cost: FloatArray) -> FloatArray:
+    """The residual that costs as much, m."""
+    return np.asarray(SCALE * np.sqrt(np.expm1(2 * cost)))
+
+
+def _assigned(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
+    """(M,) the segment that holds each marker best; -1 where none does."""
+    segment = np.argmin(costs, axis=0)
+    own = costs[segment, np.arange(costs.shape[1])]
+    segment[~np.isfinite(own) | ~np.isfinite(problem.base.scatter)] = -1
+    residual = np.where(np.isfinite(own), _residual(np.where(np.isfinite(own), own, 0)), np.inf)
+    for k in range(len(costs)):
+        members = segment == k
+        if members.any():
+            limit = np.clip(_FOREIGN * np.median(residual[members]), *_FOREIGN_BETWEEN)
+            segment[members & (residual > limit)] = -1
+    return np.asarray(segment)
+
+
+def _own(local: ComplexArray, segment: IntArray) -> ComplexArray:
+    """(M,) coordinates of every marker on its own segment."""
+    return np.asarray(local[np.maximum(segment, 0), np.arange(len(segment))])
+
+
+def _bundle(
+    points: ComplexArray, segment: IntArray, state: ChainState, pins: tuple[Pin, ...], used: IntArray
+) -> ChainState | None:
+    """The chain fitted to its moving markers by Gauss-Newton steps that lower Cauchy's loss; None where singular."""
+    moving = np.flatnonzero(segment > 0)
+    columns = np.concatenate([points[:, moving], *(pin.track[used, None] for pin in pins)], axis=1)
+    seen, weight = np.isfinite(columns), np.array([1.0] * len(moving) + [pin.weight for pin in pins])
+    chain = ChainProblem(
+        np.where(seen, columns, 0),
+        seen.astype(np.float64),
+        np.concatenate([segment[moving], np.array([pin.joint + 1 for pin in pins], dtype=np.int64)]),
+        np.arange(columns.shape[1]) >= len(moving),
+        len(state.centres),
+    )
+
+    def loss(state: ChainState, scale: float) -> tuple[FloatArray, float]:
+        """Weights of the residuals, and the loss; a pin counts in full however far away it is."""
+        off = np.abs(chain.points - predict_markers(chain, state)) / scale
+        weights = np.where(chain.pinned, weight, weight / (1 + off**2))
+        each = scale**2 * weight * np.where(chain.pinned, off**2, np.log1p(off**2))
+        return np.where(seen, weights, 0.0), float(np.sum(each, where=seen))
+
+    state = replace(state, local=np.concatenate([state.local[moving], np.zeros(len(pins))]))
+    for scale in SCALE * np.array(_ANNEALED):
+        weights, cost = loss(state, scale)
+        for _ in range(_STEPS):
+            try:
+                common, turns = eliminate_angles(replace(chain, weights=weights), state).step()
+            except np.linalg.LinAlgError:
+                return None
+            for shorter in (1.0, 0.4, 0.16, 0.06, 0.03):
+                tried = apply_step(state, (shorter * common, shorter * turns))
+                tried_weights, tried_cost = loss(tried, scale)
+                if tried_cost < cost:
+                    break
+            else:
+                break
+            fall, state, weights, cost = cost - tried_cost, tried, tried_weights, tried_cost
+            if fall < _SETTLED * cost:
+                break
+    return state

@@ -1,0 +1,240 @@
+"""Chains in which a segment has a single marker, or shares its only one with a neighbour (conventional marker sets).
+
+Two rigid bodies A and B may be connected by a segment that has no body of its own. Its marker u then runs on a circle
+about a joint a of A, and on another about a joint b of B:
+
+- ``link marker``: the distance of a and b is constant. One segment from a to b carries u.
+- ``joint marker``: it is not. Two segments carry u at the joint between them, one from a to u and one from u to b.
+
+A left and a right marker at the same place count as one point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.circle import fit_circles
+from mocap_id.kinematics.clusters import Clusters
+from mocap_id.kinematics.hypotheses import SegmentationProblem
+from mocap_id.kinematics.joint import arc
+from mocap_id.kinematics.rigid_body import RigidBody
+
+_ROUND = 0.012  # m; a link marker keeps this close to its circle, rms
+_NEAREST = 0.06  # m; smallest radius of such a circle
+_CONSTANT = 0.015  # m; joints of one segment keep their distance to this, rms
+_SHORTEST = 0.05  # m; shortest segment
+_AS_STILL = 0.012  # m; a still marker is a centre if the distance from it stays this constant, rms
+_USUAL = 0.88  # share of the frames that count for these residuals: the others may be faults
+_FEWEST_FRAMES = 20
+_SAME_PLACE = 0.03  # m; a left and a right marker this close in the plane are one point
+_OTHER_SIDE = 0.08  # m; least distance across the plane between them
+_MIN_SPREAD = 0.03  # m; rms size of a body whose rotation can be measured
+_LEVELS = 12
+
+
+@dataclass(frozen=True)
+class Step:
+    """One segment of a path and the joint at its near end.
+
+    Parameters
+    ----------
+    joint : (F,) complex array
+        Track of that joint in the plane, m.
+    body : RigidBody or None
+        None for a segment without a body of its own.
+    unit : int array
+        Columns of the markers that such a segment carries, empty for a body.
+    """
+
+    joint: ComplexArray
+    body: RigidBody | None
+    unit: IntArray
+
+    @property
+    def markers(self) -> IntArray:
+        """Columns of the segment's own markers."""
+        return self.unit if self.body is None else self.body.markers
+
+
+Path = tuple[Step, ...]
+
+
+def linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
+    """Yield every path from the base over bodies, link markers and joint markers that has a single-marker segment.
+
+    Parameters
+    ----------
+    problem : SegmentationProblem
+        Trajectories, base and moving markers.
+    """
+    yield from _Search(problem).paths()
+
+
+class _Search:
+    """Bodies, single points and the circles of the points about joints of the bodies, each fitted once."""
+
+    def __init__(self, problem: SegmentationProblem) -> None:
+        self.problem = problem
+        self.bodies = _bodies(problem)
+        self.units = list(point_units(problem.points, problem.lateral, _loose(problem, self.bodies)))
+        self.tracks = [unit_track(problem.points, unit) for unit in self.units]
+        still = point_units(problem.points, problem.lateral, problem.base.markers)
+        self.still = [complex(np.nanmean(unit_track(problem.points, unit))) for unit in still]
+        self._centres: dict[tuple[int, int], list[complex]] = {}
+
+    def paths(self) -> Iterator[Path]:
+        """Depth-first search without a marker twice; body 0 is the ground."""
+        edges = [list(self._edges(index)) for index in range(len(self.bodies))]
+        longest = self.problem.rules.longest - 1
+
+        def extended(index: int, path: Path, used: frozenset[int]) -> Iterator[Path]:
+            for steps, following in edges[index]:
+                own = frozenset(int(m) for step in steps for m in step.markers)
+                if used & own or len(path) + len(steps) > longest:
+                    continue
+                longer = (*path, *steps)
+                if any(step.body is None for step in longer):
+                    yield longer
+                yield from extended(following, longer, used | own)
+
+        yield from extended(0, (), frozenset())
+
+    def _edges(self, index: int) -> Iterator[tuple[Path, int]]:
+        """What leads from a body to another: a joint, or segments without a body."""
+        parent, rules, frames = self.bodies[index], self.problem.rules, len(self.problem.points)
+        none = np.array([], dtype=np.int64)
+        for following, child in enumerate(self.bodies[1:], 1):
+            if following == index or np.isin(child.markers, parent.markers).any():
+                continue
+            joint = self.problem.clusters.joint(parent, child)
+            if rules.is_joint(joint):
+                yield (Step(_seen_from(parent, joint.in_parent), child, none),), following
+            for unit, (markers, track) in enumerate(zip(self.units, self.tracks, strict=True)):
+                for near in self._about(index, unit):
+                    for far in self._about(following, unit):
+                        first, last = _seen_from(parent, near), _seen_from(child, far)
+                        length, off = _constant(np.abs(first - last))
+                        end = Step(last, child, none)
+                        if off > _CONSTANT:
+                            yield (Step(first, None, markers), Step(track, None, markers), end), following
+                        elif length > _SHORTEST and frames:
+                            yield (Step(first, None, markers), end), following
+
+    def _about(self, index: int, unit: int) -> list[complex]:
+        """Joints of a body, in its frame, about which a point turns."""
+        key = index, unit
+        if key not in self._centres:
+            self._centres[key] = list(self._turning(index, unit))
+        return self._centres[key]
+
+    def _turning(self, index: int, unit: int) -> Iterator[complex]:
+        body, track = self.bodies[index], self.tracks[unit]
+        if np.isin(self.units[unit], body.markers).any():
+            return
+        centre = _circle(body.local(track[:, None])[:, 0], self.problem.rules.min_arc)
+        if centre is not None:
+            yield centre
+        for place in self.still if index == 0 else ():  # an arc of the ankle is too short to show its centre
+            radius, off = _constant(np.abs(track - place))
+            if off <= _AS_STILL and radius >= _NEAREST:
+                yield place
+
+
+def point_units(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
+    """Yield columns of markers, a left and a right one at the same place in the plane together.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        m.
+    lateral : (M,) array
+        Mean out-of-plane coordinate, m.
+    markers : int array
+        Columns to sort.
+    """
+    left = [int(marker) for marker in markers]
+    while left:
+        one = left.pop(0)
+        apart = {
+            other: float(np.nanmedian(np.abs(points[:, one] - points[:, other])))
+            for other in left
+            if abs(lateral[one] - lateral[other]) > _OTHER_SIDE
+            and (np.isfinite(points[:, one]) & np.isfinite(points[:, other])).any()
+        }
+        mate = min(apart, key=apart.__getitem__, default=None)
+        if mate is not None and apart[mate] < _SAME_PLACE:
+            left.remove(mate)
+            yield np.array([one, mate])
+        else:
+            yield np.array([one])
+
+
+def unit_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
+    """Return the mean (F,) of the unit's markers where all of them are seen, m; NaN elsewhere."""
+    return np.asarray(points[:, unit].mean(axis=1))
+
+
+def _bodies(problem: SegmentationProblem) -> list[RigidBody]:
+    """The ground, then every body of any level whose rotation can be measured."""
+    found: dict[bytes, RigidBody] = {}
+    for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
+        for body in _of_level(problem.clusters, level, problem):
+            if body.residual <= problem.rules.max_body_residual and _size(body) > _MIN_SPREAD:
+                found[body.markers.tobytes()] = body
+    return [problem.ground, *found.values()]
+
+
+def _loose(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
+    """Moving markers that are on no rigid body of three points."""
+    held = [
+        body.markers for body in bodies[1:] if len(list(point_units(problem.points, problem.lateral, body.markers))) > 2
+    ]
+    return np.setdiff1d(problem.moving, np.concatenate(held)) if held else problem.moving
+
+
+def _of_level(clusters: Clusters, level: int, problem: SegmentationProblem) -> list[RigidBody]:
+    bodies = clusters.at(level)
+    merged = clusters.merged(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
+    return [body for body in (*merged, *bodies) if problem.constraints.allow(body.markers)]
+
+
+def _size(body: RigidBody) -> float:
+    return float(np.sqrt(np.mean(np.abs(body.template) ** 2)))
+
+
+def _seen_from(body: RigidBody, place: complex) -> ComplexArray:
+    """Track (F,) of a point fixed to a body, m."""
+    return np.asarray(body.position + body.rotation * place)
+
+
+def _constant(distance: FloatArray) -> tuple[float, float]:
+    """Median of a distance (F,), and its rms deviation from it over the usual frames, m."""
+    known = distance[np.isfinite(distance)]
+    if len(known) < _FEWEST_FRAMES:
+        return 0.0, np.inf
+    middle = float(np.median(known))
+    off = np.sort((known - middle) ** 2)
+    return middle, float(np.sqrt(np.mean(off[: int(_USUAL * len(off))])))
+
+
+def _circle(track: ComplexArray, least_arc: float) -> complex | None:
+    """Centre of the circle on which a point runs; None where its track is no circle."""
+    known = track[np.isfinite(track)]
+    for _ in range(2):  # the second fit is without faults
+        if len(known) < _FEWEST_FRAMES:
+            return None
+        centre = complex(fit_circles(known[:, None]).centre[0])
+        if not np.isfinite(centre):
+            return None
+        distance = np.abs(known - centre)
+        radius, off = _constant(distance)
+        if off > _ROUND or radius < _NEAREST or arc(np.exp(1j * np.angle(known - centre))) < least_arc:
+            off_enough = np.abs(distance - radius)
+            known = known[off_enough <= np.quantile(off_enough, _USUAL)]
+            continue
+        return centre
+    return None

@@ -1,0 +1,98 @@
+"""Search for the best chain with single-marker segments, and for the markers that represent its joints.
+
+The arc of an ankle is too short to show its centre, and an inner joint without a rigid body on both sides is loose. A
+marker near such a joint then represents it, with a standard deviation for its distance from it, if the cost allows it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import IntArray
+from mocap_id.kinematics.chain_equations import joint_positions
+from mocap_id.kinematics.hypotheses import SegmentationProblem
+from mocap_id.kinematics.link_fit import SCALE, LinkFit, Pin, costs_on_segments, fit_path, path_cost
+from mocap_id.kinematics.link_markers import Path, linked_paths, point_units, unit_track
+
+_TRIED = 4  # paths of every number of segments that are fitted
+_OFF_AXIS = 0.012  # m; distance of a marker from the joint that it is attached at, standard deviation
+_MORE_THAN_STILL = 1.12  # an ankle's marker moves this much more than the stillest ones; heels do not
+_RISE = 2.0  # by which the cost may rise for an ankle at a marker
+_INNER_RISE = 4.0
+_NEAR = 0.04  # m; a marker this close to an inner joint may stand for it
+_INNER_FRAMES = 30.0  # frames for which such a marker counts: its error is the same in all of them
+
+
+def best_links(problem: SegmentationProblem) -> LinkFit | None:
+    """Return the cheapest chain that has a segment without a rigid body of its own; None where there is none."""
+    paths = list(linked_paths(problem))
+    costs = [path_cost(problem, path) for path in paths]
+    fits: list[tuple[LinkFit, Path]] = []
+    tried: Counter[int] = Counter()
+    for index in np.argsort(costs):
+        path = paths[index]
+        if (
+            not np.isfinite(costs[index])
+            or tried[len(path)] >= _TRIED
+            or problem.rules.count not in (None, len(path) + 1)
+        ):
+            continue
+        tried[len(path)] += 1
+        fit = fit_path(problem, path)
+        if fit is not None and _allowed(problem, fit.segment):
+            fits.append((fit, path))
+    if not fits:
+        return None
+    fit, path = min(fits, key=lambda each: each[0].cost)
+    return _with_joint_markers(problem, path, fit)
+
+
+def _allowed(problem: SegmentationProblem, segment: IntArray) -> bool:
+    return all(problem.constraints.allow(np.flatnonzero(segment == k)) for k in range(segment.max() + 1))
+
+
+def _with_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
+    """Return the fit in which markers represent the ankle and the inner joints, as far as the cost allows."""
+    weight = (SCALE / _OFF_AXIS) ** 2
+    units = list(point_units(problem.points, problem.lateral, problem.base.markers))
+    moves = [float(np.mean(problem.base.scatter[unit])) for unit in units]
+    best: LinkFit | None = None
+    for unit, scatter in zip(units, moves, strict=True):
+        if scatter < _MORE_THAN_STILL * min(moves):
+            continue
+        tried = fit_path(problem, path, (Pin(0, unit, unit_track(problem.points, unit), weight),))
+        if tried is not None and tried.cost - fit.cost < _RISE and (best is None or tried.cost < best.cost):
+            best = tried
+    fit = best or fit
+    for joint in range(1, len(path)):
+        fit = _inner(problem, path, fit, joint, weight) or fit
+    return _on_first_segment(problem, fit)
+
+
+def _inner(problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, weight: float) -> LinkFit | None:
+    """The fit with the marker beside an inner joint standing for it; None where there is none."""
+    moving = np.flatnonzero((fit.segment == joint) | (fit.segment == joint + 1))
+    place, _ = joint_positions(fit.state)
+    near = []
+    for unit in point_units(problem.points, problem.lateral, moving):
+        off = np.abs(unit_track(problem.points, unit)[fit.used] - place[:, joint])
+        if np.isfinite(off).any() and np.nanmedian(off) < _NEAR:
+            near.append((float(np.nanmedian(off)), unit))
+    for _, unit in sorted(near, key=lambda each: each[0]):
+        pin = Pin(joint, unit, unit_track(problem.points, unit), weight * min(_INNER_FRAMES / len(fit.used), 1.0))
+        tried = fit_path(problem, path, (*fit.pins, pin))
+        if tried is not None and tried.cost - fit.cost < _INNER_RISE:
+            return tried
+    return None
+
+
+def _on_first_segment(problem: SegmentationProblem, fit: LinkFit) -> LinkFit:
+    """The fit with still markers that stand for joint 1 on segment 1."""
+    ankle = np.array([marker for pin in fit.pins if pin.joint == 0 for marker in pin.unit], dtype=np.int64)
+    segment, local = fit.segment.copy(), fit.state.local.copy()
+    segment[ankle] = 1
+    local[ankle] = costs_on_segments(problem.points[fit.used], fit.state)[1][1, ankle]
+    return replace(fit, segment=segment, state=replace(fit.state, local=local))
