@@ -17,7 +17,7 @@ from mocap_id_cli.console import AsJson, print_json
 
 
 def inspect(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="C3D or TRC file.", show_default=False)],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="C3D or TRC file, or a QTM, Motive or Nexus export.", show_default=False)],
     *,
     forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground forces.")] = None,
     units: Annotated[str | None, typer.Option(help="Length unit, if the file does not declare it.")] = None,
@@ -33,7 +33,15 @@ def inspect(
     This includes markers, rates, gaps, force plates and irregularities.
     """
     found = describe(
-        recording.read(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
+        recording.read(
+            file,
+            forces,
+            units=units,
+            vertical=vertical,
+            force_unit=force_unit,
+            moment_unit=moment_unit,
+            unit_required=False,
+        )
     )
     if found["format"].startswith("C3D"):
         found["oddities"] += package_differences(file)
@@ -62,7 +70,7 @@ def _rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "frames", f"{found['frames']} from number {found['first_frame']}, {found['duration_s']:.2f} s"
     yield "rate", f"{found['rate_hz']:g} Hz"
     yield "markers", f"{len(found['markers'])}, {100 * found['missing_fraction']:.1f} % of the samples missing"
-    yield "units", f"{found['units']}, {found['vertical']} up"
+    yield "units", f"{found['units'] or 'not declared'}, {found['vertical']} up"
     analog = found["analog_rate_hz"]
     yield "analog", "none" if analog is None else f"{analog:g} Hz"
     mass = found["mass_kg"]

@@ -45,7 +45,7 @@ def _bursts_of_marker(track: FloatArray, frames: IntArray, rate: float) -> BoolA
     out = np.zeros(len(track), dtype=np.bool_)
     apart = np.diff(frames)
     velocity = np.diff(track, axis=0) / apart[:, None]  # m per frame
-    jumps, excess = _jumps(velocity, apart)
+    jumps, excess = find_jumps(velocity, apart)
     free = np.ones(len(jumps), dtype=np.bool_)
     for back_is_near, longest in ((False, _LONGEST * rate), (True, _SHORT * rate)):
         for one in range(len(jumps)):
@@ -69,8 +69,16 @@ def _mean_velocity(velocity: FloatArray, away: int, back: int) -> FloatArray:
     return np.asarray(velocity[around[(around >= 0) & (around < len(velocity))]].mean(axis=0))
 
 
-def _jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the steps (J,) that are jumps, and their excess (J, 3) over the steps beside them, m."""
+def find_jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return the steps (J,) that are jumps, and their excess (J, 3) over the steps beside them, m.
+
+    Parameters
+    ----------
+    velocity : (K, 3) array
+        Steps of a marker between the samples in which it is seen, m per frame.
+    apart : (K,) int array
+        Frames of every step.
+    """
     bend = np.diff(velocity, axis=0)
     change = np.sqrt(np.einsum("ki,ki->k", bend, bend))
     limit = max(_LEAST, _JUMP * float(np.quantile(change, 0.95)))

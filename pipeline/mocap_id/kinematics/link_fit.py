@@ -108,14 +108,16 @@ class LinkFit:
         return tuple(ratios)
 
     @property
+    def points(self) -> tuple[int, ...]:
+        """Number of distinct points of each moving segment."""
+        local, segment = self.state.local, self.segment
+        return tuple(len(_distinct(local[segment == k + 1])) for k in range(len(self.state.centres)))
+
+    @property
     def loose(self) -> tuple[int, ...]:
         """Joints (0 is the first) of segments with a single point and no marker at either joint."""
         count, held = len(self.state.centres), {pin.joint for pin in self.pins}
-        weak = [
-            k
-            for k in range(count)
-            if not {k, k + 1} & held and len(_distinct(self.state.local[self.segment == k + 1])) < 2
-        ]
+        weak = [k for k, points in enumerate(self.points) if not {k, k + 1} & held and points < 2]
         return tuple(sorted({joint for k in weak for joint in (k, k + 1) if 0 < joint < count}))
 
 

@@ -17,6 +17,7 @@ from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.link_fit import SCALE, LinkFit, Pin, costs_on_segments, fit_path, path_cost
 from mocap_id.kinematics.link_markers import Path, linked_paths, point_units, unit_track
 
+_FEW_POINTS = 2  # distinct points of a segment whose rigid body may be missed
 _TRIED = 4  # paths of every number of segments that are fitted
 _OFF_AXIS = 0.012  # m; distance of a marker from the joint that it is attached at, standard deviation
 _MORE_THAN_STILL = 1.12  # an ankle's marker moves this much more than the stillest ones; heels do not
@@ -47,6 +48,8 @@ def best_links(problem: SegmentationProblem) -> LinkFit | None:
     if not fits:
         return None
     fit, path = min(fits, key=lambda each: each[0].cost)
+    if min(fit.points) > _FEW_POINTS:
+        return None  # every segment is a rigid body, which the search over rigid bodies finds
     return _with_joint_markers(problem, path, fit)
 
 

@@ -1,4 +1,4 @@
-"""The plane of motion (3.2.3): the vertical plane in which the markers move."""
+"""The plane of motion (3.2.3): the plane in which the markers move, vertical unless they show that it leans."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 
 _REWEIGHTINGS = 10
+_LEANS = (np.radians(2.5), np.radians(20.0))  # smaller leans have no effect; larger ones belong to another movement
+_EXPLAINED = 0.5  # a plane that leans must leave less than this share of the motion out of the vertical plane
+_LOW_M = 0.15  # markers of the feet are at most this much higher than the lowest one
 
 
 @dataclass(frozen=True)
@@ -22,14 +25,28 @@ class PlaneFit:
         which the subject faces is not decided here.
     planarity : float
         Share of the motion (vertical included) out of the plane: 0 for planar motion, 1/3 for isotropic motion.
+    lean : float
+        Angle of the plane from the vertical, about its line of motion, rad; 0 unless the motion clearly leans.
     """
 
     yaw: float
     planarity: float
+    lean: float = 0.0
+
+    def straighten(self, positions: FloatArray, feet: FloatArray) -> FloatArray:
+        """Turn positions (F, M, 3) about the line of motion through the ``feet`` (3,), until the plane is vertical."""
+        if self.lean == 0:
+            return positions
+        across = np.array([np.sin(self.yaw), -np.cos(self.yaw), 0.0])
+        away = positions - feet
+        c, s, z = np.cos(self.lean), np.sin(self.lean), away @ across
+        turned = away + ((c - 1) * z - s * away[..., 2])[..., None] * across
+        turned[..., 2] = s * z + c * away[..., 2]
+        return np.asarray(turned + feet)
 
 
 def fit_plane(positions: FloatArray) -> PlaneFit:
-    """Fit the vertical plane of motion to marker trajectories.
+    """Fit the plane of motion to marker trajectories: the vertical one, or one that leans if that fits far better.
 
     Every marker is centred on its own mean (3.7), so that its place on the body does not matter. The horizontal
     displacements are then fitted by a weighted principal axis; reweighting reduces the influence of bursts and of
@@ -67,7 +84,35 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
         axis = _principal_axis(horizontal, weights)
     off_plane = horizontal @ np.array([-axis[1], axis[0]])
     yaw = float(np.arctan2(axis[1], axis[0]))
-    return PlaneFit(_half_turn(yaw), float(np.sum(off_plane**2) / np.sum(displacements**2)))
+    vertical = PlaneFit(_half_turn(yaw), float(np.sum(off_plane**2) / np.sum(displacements**2)))
+    leaning = _fit_leaning(displacements)
+    clear = _LEANS[0] <= abs(leaning.lean) <= _LEANS[1] and leaning.planarity < _EXPLAINED * vertical.planarity
+    return leaning if clear else vertical
+
+
+def find_feet(positions: FloatArray) -> FloatArray:
+    """Return the mean position (3,) of the lowest markers, m, from trajectories (F, M, 3)."""
+    seen = np.isfinite(positions).all(axis=2).any(axis=0)
+    means = np.nanmean(positions[:, seen], axis=0)
+    return np.asarray(means[means[:, 2] <= means[:, 2].min() + _LOW_M].mean(axis=0))
+
+
+def _fit_leaning(displacements: FloatArray) -> PlaneFit:
+    """Fit a plane with any normal to displacements (K, 3), with the same reweighting."""
+    weights = np.ones(len(displacements))
+    for _ in range(_REWEIGHTINGS + 1):
+        _, vectors = np.linalg.eigh((displacements * weights[:, None]).T @ displacements)
+        off_plane = displacements @ vectors[:, 0]
+        scale = 1.4826 * np.median(np.abs(off_plane))
+        if scale == 0:
+            break
+        weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
+    x, y, z = vectors[:, 0]
+    yaw = _half_turn(float(np.arctan2(x, -y)))
+    if x * np.sin(yaw) - y * np.cos(yaw) < 0:  # the normal points along z of the plane frame
+        z = -z
+    lean = -float(np.arcsin(np.clip(z, -1, 1)))
+    return PlaneFit(yaw, float(np.sum(off_plane**2) / np.sum(displacements**2)), lean)
 
 
 def _displacements(positions: FloatArray) -> FloatArray:

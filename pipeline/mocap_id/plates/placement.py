@@ -35,6 +35,9 @@ _BOTH_ENDS_M = 0.13
 """Least length of each foot's markers, and least width of those of all feet. From the ankle to the toes it is at least
 0.135 m; markers of the toes alone, or of one foot alone, are at most 0.12 m long or wide."""
 
+_FOOT_WIDTH_M = 0.05
+"""Least width of markers of one foot alone; a narrower outline may run along one edge of the foot."""
+
 _TWO_FEET_M = 0.25
 """Least length of markers of two feet that stand so close that their markers form one group."""
 
@@ -114,13 +117,22 @@ def compare_with_feet(
     )
     feet = [foot for foot in feet if largest_distance(foot[:, :2]) > _FOOT_M / 2]
     unknown = _why_no_outline(feet)
-    outlines = [] if unknown else feet if len(feet) == len(plates) else [np.concatenate(feet)] * len(plates)
+    shared = len(feet) != len(plates)
+    outlines = [] if unknown else [np.concatenate(feet)] * len(plates) if shared else feet
     distances = np.array(
         [[_off(*each, outline) for outline in outlines] for each in zip(plates, samples, loaded, strict=True)]
     )
     own: IntArray = linear_sum_assignment(np.nan_to_num(distances, nan=0.0))[1] if outlines else np.zeros(0, np.int64)
     return [
-        _placement(plate, each, where, distances[k, own[k]] if outlines else np.nan, feet, unknown)
+        _placement(
+            plate,
+            each,
+            where,
+            off=distances[k, own[k]] if outlines else np.nan,
+            allowance=0.0 if unknown else _allowance(feet) if shared else _allowance([feet[own[k]]], _FOOT_WIDTH_M),
+            lowest=min((foot[:, 2].min() for foot in feet), default=None),
+            unknown=unknown,
+        )
         for k, (plate, each, where) in enumerate(zip(plates, samples, loaded, strict=True))
     ]
 
@@ -133,7 +145,7 @@ def _on_feet_alone(positions: FloatArray, samples: Sequence[PlateSamples]) -> li
     loaded = [_loaded(each) for each in samples]
     tall, low = upright(positions)
     total = np.sum([np.where(each.ok, each.force[:, 2], 0.0) for each in samples], axis=0) if samples else np.zeros(0)
-    if low.any() and tall.any() and np.median(total[low]) > _WHOLE_WEIGHT * np.median(total[tall]):
+    if low.any() and tall.any() and np.percentile(total[low], 10) > _WHOLE_WEIGHT * np.median(total[tall]):
         return [each & tall for each in loaded]
     return loaded
 
@@ -202,23 +214,30 @@ def _off(plate: Plate, samples: PlateSamples, loaded: BoolArray, outline: FloatA
     )
 
 
+def _allowance(feet: Sequence[FloatArray], width: float = 0.0) -> float:
+    """Return the length by which markers of feet (K, 3) may be shorter or narrower than the soles, m."""
+    length = max(largest_distance(foot[:, :2]) for foot in feet)
+    return max(0.0, _FOOT_M - length, width - least_width(np.concatenate(feet)[:, :2]))
+
+
 def _placement(
     plate: Plate,
     samples: PlateSamples,
     loaded: BoolArray,
+    *,
     off: float,
-    feet: Sequence[FloatArray],
+    allowance: float,
+    lowest: float | None,
     unknown: str | None,
 ) -> PlatePlacement:
-    known, over = bool(np.isfinite(off)), None
-    if feet and loaded.any() and plate.centre is not None:
-        over = float(min(foot[:, 2].min() for foot in feet) - plate.centre[2])
+    known = bool(np.isfinite(off))
+    over = lowest is not None and plate.centre is not None and loaded.any()
     return PlatePlacement(
         index=plate.index,
         off_feet=off if known else None,
         unknown=None if known else unknown or "the plate is hardly loaded",
-        allowance=max(0.0, _FOOT_M - max(largest_distance(foot[:, :2]) for foot in feet)) if known else 0.0,
-        over_surface=over,
+        allowance=allowance if known else 0.0,
+        over_surface=float(lowest - plate.centre[2]) if over else None,
         normal=None if plate.corners is None else -plate_axes(plate.corners)[:, 2],  # the z axis of a plate points down
         load=float(samples.force[loaded, 2].mean()) if loaded.any() else 0.0,
     )

@@ -11,7 +11,7 @@ _SIT_TO_STAND = {
     5: (("foot", "shank", "thigh", "pelvis", "trunk"), ("ankle", "knee", "hip", "lumbar")),
 }
 
-LONGEST = {"sit-to-stand": 5, "robot-joint": 2, "free": 8}
+LONGEST = {"sit-to-stand": 5, "robot-joint": 4, "free": 8}
 """Maximum number of segments for each protocol, including the base; arms are branches, not links of the chain."""
 
 

@@ -100,7 +100,7 @@ def _no_repetition(body: Posture, stands: bool, seat_measured: bool) -> Reason:
     )
     return Reason(
         "no-repetitions",
-        f"no rise was found: the joint that rises most moves {100 * body.rise:.1f} cm up and down, too little for a "
+        f"no rise was found: the hip moves {100 * body.rise:.1f} cm up and down, too little for a "
         f"sit-to-stand; {consequence}. If the window contains only part of the movement, widen it. For another "
         "movement without a chair, set `protocol: free`",
         value=body.rise,

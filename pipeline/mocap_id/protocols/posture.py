@@ -14,12 +14,16 @@ _LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, as shares of the rise
 STANDING = 0.9
 """Height above which the person stands, as a share of the rise."""
 
+_HIP = 0.5
+"""Share of the largest rise of any joint: the hip is the first joint from the ground that rises as much. The knee rises
+less. The shoulder, or a joint within the trunk, also moves up and down when the trunk leans."""
+
 _LEAST_RISE = 0.15  # share of the leg length; a smaller rise is not a sit-to-stand
 
 
 @dataclass(frozen=True)
 class Posture:
-    """Height over time of the joint that moves up and down most: the hip, or the joint within the trunk.
+    """Height over time of the hip.
 
     Parameters
     ----------
@@ -58,7 +62,7 @@ def posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
     if not np.isfinite(heights).any():
         return Posture(heights[:, 0], 0.0, np.zeros(len(q), dtype=bool), False, speed)
     low, high = np.nanquantile(heights, [0.02, 0.98], axis=0)
-    joint = int(np.argmax(high - low))
+    joint = int(np.argmax(high - low >= _HIP * np.nanmax(high - low)))
     rise = float(high[joint] - low[joint])
     length = float(np.linalg.norm(centres[1 : joint + 1], axis=1).sum())
     height = (heights[:, joint] - low[joint]) / rise if rise > 0.0 else np.zeros(len(q))

@@ -29,13 +29,19 @@ _BELOW_M = 0.2
 
 
 def read_c3d(
-    path: Path, stream: BinaryIO, units: str | None, vertical: str | None, force_units: ForceUnits
+    path: Path,
+    stream: BinaryIO,
+    units: str | None,
+    vertical: str | None,
+    force_units: ForceUnits,
+    *,
+    unit_required: bool = True,
 ) -> Recording:
     """Read an open C3D file; see :func:`mocap_id.recording.read`."""
     file = open_c3d(path, stream)
     layout = find_layout(file)
     oddities = list(layout.oddities)
-    unit, metres = resolve_length_unit(path, file.text("POINT:UNITS"), units, oddities)
+    unit, metres = resolve_length_unit(path, file.text("POINT:UNITS"), units, oddities, required=unit_required)
     subjects = _subjects(file)
     naming = name_markers(_labels(file, layout), _outputs(file), subjects)
     oddities += [*naming.oddities, *_named_after(path, subjects)]

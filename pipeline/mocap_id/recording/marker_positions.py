@@ -17,11 +17,14 @@ _MAX_DISTANCE_M = 1000.0
 _MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0
 """Accepted spread of the markers of a trial, to check the unit."""
 
+_MILLIMETRE = 1e-3
 _BLOCK = 1000
 """Number of frames to process at a time, which limits the memory needed."""
 
 
-def resolve_length_unit(path: Path, declared: str, override: str | None, oddities: list[str]) -> tuple[str, float]:
+def resolve_length_unit(
+    path: Path, declared: str, override: str | None, oddities: list[str], *, required: bool = True
+) -> tuple[str, float]:
     """Return the length unit to use and its size in metres.
 
     Parameters
@@ -30,11 +33,13 @@ def resolve_length_unit(path: Path, declared: str, override: str | None, odditie
         Unit declared in the file, possibly empty.
     override : str or None
         Unit in the configuration (``units:``), which has priority.
+    required : bool
+        Whether a unit is needed. If not, and it is unknown, the unit is empty and lengths are read as millimetres.
 
     Raises
     ------
     RecordingError
-        The unit is missing, unknown or ambiguous.
+        The unit is missing, unknown or ambiguous, and required.
     ConfigError
         ``override`` is not a unit of length.
     """
@@ -49,6 +54,9 @@ def resolve_length_unit(path: Path, declared: str, override: str | None, odditie
     scale = length_scale(name)
     if scale is None:
         found = f"the length unit {name!r}, which is ambiguous or unknown" if name else "no length unit"
+        if not required:
+            oddities.append(f"the file declares {found}: a run needs it, `planarise: {{units: mm}}` (or m, cm)")
+            return "", _MILLIMETRE
         raise RecordingError(f"{path}: the file declares {found}; set `planarise: {{units: mm}}` (or m, cm)")
     if name.lower() not in LENGTHS:
         oddities.append(f"the length unit {name!r} is truncated: read as {'metres' if scale == 1 else name}")
@@ -74,13 +82,15 @@ def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) ->
     ----------
     positions : (F, M, 3) array
         Positions, m; NaN where a marker is not visible.
+    units : str
+        Their unit in the file. If it is empty, the sizes in usual units are noted instead of checked.
 
     Raises
     ------
     RecordingError
         The size of the trial contradicts its unit.
     """
-    _check_size(path, positions, units)
+    _check_size(path, positions, units, oddities)
     parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]
     marked = np.array([_mark_missing(part) for part in parts]).reshape(-1, 4).sum(axis=0)
     for count, what in zip(
@@ -106,7 +116,7 @@ def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
     return int(broken.sum()), int(far.sum()), int(zero.sum()), int((largest <= _MAX_DISTANCE_M).sum() - zero.sum())
 
 
-def _check_size(path: Path, positions: FloatArray, units: str) -> None:
+def _check_size(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
     """Refuse a trial whose markers spread over less than 2 cm or mostly over more than 100 m."""
     frames = thin_frames(positions)
     visible = np.isfinite(frames).all(axis=2)
@@ -116,6 +126,11 @@ def _check_size(path: Path, positions: FloatArray, units: str) -> None:
     spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
     extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
     several = int(visible.any(axis=0).sum()) >= 3
+    if not units:
+        written = spread / _MILLIMETRE
+        choices = ", ".join(f"{name} gives {written * LENGTHS[name]:.3g} m" for name in ("mm", "cm", "m"))
+        oddities.append(f"half of the marker samples spread over {written:.4g} in the unit of the file: {choices}")
+        return
     if spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
         size = spread if spread > _MAX_SPREAD_M else extent
         raw = size / (length_scale(units) or 1.0)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import parse_axis
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.model import Recording
+from mocap_id.recording.text_reader import HEAD_BYTES, find_parser, read_text_markers
 from mocap_id.recording.text_tables import open_recording
-from mocap_id.recording.trc_reader import read_trc
+from mocap_id.recording.trc_table import parse_trc
 
 _TABLES = (".mot", ".sto")
+_TEXTS = (".tsv", ".csv", ".txt")
 
 
 def read(
@@ -23,15 +25,16 @@ def read(
     vertical: str | None = None,
     force_unit: str | None = None,
     moment_unit: str | None = None,
+    unit_required: bool = True,
 ) -> Recording:
     """Read one trial. The files are opened read-only.
 
     Parameters
     ----------
     markers : Path
-        C3D or TRC file.
+        C3D or TRC file, or a text export of QTM (TSV), Motive (CSV) or Nexus (CSV).
     forces : Path, optional
-        MOT file with the ground forces; only with a TRC file.
+        MOT file with the ground forces; not with a C3D file.
     units : str, optional
         Length unit of the markers, if the one in the file is missing or wrong.
     vertical : str, optional
@@ -40,6 +43,9 @@ def read(
     force_unit, moment_unit : str, optional
         Units of the force-plate channels (such as ``"N"``, ``"Nmm"``), if those in the file are missing or wrong. They
         do not apply to plates of type 4, whose calibration matrix defines the units.
+    unit_required : bool
+        Whether a file without a length unit is refused. If not, its lengths are read as millimetres and ``units`` is
+        empty: the recording shows what the file contains, but nothing can be computed from it.
 
     Returns
     -------
@@ -60,14 +66,33 @@ def read(
     plate_units = ForceUnits(force_unit, moment_unit)
     markers, forces = Path(markers), None if forces is None else Path(forces)
     _check_kinds(markers, forces)
-    if markers.suffix.lower() == ".trc":
-        return read_trc(markers, forces, units, axis, plate_units)
     with open_recording(markers) as stream:
-        if stream.read(12).lower() != b"pathfiletype":
-            if forces is not None:
-                raise ConfigError(f"{forces}: a C3D file contains its own force plates; `forces` belongs to a TRC file")
-            return read_c3d(markers, stream, units, axis, plate_units)
-    return read_trc(markers, forces, units, axis, plate_units)
+        parse = find_parser(stream.read(HEAD_BYTES))
+        if parse is None and markers.suffix.lower() == ".trc":
+            parse = parse_trc  # it says what is wrong
+        if parse is None:
+            _check_c3d(markers, forces)
+            return read_c3d(markers, stream, units, axis, plate_units, unit_required=unit_required)
+    return read_text_markers(
+        markers,
+        parse,
+        forces,
+        units=units,
+        vertical=axis,
+        force_units=plate_units,
+        unit_required=unit_required,
+    )
+
+
+def _check_c3d(markers: Path, forces: Path | None) -> None:
+    """Refuse a text file of unknown format, and a separate file of forces."""
+    if markers.suffix.lower() in _TEXTS:
+        raise RecordingError(
+            f"{markers}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
+            "header, or as C3D or TRC"
+        )
+    if forces is not None:
+        raise ConfigError(f"{forces}: a C3D file contains its own force plates; `forces` belongs to a TRC file")
 
 
 def _check_kinds(markers: Path, forces: Path | None) -> None:

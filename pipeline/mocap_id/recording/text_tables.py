@@ -19,10 +19,16 @@ from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
 
 _HEADER_LINES = 100
+_MAX_DECLARED = 10**9
+"""A larger declared number of rows is damaged."""
+
 _MAX_OMITTED_CELLS = 10_000_000
 """Limit of omitted cells: many column names with many short lines would need unlimited memory."""
 
+_TIME = ("time", "times")
 _WHOLE = re.compile("[0-9]+")
+_DECIMAL = re.compile(r"-?[0-9]{1,9}(\.[0-9]{0,9})?")
+_HEADER_VALUE = re.compile(r"\s*(?P<key>[A-Za-z]\w*)\s*(?:=|\s)(?P<value>.*)")
 _ARROW_ERROR = re.compile("column #([0-9]+): Row #([0-9]+): .*?'(.*)'", re.DOTALL)
 """Pattern of Arrow's message for a cell that is not a number."""
 
@@ -94,6 +100,43 @@ class TextTable:
             )
         return np.concatenate([part.to_tensor(null_to_nan=True).to_numpy() for part in table.to_batches()])
 
+    def check_count(self, declared: int | None, values: FloatArray, *, ended: bool) -> list[str]:
+        """Compare the number of rows with the header; return a note if they differ and the last row is whole.
+
+        A file that was shortened by hand ends with a whole row. If the file ends within the last cell, this cell may
+        have lost digits and becomes NaN.
+
+        Parameters
+        ----------
+        declared : int or None
+            Number of rows in the header.
+        values : (K, C) array
+            Rows as numbers; changed in place.
+        ended : bool
+            Whether a line end follows the last row.
+
+        Raises
+        ------
+        RecordingError
+            The numbers differ, and the last row is incomplete or the declared number is impossible.
+        """
+        count = len(values)
+        if declared == count or not count or (declared is None and ended):
+            return []
+        stated = "no number of" if declared is None else str(declared)
+        found = f"the header declares {stated} rows, the file contains {count}"
+        rows = [line for line in self.lines if line.strip()]
+        cells = [len(row.split(self.separator)) for row in rows]
+        last_cell_ended = ended or (self.separator is not None and rows[-1].endswith(self.separator))
+        whole = cells[-1] in cells[:-1] if last_cell_ended else cells[-1] >= len(self.names)
+        if not whole or (declared or 0) > _MAX_DECLARED:
+            short = "truncated: " if declared is None or count < declared else ""
+            raise RecordingError(f"{self.path}: {short}{found}; copy or export it again")
+        if last_cell_ended:
+            return [f"{found}: all were read; the last row is whole"]
+        values[-1, -1] = np.nan
+        return [f"{found}: all were read; the file may end within the last cell, which was set to missing"]
+
     def _line(self, row: int) -> int:
         """Return the line number of a row in the file, from 1."""
         return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
@@ -120,12 +163,15 @@ class MotionTable:
         Values as in the file.
     in_degrees : bool
         ``inDegrees`` of the header; False if it is missing.
+    notes : tuple of str
+        Contradictions between header and rows, and how they were read.
     """
 
     time: FloatArray
     columns: tuple[str, ...]
     values: FloatArray
     in_degrees: bool
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, column: str) -> FloatArray:
         return self.values[:, self.columns.index(column)]
@@ -137,8 +183,7 @@ def read_table(path: Path) -> MotionTable:
     Raises
     ------
     RecordingError
-        The file is missing or not such a table, its number of rows differs from the header, or its time does not
-        increase.
+        The file is missing or not such a table, it ends within a row, or its time does not increase.
     """
     return parse_table(path, read_text(path))
 
@@ -181,28 +226,49 @@ def parse_table(path: Path, text: str) -> MotionTable:
     header = next((i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower() == "endheader"), None)
     if header is None:
         raise RecordingError(f"{path}: not a MOT or STO table: no 'endheader' in its first {_HEADER_LINES} lines")
-    keys = dict(line.split("=", 1) for line in lines[:header] if "=" in line)
-    keys = {key.strip().lower(): value.strip() for key, value in keys.items()}
+    keys = _header_values(lines[:header])
     start = next((i for i in range(header + 1, len(lines)) if lines[i].strip()), len(lines))
     sample = next((line for line in lines[start + 1 :] if line.strip()), None)
     if sample is None:
         raise RecordingError(f"{path}: the table is empty")
     separator = "\t" if "\t" in sample.rstrip() else None
     names = [name.strip() for name in lines[start].rstrip().split(separator)]
-    values = TextTable(path, names, lines[start + 1 :], start + 2, separator).numbers()
+    table = TextTable(path, names, lines[start + 1 :], start + 2, separator)
+    values = table.numbers()
+    declared = parse_count(keys.get("nrows") or keys.get("datarows"))
+    notes = table.check_count(declared, values, ended=text.endswith(("\n", "\r")))
     filled = np.flatnonzero(~np.isnan(values).all(axis=0))
     columns, values = [names[column] for column in filled], values[:, filled]
-    if not columns or columns[0].lower() != "time":
-        raise RecordingError(f"{path}: the first column is {columns[:1]}, expected 'time'")
-    declared = parse_count(keys.get("nrows") or keys.get("datarows"))
-    if declared is not None and declared != len(values):
-        raise RecordingError(
-            f"{path}: the header declares {declared} rows, the file contains {len(values)}; export it again"
-        )
+    columns, values = _with_time(path, columns, values, keys.get("range", ""), notes)
     time = values[:, 0]
     if not is_time_axis(time):
-        raise RecordingError(f"{path}: the time column does not increase from row to row")
-    return MotionTable(time, tuple(columns[1:]), values[:, 1:], keys.get("indegrees", "no").lower() == "yes")
+        problem = "has only one row" if len(time) == 1 else "has a time column that does not increase from row to row"
+        raise RecordingError(f"{path}: the table {problem}; export a trial with at least two rows")
+    in_degrees = keys.get("indegrees", "no").lower() == "yes"
+    return MotionTable(time, tuple(columns[1:]), values[:, 1:], in_degrees, tuple(notes))
+
+
+def _header_values(lines: Sequence[str]) -> dict[str, str]:
+    """Return the values of a header by lower-case name: ``name=value`` of OpenSim, or ``name value`` of SIMM."""
+    found: dict[str, str] = {}
+    for line in lines:
+        match = _HEADER_VALUE.match(line)
+        if match is not None:
+            found[match["key"].lower()] = match["value"].strip()
+    return found
+
+
+def _with_time(
+    path: Path, columns: list[str], values: FloatArray, declared: str, notes: list[str]
+) -> tuple[list[str], FloatArray]:
+    """Return the columns with the time first; a SIMM table without times spans the range in its header evenly."""
+    if columns and columns[0].lower() in _TIME:
+        return columns, values
+    span = [float(word) for word in declared.split() if _DECIMAL.fullmatch(word)]
+    if any(name.lower() in _TIME for name in columns) or len(span) != 2 or len(values) < 2:
+        raise RecordingError(f"{path}: the first column is {columns[:1]}, expected 'time'")
+    notes.append(f"the table has no times: its rows were spread evenly over the range of its header, {declared} s")
+    return ["time", *columns], np.column_stack([np.linspace(span[0], span[1], len(values)), values])
 
 
 def parse_count(declared: str | None) -> int | None:

@@ -5,8 +5,10 @@ A view computes nothing that its artefact does not hold. Lengths are in m, angle
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +18,19 @@ from mocap_id.store.artefacts import LongTable, Table, Tree
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Marker trajectories of ``planar.parquet``, F frames of M markers, without the bursts that planarise found.
+    """Marker trajectories of ``planar.parquet``, F frames of M markers, without bursts and bad stretches.
 
     The arrays of the artefact are not copied; a method copies only the markers and frames that it returns.
+
+    Parameters
+    ----------
+    planar : LongTable
+    bad : sequence of mappings
+        Times in which a trajectory does not show its marker: the fact ``bad_stretches`` of ``segments.parquet``.
     """
 
     planar: LongTable
+    bad: Sequence[Mapping[str, Any]] = ()
 
     @property
     def frames(self) -> IntArray:
@@ -45,12 +54,14 @@ class Trajectories:
 
     @cached_property
     def bursts(self) -> BoolArray:
-        """(F, M) whether a marker has jumped away and not yet back, from the fact ``bursts``."""
+        """(F, M) whether a marker has jumped away and not yet back (the fact ``bursts``), or is bad for longer."""
         out = np.zeros((len(self.frames), len(self.labels)), dtype=np.bool_)
-        for label, times in self.planar.facts.get("bursts", {}).items():
-            for first, last in times:
-                inside = slice(np.searchsorted(self.time, first), np.searchsorted(self.time, last, "right"))
-                out[inside, self.labels.index(label)] = True
+        bursts = self.planar.facts.get("bursts", {})
+        stretches = [(label, first, last) for label, times in bursts.items() for first, last in times]
+        stretches += [(each["marker"], each["first_s"], each["last_s"]) for each in self.bad]
+        for label, first, last in stretches:
+            inside = slice(np.searchsorted(self.time, first), np.searchsorted(self.time, last, "right"))
+            out[inside, self.labels.index(label)] = True
         return out
 
     def points(self, markers: IntArray, frames: slice = slice(None)) -> FloatArray:
@@ -70,6 +81,12 @@ class Trajectories:
         """Return a copy (F, M) ``x + i y`` of all markers, m; NaN also during bursts."""
         found = self.planar.values["x"] + 1j * self.planar.values["y"]
         found[self.bursts] = np.nan
+        return found
+
+    def track(self, marker: int) -> FloatArray:
+        """Return a copy (F, 3) of one marker, m; NaN also during bursts."""
+        found = np.stack([np.asarray(self.planar.values[name][:, marker], np.float64) for name in "xyz"], axis=1)
+        found[self.bursts[:, marker]] = np.nan
         return found
 
     def at(self, frames: IntArray) -> FloatArray:

@@ -26,7 +26,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "duration_s": float(recording.time[-1] - recording.time[0]),
         "markers": list(recording.labels),
         "missing_fraction": recording.missing_fraction,
-        "units": recording.units,
+        "units": recording.units or None,
         "vertical": recording.vertical,
         "analog_rate_hz": recording.analog_rate,
         "plates": [_plate(plate) for plate in recording.plates],

@@ -85,6 +85,16 @@ RECORDING: Mapping[str, Explanation] = {
         "Distance of the centre of pressure from the standing foot's markers, m; limit 0.05 m plus the uncertainty of "
         "their positions.",
     ),
+    "plate-unchecked": Explanation(
+        ("ok",),
+        "The position of a force plate was not checked",
+        "The centre of pressure is compared with the outline of the foot markers. Here they do not show this outline: "
+        "toes or heels alone, one foot alone, or feet that never stand still. The position of the plate is taken from "
+        "the file.",
+        "Measure the plate corners with markers on them. Next time put markers on heel and toes of both feet.",
+        "planarise",
+        "Markers of standing feet are missing, each shorter than 0.13 m, or together less than 0.13 m wide.",
+    ),
     "plate-height": Explanation(
         ("caution",),
         "Wrong height of a force plate",

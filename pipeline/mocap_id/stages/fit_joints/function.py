@@ -24,7 +24,8 @@ from mocap_id.verdict import Reason
 def fit_joints(context: Context) -> Outputs:
     """Return chain.h5."""
     settings: FitJointsSettings = context.settings
-    view, segments = Trajectories(context.long("planar.parquet")), context.table("segments.parquet")
+    segments = context.table("segments.parquet")
+    view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     points, own = view.plane(), _columns(view, labels)

@@ -32,6 +32,7 @@ from mocap_id.stages.identify_dim.validation import spans
 from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
+_SAME_PLACE = 0.03  # m; markers this close are one point of the plane
 _OFTEN = 0.8  # share of the samples in which a body must be visible, to leave enough samples for the fit
 
 
@@ -86,7 +87,8 @@ def measured_bodies(context: Context, recorded: TrialData) -> tuple[MeasuredBodi
     Pelvis and trunk may be two bodies or one.
     """
     table = context.table("poses.parquet")
-    every = [k for k in range(len(table.facts["bodies"])) if _often_visible(table, k, recorded)]
+    bodies = table.facts["bodies"]
+    every = [k for k in range(len(bodies)) if _often_visible(table, k, recorded) and _shows_pose(bodies[k])]
     many = [k for k in every if len(table.facts["bodies"][k]["segments"]) > 1]
     single = [k for k in every if k not in many]
     ways = [single, *([k for k in every if not _part_of(table.facts["bodies"], k, whole)] for whole in many)]
@@ -100,6 +102,15 @@ def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
     states = known(recorded.ddq)
     visible = table[f"markers_{body + 1}"][states] >= LEAST_MARKERS
     return bool(len(visible)) and float(np.mean(visible)) >= _OFTEN
+
+
+def _shows_pose(body: Mapping[str, Any]) -> bool:
+    """Whether the markers of a body show a pose of its own: two points alone follow the skin, not the segment."""
+    distinct: list[FloatArray] = []
+    for place in np.array(list(body["markers"].values())):
+        if all(np.hypot(*(place - other)) > _SAME_PLACE for other in distinct):
+            distinct.append(place)
+    return 0 in body["segments"] or len(distinct) > 2
 
 
 def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:

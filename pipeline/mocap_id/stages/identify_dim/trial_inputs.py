@@ -152,7 +152,7 @@ def _body_sets(context: Context, recorded: TrialData) -> tuple[tuple[MeasuredBod
     if requested == "chain":
         return (), {"source": "chain", "why": "asked for"}, centre_sd
     if not body_sets:
-        why = "a segment shows its own pose too seldom: too few of its markers are seen"
+        why = "the markers of a segment do not show its own pose: they are too few, or visible too seldom"
         return (), {"source": "chain", "why": why}, centre_sd
     gap = gap_facts(body_sets[0], joint_names(context))
     if body_sets[0].loosest <= GIVES_WAY:

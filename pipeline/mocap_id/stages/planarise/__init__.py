@@ -50,7 +50,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=6,
+    version=7,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "protocol", "window", "plates", "external"),

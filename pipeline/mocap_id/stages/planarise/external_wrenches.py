@@ -13,6 +13,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import known
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.plates import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.stages.base import ExternalForce
@@ -43,13 +44,14 @@ class ExternalWrenches:
 
 @dataclass(frozen=True)
 class UsedFrames:
-    """The frames used: labels, positions (F, M, 3) in the lab, times (F,), the thinned frames, and the plane."""
+    """The frames used: labels, positions (F, M, 3) in the lab, times (F,), thinned frames, plane, and the base's motion."""
 
     labels: Sequence[str]
     positions: FloatArray
     time: FloatArray
     thinned: ThinnedFrames
     frame: PlaneFrame
+    base: BaseMotion | None = None
 
 
 def summed(samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame) -> tuple[FloatArray, BoolArray]:
@@ -74,6 +76,9 @@ def measure_seat(
         reasons.append(_zero_unknown())
     else:
         wrench = wrench - empty.reading
+    if used.base is not None:
+        chair = np.zeros(3) if empty.reading is None else empty.reading
+        wrench = _without_chair([samples[index] for index in plates], chair, used, used.base)
     wrench[~ok] = np.nan
     fact = {
         "name": "seat",
@@ -84,6 +89,17 @@ def measure_seat(
         "zero_sd": None if empty.spread is None else _by_component(empty.spread),
     }
     return ExternalWrenches(_columns(wrench, "seat"), (fact,), tuple(reasons))
+
+
+def _without_chair(
+    samples: Sequence[PlateSamples], chair: FloatArray, used: UsedFrames, base: BaseMotion
+) -> FloatArray:
+    """Return the wrench (F, 3) relative to a base that moves, from plates under a chair (3,) that does not move."""
+    x, y, z = used.frame.axes
+    weight = chair[0] * x + chair[1] * y
+    force = sum((each.force for each in samples), -weight)
+    moment = sum((each.moment for each in samples), -chair[2] * z - np.cross(used.frame.origin, weight))
+    return used.frame.wrench_to_plane(*base.undo_wrench(force, moment, used.time))
 
 
 def measure_sensors(used: UsedFrames, sensors: Sequence[ExternalForce], source: Recording) -> ExternalWrenches:
@@ -114,7 +130,8 @@ def _sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Record
             f"`clock_offset_s: {sensor.clock_offset_s:g}`): check `time_s` and the offset"
         )
     moment = sampled.moment + np.cross(_point(sensor, used, source), sampled.force)
-    wrench = used.frame.wrench_to_plane(sampled.force, moment)
+    acting = sampled.force, moment
+    wrench = used.frame.wrench_to_plane(*(acting if used.base is None else used.base.undo_wrench(*acting, used.time)))
     wrench[~known(wrench)] = np.nan
     fact = {
         "name": sensor.name,

@@ -12,14 +12,22 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.kinematics import find_bursts, fit_plane, propose_window
+from mocap_id.kinematics import PlaneFit, find_bursts, fit_plane, propose_window
+from mocap_id.kinematics.base_motion import find_base_motion
+from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, standing_mass
 from mocap_id.plates.dropout import find_dropouts
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, facing, upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import marker_columns
-from mocap_id.stages.planarise import PlanariseSettings, label_swaps, plate_losses, plate_registration
+from mocap_id.stages.planarise import (
+    PlanariseSettings,
+    label_swaps,
+    moved_base,
+    plate_losses,
+    plate_registration,
+)
 from mocap_id.stages.planarise.external_wrenches import (
     COMPONENTS,
     ExternalWrenches,
@@ -76,22 +84,30 @@ def planarise(context: Context) -> Outputs:
         feet=context.trial.plates.feet,
         seat=context.trial.plates.seat,
     )
-    frame, faced, planarity = _plane(thinned, source, choice, settings)
+    base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
+    still = moved_base.undo_in_frames(base, thinned)
+    frame, faced, fit = _plane(still, source, choice, settings)
+    used = UsedFrames(part.labels, part.positions, part.time, thinned, frame, base)
+    external = measure_seat(used, samples, choice, settings.seat_zero)
+    external += measure_sensors(used, context.trial.external, source)
+    if base is not None:
+        part = replace(part, positions=base.undo_positions(part.positions, part.time))
+    thinned, samples = still, moved_base.undo_in_samples(base, samples, part.time)
     doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    points = _trajectories(part, frame)
+    points = _trajectories(part, frame, fit, find_feet(thinned.positions))
     visible = np.isfinite(points["x"])
+    moved = moved_base.describe(base, part.labels, frame)
     found = {
         "swaps": swaps.facts,
         "bursts": _bursts(part, points),
-        **_planar_facts(part, frame, planarity, faced),
+        **_planar_facts(part, frame, fit, faced),
         "missing_fraction": float(1.0 - visible.mean()),
+        "base_motion": moved.fact,
     }
     values = {**points, "visible": visible}
-    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, (*swaps.reasons, *notes))
-    used = UsedFrames(part.labels, part.positions, part.time, thinned, frame)
-    external = measure_seat(used, samples, choice, settings.seat_zero)
-    external += measure_sensors(used, context.trial.external, source)
+    reasons = (*swaps.reasons, *moved.reasons, *_leaning(fit), *notes)
+    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, reasons)
     facts, reasons = _wrench_facts(source, thinned, choice, external, settings.cop_threshold_N)
     lost = _dropouts(part, samples, thinned, choice, facts["mass_kg"])
     thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
@@ -146,8 +162,8 @@ def _visible(positions: FloatArray) -> BoolArray:
 
 def _plane(
     thinned: ThinnedFrames, source: Recording, choice: PlateChoice, settings: PlanariseSettings
-) -> tuple[PlaneFrame, Facing | None, float]:
-    """Return the plane's frame, the facing that gave its sense, and the planarity of the motion."""
+) -> tuple[PlaneFrame, Facing | None, PlaneFit]:
+    """Return the plane's frame, the facing that gave its sense, and the fit of the motion."""
     fit = fit_plane(thinned.positions)
     faced, yaw = None, fit.yaw
     if settings.yaw_deg is not None:
@@ -159,14 +175,14 @@ def _plane(
     yaw = float(np.pi - (np.pi - yaw) % (2 * np.pi))  # in (-pi, pi]
     centres = [source.plates[index].centre for index in choice.indices("feet")]
     origin = next((centre for centre in centres if centre is not None), np.zeros(3))
-    return PlaneFrame(yaw, origin), faced, fit.planarity
+    return PlaneFrame(yaw, origin), faced, fit
 
 
-def _trajectories(part: _Part, frame: PlaneFrame) -> dict[str, FloatArray]:
-    """Return coordinates (F, M) in the plane, m; NaN where not visible."""
+def _trajectories(part: _Part, frame: PlaneFrame, fit: PlaneFit, feet: FloatArray) -> dict[str, FloatArray]:
+    """Return coordinates (F, M) in the plane, m, upright if it leans; NaN where not visible."""
     x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
     for some in chunks(len(part.time)):
-        local = frame.to_plane(part.positions[some])
+        local = frame.to_plane(fit.straighten(part.positions[some], feet))
         local[~_visible(local)] = np.nan
         x[some], y[some], z[some] = np.moveaxis(local, 2, 0)
     return {"x": x, "y": y, "z": z}
@@ -216,12 +232,13 @@ def _across(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float
     return found
 
 
-def _planar_facts(part: _Part, frame: PlaneFrame, planarity: float, faced: Facing | None) -> dict[str, Any]:
+def _planar_facts(part: _Part, frame: PlaneFrame, fit: PlaneFit, faced: Facing | None) -> dict[str, Any]:
     source = part.source
     return {
         "plane": {
             "yaw_deg": float(np.degrees(frame.yaw)),
-            "planarity": planarity,
+            "planarity": fit.planarity,
+            "lean_deg": float(np.degrees(fit.lean)),
             "origin_m": [float(value) for value in frame.origin],
             "facing": None if faced is None else {"rule": faced.rule, "displacement_m": abs(faced.displacement)},
         },
@@ -289,6 +306,21 @@ def _placed(
     feet = choice.indices("feet")
     plates, loads = [source.plates[index] for index in feet], [thinned.samples[index] for index in feet]
     return plate_registration.check(plates, loads, thinned.positions, thinned.rate, person=person)
+
+
+def _leaning(fit: PlaneFit) -> tuple[Reason, ...]:
+    if fit.lean == 0:
+        return ()
+    lean = abs(float(np.degrees(fit.lean)))
+    return (
+        Reason(
+            "plane-leans",
+            f"the plane of motion leans sideways by {lean:.1f}°: the person moves askew, or the cameras' vertical is "
+            "wrong. Angles and lengths are measured in this plane, forces and moments in the vertical plane along it.",
+            lean,
+            level="ok",
+        ),
+    )
 
 
 def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:

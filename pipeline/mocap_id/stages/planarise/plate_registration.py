@@ -70,7 +70,7 @@ def check(
         "turned": _direction(whole),
     }
     reasons = [reason for each in found for reason in (_misplaced(each), _height(each))]
-    reasons += [_tilted(found, lean), *_turned(plates, whole, alone)]
+    reasons += [_unchecked(found), _tilted(found, lean), *_turned(plates, whole, alone)]
     return PlateCheck(facts, tuple(reason for reason in reasons if reason is not None))
 
 
@@ -102,6 +102,21 @@ def _misplaced(found: PlatePlacement) -> Reason | None:
         "them again and correct the file. Until then tauz, the centre of pressure and all parameters are wrong",
         value=found.off_feet,
         limit=limit,
+    )
+
+
+def _unchecked(found: Sequence[PlatePlacement]) -> Reason | None:
+    """Return a note if the position of a plate along the ground could not be compared with the feet."""
+    unknown = [each for each in found if each.unknown is not None]
+    if not unknown:
+        return None
+    numbers = " and ".join(str(each.index) for each in unknown)
+    return Reason(
+        "plate-unchecked",
+        f"whether plate {numbers} {'is' if len(unknown) == 1 else 'are'} where the file says could not be checked: "
+        f"{unknown[0].unknown}. Markers on heel and toes of both feet show it; for a robot bolted to the plate, set "
+        "`protocol: robot-joint`",
+        level="ok",
     )
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_xy
 from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
-from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
+from mocap_id.stages.segment.bad_markers import bad_marker_notes, left_out_words, segment_without_bad
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
@@ -27,8 +27,7 @@ def segment(context: Context) -> Outputs:
     """Return segments.parquet."""
     settings: SegmentSettings = context.settings
     trial = context.trial
-    view = Trajectories(context.long("planar.parquet"))
-    points = view.at(frames_along_motion(view.plane(), settings.frames))
+    recorded = Trajectories(context.long("planar.parquet"))
     longest = settings.count or LONGEST[trial.protocol]
     rules = SegmentationRules(
         still_limit=settings.still_limit_m,
@@ -38,11 +37,16 @@ def segment(context: Context) -> Outputs:
         count=settings.count,
         longest=longest,
     )
-    labels, lateral = view.labels, _lateral(points)
+    labels = recorded.labels
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
-    plane = np.asarray(points[..., 0] + 1j * points[..., 1])
-    plane[:, out] = np.nan
-    found = _sorted(plane, lateral, rules, _constraints(labels, settings), settings)
+    constraints = _constraints(labels, settings)
+
+    def segmented(points: FloatArray) -> Segmentation:
+        return _sorted(_plane(points, out), _lateral(points), rules, constraints, settings)
+
+    done = segment_without_bad(recorded, settings.frames, segmented)
+    found, view, points = done.found, done.view, done.points
+    plane, lateral = _plane(points, out), _lateral(points)
     asymmetries = np.degrees(asymmetry(plane, lateral, found.segment))
     planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
@@ -55,8 +59,10 @@ def segment(context: Context) -> Outputs:
         "residual": found.residual,
         "reason": np.array(
             [
-                "left out by `segment: ignore`" if marker in out else _reason(found, marker, names)
-                for marker in range(len(labels))
+                "left out by `segment: ignore`"
+                if marker in out
+                else _reason(found, marker, names) + left_out_words(label, view.bad)
+                for marker, label in enumerate(labels)
             ],
             dtype=object,
         ),
@@ -68,6 +74,7 @@ def segment(context: Context) -> Outputs:
         "joint_markers": _found_joint_markers(labels, found, joint_names)
         | _joint_markers(labels, settings.joint_markers, joint_names),
         "links": _links(labels, found),
+        "bad_stretches": list(view.bad),
         "confidence": found.confidence.value,
         "against": dict(found.confidence.against),
         "planarity": planarity,
@@ -80,7 +87,15 @@ def segment(context: Context) -> Outputs:
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
     doubts += _upside_down(points, found.segment)
-    return (Table(SEGMENTS, sorted_markers, facts, _bursts(view) + not_planar + doubts),)
+    reasons = (*_bursts(recorded), *bad_marker_notes(view.bad), *not_planar, *doubts)
+    return (Table(SEGMENTS, sorted_markers, facts, reasons),)
+
+
+def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
+    """Return the frames (f, M) in the plane, m; NaN for the markers ``out`` that the user leaves out."""
+    plane = np.asarray(points[..., 0] + 1j * points[..., 1])
+    plane[:, out] = np.nan
+    return plane
 
 
 def _planarity(points: FloatArray) -> float:

@@ -33,7 +33,8 @@ _JITTER = 0.25  # of a frame; rounding to milliseconds causes this at 500 Hz
 def ukf_smooth(context: Context) -> Outputs:
     """Return states.parquet, markers.parquet, skin.h5, encoder.parquet and poses.parquet."""
     settings: UkfSmoothSettings = context.settings
-    view, tree = Trajectories(context.long("planar.parquet")), context.tree("chain.h5")
+    tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
+    view = Trajectories(context.long("planar.parquet"), bad)
     _check_uniform(view, context.trial.trial)
     skeleton = Skeleton.from_tree(tree)
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)

@@ -18,41 +18,23 @@ _NO_TRIAL = re.compile(r"(^|[\W_])(static|cal|calib|calibration|t-?pose|anatomic
 
 @dataclass(frozen=True)
 class FoundRecording:
-    """One recording and its place in the study.
+    """One recording and its place in the study."""
 
-    BaseParameters
-    ----------
-    trial, subject, strategy : str
-        Ids in the study's file.
-    name : str
-        Name of the person in the folder.
-    markers, forces : Path
-    """
-
-    trial: str
-    subject: str
-    name: str
-    strategy: str
+    trial: str  # id in the study's file
+    subject: str  # id in the study's file
+    name: str  # name of the person in the folder
+    strategy: str  # word in the study's file
     markers: Path
     forces: Path | None
 
 
 @dataclass(frozen=True)
 class Discovery:
-    """The recordings of a folder.
+    """The recordings of a folder."""
 
-    BaseParameters
-    ----------
-    pattern : str
-        The pattern that gave people and strategies.
-    trials : tuple of FoundRecording
-    left_out : mapping of Path to str
-        Files that are not trials of the study, and why.
-    """
-
-    pattern: str
+    pattern: str  # the pattern that gave people and strategies
     trials: tuple[FoundRecording, ...]
-    left_out: Mapping[Path, str]
+    left_out: Mapping[Path, str]  # files that are not trials of the study, and why
 
     @property
     def names(self) -> Mapping[str, str]:
@@ -65,7 +47,7 @@ def discover(
 ) -> Discovery:
     """Find the recordings in a folder and its sub-folders.
 
-    BaseParameters
+    Parameters
     ----------
     folder : Path
     pattern : str, optional

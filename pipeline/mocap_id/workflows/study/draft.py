@@ -16,15 +16,15 @@ from mocap_id.workflows.study.discovery import Discovery, FoundRecording
 SUBJECTS_FILE = "subjects.csv"
 _PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./-")
 _HEAD = """\
-# Made by `mocap-id init`; yours to edit. Paths are relative to this file. Next: fill in what you know of the people
-# (all of it optional), then run `mocap-id study {file}`.
+# Made by `mocap-id init`; edit it as you like. Paths are relative to this file. Next: fill in what you know about the
+# people (everything is optional), then run `mocap-id study {file}`.
 """
 
 
 def draft(found: Discovery, file: Path) -> str:
     """Return the YAML text of a study of the recordings in a folder.
 
-    BaseParameters
+    Parameters
     ----------
     found : Discovery
     file : Path

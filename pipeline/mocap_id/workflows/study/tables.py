@@ -160,8 +160,8 @@ MODELS = TableSchema(
         text("action", "strategy of the predicted trial"),
         text(
             "model",
-            "own; own, held out (on left-out repetitions); a strategy (the body of another trial of the same person with "
-            "this strategy); or the allometric table",
+            "own; own, held out (on left-out repetitions); a strategy (the body of another trial of the same person "
+            "with this strategy); or the allometric table",
         ),
         text("action_trial", "the predicted trial; empty for the cohort"),
         text("model_trial", "the trial of the body; empty for the cohort and the allometric table"),

@@ -184,8 +184,9 @@ def _registered(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFram
     mirrored, residual = (_root_mean_square(each[there.jointed]) for each in (found.mirrored, found.residual))
     if mirrored < _TURNED_OVER * residual:
         raise ConfigError(
-            f"{target.source}: the person of trial {target.name} faces the other direction than in trial {source.name}: "
-            "the mirrored markers fit. Set `planarise: {facing: …}` in one of them"
+            f"{target.source}: the person of trial {target.name} faces the other direction than in trial "
+            f"{source.name}: the mirrored markers fit. "
+            "Set `planarise: {facing: …}` in one of them"
         )
     return found
 

@@ -127,7 +127,8 @@ def worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
         listed = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in few.items())
         yield Reason(
             "transfer-worse-than-stated",
-            f"the transferred body is less accurate than stated: its 95 % intervals contain too few samples of {listed}",
+            f"the transferred body is less accurate than stated: its 95 % intervals contain too few samples of "
+            f"{listed}",
             value=min(few.values()),
             limit=_INSIDE,
         )

@@ -1,0 +1,226 @@
+"""Trials as laboratories record them: conventional marker sets, bad markers, rests, wrong scales, coloured noise.
+
+Every case is simulated with exact truth and run up to ``report``. A trial is *right* if nothing is wrong by the limits
+below, *said* if something is wrong and the verdict is not ``ok``, and *silent* otherwise. About four seconds per trial
+and core.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import dynamic_truth
+import harness
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import MocapIdError
+from mocap_id.simulation import Options, PersonOptions
+from mocap_id.simulation.options import FaultOptions
+
+LENGTH = 0.05  # relative error
+ANGLE = np.radians(2)  # rms about its mean
+ACCELERATION = 0.97  # r²
+CENTRE_OF_PRESSURE = 10.0  # mm rms
+PARAMETER = 0.15  # relative error of a known parameter
+TORQUE = 5.0  # N·m rms
+INTERVAL = 2.0  # widths of a stated 95 % interval
+STAGES = (*harness.DYNAMIC, "report")
+AT_JOINTS = {"ANK": (0, 1), "KNE": (1, 2)}
+"""Markers at a joint may be on either of its segments."""
+
+
+def _faults(**faults: float) -> Options:
+    return replace(harness.SHORT, faults=FaultOptions(**faults))
+
+
+def _set(name: Any, **options: Any) -> Options:
+    return replace(harness.SHORT, marker_set=name, **options)
+
+
+CASES: Mapping[str, Options] = {
+    "no fault": harness.SHORT,
+    "Plug-in-Gait": _set("plug-in-gait"),
+    "Plug-in-Gait, no wands": _set("plug-in-gait-without-wands"),
+    "Plug-in-Gait, left side only": _set("plug-in-gait", without="R*"),
+    "Plug-in-Gait, knee marker on the shank": _set("plug-in-gait", knee_on_shank=True),
+    "one marker at each joint": _set("joints"),
+    "Plug-in-Gait, no knee marker": _set("plug-in-gait", without="KNE"),
+    "Plug-in-Gait, no ankle marker": _set("plug-in-gait", without="ANK"),
+    "rest of 120 s before": replace(harness.SHORT, rest_before=120.0),
+    "rest of 60 s standing, 60 s after": replace(harness.SHORT, rest_standing=60.0, rest_after=60.0),
+    "frozen for 4 s": _faults(frozen_s=4),
+    "frozen for 4 s, Plug-in-Gait": _set("plug-in-gait", faults=FaultOptions(frozen_s=4)),
+    "ghost that walks": _faults(ghost_walks=1),
+    "ghost that reflects": _faults(ghost_reflects=1),
+    "reattached 60 mm away": _faults(reattached_mm=60),
+    "two labels exchanged for 2 s": _faults(mislabelled_s=2),
+    "rate 5 % too high": _faults(rate_error=0.05),
+    "rate 20 % too high": _faults(rate_error=0.2),
+    "all gains + 5 %": _faults(gain=0.05),
+    "all gains − 50 %": _faults(gain=-0.5),
+    "gain of Fz + 10 %": _faults(gain_fz=0.1),
+    "gain of the moments + 5 %": _faults(gain_moments=0.05),
+    "Fz + 30 N": _faults(offset_fz_N=30),
+    "camera scale + 2 %": _faults(camera_scale=0.02),
+    "cameras tilted by 1.5°": _faults(tilt_deg=1.5),
+    "corners 40 mm off": _faults(corners_mm=40),
+    "filtered at 6 Hz": _faults(filter_hz=6),
+    "filtered at 3 Hz": _faults(filter_hz=3),
+    "wander of 1 mm": _faults(wander_mm=1),
+    "wobble of 2 mm at 4 Hz": _faults(wobble_mm=2),
+    "30 % of the frames repeated": _faults(repeated_share=0.3),
+    "heel lift of 30 mm": replace(harness.SHORT, people=PersonOptions(heel_lift_mm=30)),
+    "foot slides by 20 mm": _faults(foot_slide_mm=20),
+    "feet moved by up to 50 mm": _faults(foot_moves_mm=50),
+    "turned by 10° at mid-trial": _faults(turn_deg=10),
+    "plane leans by 7°": _faults(plane_tilt_deg=7),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one trial.
+
+    Parameters
+    ----------
+    wrong : tuple of str
+        Quantities beyond the limits.
+    codes : tuple of str
+        Codes of the verdict, or of the refusal or error; empty if the verdict is ``ok``.
+    """
+
+    wrong: tuple[str, ...]
+    codes: tuple[str, ...]
+
+    @property
+    def kind(self) -> str:
+        """``right``, ``said`` or ``silent``."""
+        if not self.wrong:
+            return "right"
+        return "said" if self.codes else "silent"
+
+
+def measure(task: tuple[str, int]) -> Outcome:
+    """Simulate and run a trial of a case, and compare it with its truth."""
+    case, seed = task
+    with tempfile.TemporaryDirectory() as place:
+        try:
+            done = harness.run_simulated(Path(place) / "trial", replace(CASES[case], seed=seed), STAGES)
+        except MocapIdError as error:
+            return Outcome(("no result",), (type(error).__name__,))
+        summary_file = next(Path(place).rglob("summary.json"), None)
+        if summary_file is None:
+            return Outcome(("no result",), ("refused",))
+        summary = json.loads(summary_file.read_text("utf-8"))
+        codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"])
+        if done is None:
+            return Outcome(("no result",), codes or ("refused",))
+        trial, configuration = done
+        return Outcome(tuple(wrong_quantities(summary, configuration, trial.out)), codes)
+
+
+def wrong_quantities(summary: Mapping[str, Any], configuration: Path, out: Path) -> Iterator[str]:
+    """Yield the quantities of a finished trial that are beyond the limits."""
+    truth = harness.read_truth(configuration)
+    if summary["segments"]["count"] != harness.SEGMENTS or _misplaced(summary, truth):
+        yield "segments"
+        return
+    for name in truth["lengths_scored"]:
+        length, true = summary["lengths_m"][name], truth["segment_lengths_m"][name]
+        if abs(length["value"] - true) > LENGTH * true:
+            yield f"length {name}"
+        elif abs(length["value"] - true) > INTERVAL * harness.QUANTILE * length["sd"]:
+            yield f"interval of length {name}"
+    done = dynamic_truth.read(configuration, out)
+    if done is None:
+        return
+    sign = np.sign(np.corrcoef(_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
+    yield from _wrong_states(done, sign)
+    yield from _wrong_forces(done, np.array([sign, 1, sign, sign, sign, sign, sign]))
+    if sign > 0:  # the parameters of a mirrored plane are not compared
+        yield from _wrong_parameters(done, summary)
+
+
+def _known(*series: FloatArray) -> FloatArray:
+    """Return series of equal length where all are known, as rows."""
+    rows = np.stack(series)
+    return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])
+
+
+def _misplaced(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
+    """Return whether a marker is on a wrong segment."""
+    found = summary["segments"]["assignment"]
+    return any(
+        found.get(label) is not None and found[label] not in AT_JOINTS.get(label[1:], (link,))
+        for label, link in truth["assignment"].items()
+    )
+
+
+def _wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Iterator[str]:
+    for j, joint in enumerate(harness.JOINTS, 1):
+        angle, true = _known(done.states[f"theta_{j}"], sign * done.true["q"][:, j - 1])
+        if np.std(angle - true) > ANGLE:
+            yield f"angle of the {joint}"
+        acceleration, true = _known(done.states[f"ddtheta_{j}"], sign * done.true["qdd"][:, j - 1])
+        if 1 - np.mean((acceleration - true) ** 2) / np.var(true) < ACCELERATION:
+            yield f"acceleration of the {joint}"
+
+
+def _wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
+    error = dynamic_truth.series(done) - signs * dynamic_truth.true_series(done)
+    rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_truth.SCALE
+    limits = {"CoP": CENTRE_OF_PRESSURE} | dict.fromkeys(harness.JOINTS, TORQUE)
+    for name, value in zip(dynamic_truth.SERIES, rms, strict=True):
+        if value > limits.get(name, np.inf):
+            yield f"torque of the {name}" if name in harness.JOINTS else name
+
+
+def _wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, Any]) -> Iterator[str]:
+    for entry, true in zip(summary["dynamics"]["base"], dynamic_truth.true_base(done), strict=True):
+        off, interval = abs(entry["value"] - true), harness.QUANTILE * entry["sd"]
+        if entry["verdict"] == "known" and off > PARAMETER * abs(true) and off > interval:
+            yield f"parameter {entry['name']}"
+        elif off > INTERVAL * interval:
+            yield f"interval of {entry['name']}"
+
+
+def table(found: Mapping[str, Sequence[Outcome]]) -> str:
+    """Return the outcomes by case."""
+    rows = []
+    for case, outcomes in found.items():
+        kinds = Counter(outcome.kind for outcome in outcomes)
+        codes = Counter(code for outcome in outcomes for code in set(outcome.codes))
+        wrong = Counter(name for outcome in outcomes if outcome.kind == "silent" for name in outcome.wrong)
+        rows.append(
+            [
+                case,
+                *(str(kinds[kind]) for kind in ("right", "said", "silent")),
+                ", ".join(f"`{code}` {count}" for code, count in codes.most_common(4)),
+                ", ".join(f"{name} {count}" for name, count in wrong.most_common(4)),
+            ]
+        )
+    return harness.markdown(["case", "right", "said", "silent", "verdict", "silently wrong"], rows)
+
+
+def main() -> None:
+    """Measure and publish."""
+    parser = harness.command_line(__doc__, parallel=True, first=995_000, trials=10)
+    parser.add_argument("--only", default="", help="cases, separated by semicolons (default: all)")
+    options = parser.parse_args()
+    cases = [name.strip() for name in options.only.split(";") if name.strip()] or list(CASES)
+    tasks = [(case, options.first + k) for case in cases for k in range(options.trials)]
+    outcomes = harness.run_all(measure, tasks, options.jobs)
+    found = {case: [o for task, o in zip(tasks, outcomes, strict=True) if task[0] == case] for case in cases}
+    text = harness.measured_by(__file__, f"{options.trials} trials a case, seeds from {options.first}")
+    harness.publish({"faults": f"{text}\n\n{table(found)}"}, write=options.write)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,281 @@
+"""Motion of the base: feet that stand still, then slide, are placed elsewhere or turn, and stand still again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
+
+_BLOCK_S = 0.1  # positions are averaged over blocks of this length
+_STEP_S = 0.5  # a marker stands still if it moves less than _STILL_M in this time
+_STILL_M = 0.004
+_BODY_M = 0.03  # the body moves if a quarter of the markers move farther than this in that time
+_STANDING = 0.9  # least share of the body's motion in which a marker of the base stands still
+_LOW_M = 0.2  # markers of the feet are at most this much higher than the lowest marker that stands still
+_STRETCH_S = 1.5  # shortest stretch in which the base stands still
+_MARGIN_S = 0.3  # a change may begin this much before and end this much after the markers visibly move
+_SAME_M = 0.003  # smaller changes of place of a base that moves are within the motion of the skin
+_FIXED_M = 0.005  # markers that stay within this range stand on the floor or on a plate
+_RIGID_M = 0.005  # largest rms distance from a rigid motion of both feet
+_SPREAD_M = 0.05  # markers closer together than this do not show a turn
+
+MOVED_M = 0.008
+"""Least distance between two places of the base, m; standing feet roll by less."""
+
+
+@dataclass(frozen=True)
+class BaseStretch:
+    """A stretch of time in which the base stands still.
+
+    Parameters
+    ----------
+    start, end : float
+        s.
+    shift : (2,) array
+        Horizontal displacement from the first stretch, lab axes, m.
+    turn : float
+        Rotation about the vertical from the first stretch, rad.
+    misfit : float
+        Rms distance of the feet's markers from this rigid motion, m.
+    """
+
+    start: float
+    end: float
+    shift: FloatArray
+    turn: float
+    misfit: float
+
+
+@dataclass(frozen=True)
+class BaseMotion:
+    """Motion of the base from its place in the first stretch, to be undone.
+
+    Parameters
+    ----------
+    stretches : tuple of BaseStretch
+        At least two, in time.
+    feet : tuple of int
+        Markers that showed the motion.
+    fixed : (M,) bool array
+        Markers that stay where they are, on the floor or on a plate.
+    centre : (2,) array
+        Centre of the feet in the first stretch, lab, m.
+    knots : (K,) array
+        Times, s, at which the pose is known.
+    poses : (K, 3) array
+        Shift, m, and turn about ``centre``, rad.
+    """
+
+    stretches: tuple[BaseStretch, ...]
+    feet: tuple[int, ...]
+    fixed: BoolArray
+    centre: FloatArray
+    knots: FloatArray
+    poses: FloatArray
+
+    def undo_positions(self, positions: FloatArray, time: FloatArray) -> FloatArray:
+        """Return the positions (F, M, 3) that all but the fixed markers have relative to a base that stands still.
+
+        Parameters
+        ----------
+        positions : (F, M, 3) array
+            Lab axes with Z up, m.
+        time : (F,) array
+            s.
+        """
+        pose = self._at(time)
+        moved = self._turned_back(positions - _level(self.centre + pose[:, :2])[:, None], pose[:, 2, None])
+        return np.where(self.fixed[:, None], positions, moved + _level(self.centre))
+
+    def undo_wrench(self, force: FloatArray, moment: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return force and moment about the lab's origin (F, 3) for the body whose base stands still.
+
+        Body and wrench undergo the same rigid motion, so that the wrench relative to the body is exact.
+        """
+        pose = self._at(time)
+        about = moment - np.cross(_level(self.centre + pose[:, :2]), force)
+        force, about = self._turned_back(force, pose[:, 2]), self._turned_back(about, pose[:, 2])
+        return force, about + np.cross(_level(self.centre), force)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether both feet moved alike, so that one rigid motion describes them."""
+        return all(each.misfit <= _RIGID_M for each in self.stretches)
+
+    def _at(self, time: FloatArray) -> FloatArray:
+        from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  a fixed base is usual
+
+        inside = np.clip(time, self.knots[0], self.knots[-1])
+        return np.asarray(PchipInterpolator(self.knots, self.poses)(inside))
+
+    @staticmethod
+    def _turned_back(vectors: FloatArray, turn: FloatArray) -> FloatArray:
+        c, s = np.cos(turn), np.sin(turn)
+        x, y, z = np.moveaxis(vectors, -1, 0)
+        return np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+
+
+def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> BaseMotion | None:
+    """Find changes of place of the base.
+
+    The base is made of the low markers that stand still while the body moves. Where they move to another place and
+    stay there, the base has moved; the motion of the others relative to it is that of a body on a fixed base.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        Lab axes with Z up, m; NaN where not visible.
+    time : (F,) array
+        s.
+    rate : float
+        Frames per second.
+
+    Returns
+    -------
+    BaseMotion or None
+        None if the base keeps its place, or if fewer than two markers show where it is.
+    """
+    size = max(1, round(_BLOCK_S * rate))
+    blocks, middle = _block_means(positions, size), _block_means(time[:, None, None], size)[:, 0, 0]
+    step = max(1, round(_STEP_S * rate / size))
+    if len(blocks) < 4 * step:
+        return None
+    travel = np.linalg.norm(blocks[step:] - blocks[:-step], axis=2)
+    standing = _standing(blocks, travel, size / rate)
+    fixed = standing.copy()
+    fixed[standing] = _extent(blocks[:, standing, :2]) < _FIXED_M
+    feet = np.flatnonzero(standing & ~fixed)
+    if len(feet) < 2:
+        return None
+    still = _still_blocks(travel[:, feet], len(blocks), step)
+    least, margin = _STRETCH_S * rate / size, round(_MARGIN_S * rate / size)
+    runs = [(run.start, run.stop) for run in find_runs(still) if run.stop - run.start >= least]
+    return _fit_motion(blocks, middle, _merged(runs, blocks[:, feet, :2]), feet, fixed, margin)
+
+
+def _standing(blocks: FloatArray, travel: FloatArray, block_s: float) -> BoolArray:
+    """Return the low markers (M,) that stand still while the body moves."""
+    none = np.zeros(blocks.shape[1], np.bool_)
+    known = np.isfinite(travel)
+    count = known.sum(axis=1)
+    moving = (count > 0) & (4 * (travel > _BODY_M).sum(axis=1) >= count)
+    if moving.sum() * block_s < _STRETCH_S:
+        return none
+    seen = known[moving].sum(axis=0)
+    standing = (seen > moving.sum() / 2) & ((travel[moving] < _STILL_M).sum(axis=0) >= _STANDING * seen)
+    if not standing.any():
+        return none
+    height = np.full(blocks.shape[1], np.inf)
+    height[standing] = np.nanmean(blocks[:, standing, 2], axis=0)
+    return np.asarray(standing & (height < height.min() + _LOW_M))
+
+
+def _extent(tracks: FloatArray) -> FloatArray:
+    """Return the range (N,) of each track (K, N, 2) without its farthest twentieth, m."""
+    ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
+    low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
+    markers = np.arange(tracks.shape[1])
+    return np.asarray(np.linalg.norm(ordered[high, markers] - ordered[low, markers], axis=1))
+
+
+def _still_blocks(travel: FloatArray, count: int, step: int) -> BoolArray:
+    """Return the blocks (K,) in which most of the feet's markers stand still; as before where none is visible."""
+    known = np.isfinite(travel)
+    moved = (np.where(known, travel, 0.0) >= _STILL_M).sum(axis=1) * 2 > known.sum(axis=1)
+    still = np.ones(count, np.bool_)
+    for k in np.flatnonzero(moved):
+        still[k : k + step + 1] = False
+    return still
+
+
+def _merged(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
+    """Join stretches between which no marker of the feet (K, N, 2) changed its place; at most one if none moved far."""
+    places = [_places(feet, run) for run in runs]
+    if not any(_distance(places[0], place) >= MOVED_M for place in places[1:]):
+        return runs[:1]
+    merged: list[tuple[int, int]] = []
+    for run, place in zip(runs, places, strict=True):
+        begin = run[0]
+        if merged and _distance(_places(feet, merged[-1]), place) < _SAME_M:
+            begin = merged.pop()[0]
+        merged.append((begin, run[1]))
+    return merged
+
+
+def _places(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
+    """Return the median place (N, 2) of each marker in a stretch; NaN if it is not visible."""
+    part = feet[slice(*run)]
+    places = np.full(part.shape[1:], np.nan)
+    seen = np.isfinite(part[..., 0]).any(axis=0)
+    places[seen] = np.nanmedian(part[:, seen], axis=0)
+    return places
+
+
+def _distance(here: FloatArray, there: FloatArray) -> float:
+    away = np.linalg.norm(here - there, axis=1)
+    return float(np.nanmax(away, initial=0.0))
+
+
+def _fit_motion(
+    blocks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], feet: IntArray, fixed: BoolArray, margin: int
+) -> BaseMotion | None:
+    if len(runs) < 2:
+        return None
+    tracks = blocks[:, feet, :2]
+    first = _places(tracks, runs[0])
+    known = np.isfinite(first[:, 0])
+    if known.sum() < 2:
+        return None
+    feet, tracks, first = feet[known], tracks[:, known], first[known]
+    centre = first.mean(axis=0)
+    fits = [_rigid(first - centre, _places(tracks, run) - centre) for run in runs]
+    turning = all(misfit <= _RIGID_M for _, misfit in fits)
+    if not turning:
+        fits = [_rigid(first - centre, _places(tracks, run) - centre, turning=False) for run in runs]
+    stretches, knots, poses = [], list[float](), list[FloatArray]()
+    for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
+        begin, end = start + margin * (k > 0), max(stop - 1 - margin * (k < len(runs) - 1), start + margin + 1)
+        stretches.append(BaseStretch(float(time[begin]), float(time[end]), pose[:2], float(pose[2]), misfit))
+        knots += [float(time[begin]), float(time[end])]
+        poses += [pose, pose]
+        if k < len(runs) - 1:
+            for block in range(end + 1, runs[k + 1][0] + margin):
+                if np.isfinite(tracks[block, :, 0]).sum() >= min(2, len(feet)):
+                    knots.append(float(time[block]))
+                    poses.append(_rigid(first - centre, tracks[block] - centre, turning=turning)[0])
+    return BaseMotion(
+        tuple(stretches), tuple(int(marker) for marker in feet), fixed, centre, np.array(knots), np.array(poses)
+    )
+
+
+def _rigid(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
+    """Return shift and turn (3,) about the origin that move points (N, 2), and the rms distance that remains."""
+    seen = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
+    if not seen.any():
+        return np.zeros(3), 0.0
+    start, end = (points[seen, 0] + 1j * points[seen, 1] for points in (before, after))
+    middle = start.mean()
+    spread = np.sqrt(np.mean(np.abs(start - middle) ** 2))
+    rotation: complex = 1.0
+    if turning and spread > _SPREAD_M:
+        rotation = complex(np.vdot(start - middle, end - end.mean()))
+        rotation /= abs(rotation)
+    shift = end.mean() - rotation * middle
+    misfit = float(np.sqrt(np.mean(np.abs(end - rotation * start - shift) ** 2)))
+    return np.array([shift.real, shift.imag, np.angle(rotation)]), misfit
+
+
+def _block_means(values: FloatArray, size: int) -> FloatArray:
+    """Return the means (K, M, C) over blocks of frames of values (F, M, C); NaN where nothing is known."""
+    count = len(values) // size
+    parts = values[: count * size].reshape(count, size, *values.shape[1:])
+    known = np.isfinite(parts)
+    number = known.sum(axis=1)
+    return np.asarray(np.where(number > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(number, 1))
+
+
+def _level(points: FloatArray) -> FloatArray:
+    """Return horizontal points (..., 2) with the height 0."""
+    return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)

@@ -1,0 +1,319 @@
+"""Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or no marker of the body.
+
+Every marker is followed on the segment that holds it, in the frame of a chain that is fitted robustly to every frame.
+A good marker keeps its place there, within the motion of the skin. A bad stretch is away from this place, and it begins
+or ends with a jump, or the marker stands still in the laboratory while its segment moves: limbs that are on no segment
+leave their place too, but neither suddenly nor to stand still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray, find_runs
+from mocap_id.kinematics.bursts import find_jumps
+from mocap_id.kinematics.chain_equations import ChainProblem, ChainState, angle_jacobian, joint_positions, residuals
+from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.links import chain_angles, rigid_body_links
+from mocap_id.kinematics.segmentation import Segmentation
+
+Fault: TypeAlias = Literal["frozen", "moved", "elsewhere", "ghost"]
+
+_RATE = 15.0  # Hz; frames in which the chain is fitted
+_MOST = 3000  # of these frames
+_FEWEST = 50
+_ALONG = 300  # frames along the motion, for the place of a marker
+_TRIED = 40  # places of a marker that are tried
+_SCALES = np.repeat([0.06, 0.02, 0.008], 3)  # m; scales of the loss
+_RIDGE = 1e-6  # m^2; an angle that no marker shows stays
+_HELD = 0.02  # m; a marker is on its place within this distance
+_LEAST_SHARE = 0.35  # of the motion in which a good marker is on its place
+_OFF = 5.0  # a bad sample is farther from the place than this multiple of the usual distance
+_LEAST_OFF = 0.015  # m; and than this
+_SHORTEST = 0.2  # s
+_BRIDGED = 0.5  # s; stretches closer than this are one
+_NEAR = 0.25  # s; a jump this close to the end of a stretch is its end
+_MOSTLY = 0.8  # of a still stretch
+_STILL = 2e-3  # m; a marker within this distance stands still
+_SEGMENT_MOVES = 0.02  # m; its segment moves by more than this meanwhile
+_STRAYS = 0.06  # m; a marker of the body keeps its distance from another to this (10 to 90 % range)
+_MOST_GHOSTS = 2
+
+
+@dataclass(frozen=True)
+class BadStretch:
+    """A stretch of time in which a trajectory does not show its marker.
+
+    Parameters
+    ----------
+    marker : int
+        Column.
+    first, last : int
+        First and last frame.
+    how : str
+        ``frozen`` in the laboratory, ``moved`` to another place for the rest (or the beginning) of the trial,
+        ``elsewhere`` for some time, or a ``ghost`` that is never on a segment.
+    """
+
+    marker: int
+    first: int
+    last: int
+    how: Fault
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    """Markers in the frames of the segments.
+
+    Parameters
+    ----------
+    rows : (T,) int array
+        Frames of the trial.
+    local : (n + 1, T, M) complex array
+        Every marker in the frame of every segment, m; NaN where unknown.
+    along : int array
+        Indices of ``rows``, evenly along the motion.
+    """
+
+    rows: IntArray
+    local: ComplexArray
+    along: IntArray
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a marker is on a segment: its coordinates, its usual distance from them, and how often it is there."""
+
+    segment: int
+    local: complex
+    usual: float
+    share: float
+
+
+def sampled_rows(frames: int, rate: float) -> IntArray:
+    """Return the rows of the frames in which :func:`find_bad_stretches` follows the markers."""
+    return np.arange(0, frames, max(1, round(rate / _RATE), -(-frames // _MOST)))
+
+
+def find_bad_stretches(
+    points: FloatArray,
+    rows: IntArray,
+    track: Callable[[int], FloatArray],
+    rate: float,
+    found: Segmentation,
+    fitted: ComplexArray,
+) -> tuple[BadStretch, ...]:
+    """Find the bad stretches of every marker.
+
+    Parameters
+    ----------
+    points : (T, M, 3) array
+        Trajectories in the plane's frame in the frames ``rows``, m; NaN where unseen.
+    rows : (T,) int array
+        These frames (:func:`sampled_rows`).
+    track : callable
+        Return the trajectory (F, 3) of one marker, given by its column, in all frames, m.
+    rate : float
+        Frames per second.
+    found : Segmentation
+        Segments of the markers.
+    fitted : (f, M) complex array
+        The frames in the plane that were segmented, m.
+    """
+    tracks = _tracks(points, rows, found, fitted)
+    if tracks is None:
+        return ()
+    usual = _usual_places(tracks, found.segment)
+    bad: list[BadStretch] = []
+    strays: list[int] = []
+    for marker in np.flatnonzero(np.isfinite(fitted).any(axis=0)):
+        place = usual[marker] if found.segment[marker] >= 0 else _best_place(tracks, int(marker))
+        if place is not None and place.share >= _LEAST_SHARE:
+            bad += _stretches(track, rate, tracks, place, int(marker))
+        elif found.segment[marker] < 0:
+            strays.append(int(marker))
+    return (*bad, *_ghosts(points, strays, int(rows[-1])))
+
+
+def _tracks(points: FloatArray, rows: IntArray, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
+    """Return the markers in the frames of the robustly fitted segments; None where too few frames show them."""
+    plane = points[..., 0] + 1j * points[..., 1]
+    segment, assigned = found.segment, np.flatnonzero(found.segment >= 0)
+    if found.links is None:
+        state = rigid_body_links(fitted[:, assigned], segment[assigned])
+        held = {}
+    else:
+        state = replace(found.links.state, local=found.links.state.local[assigned])
+        held = {pin.joint + 1: plane[:, pin.unit].mean(axis=1) for pin in found.links.pins}
+    start = chain_angles(plane[:, assigned], segment[assigned], state.centres, state.local, held)
+    known = np.isfinite(start)
+    if known.all(axis=1).sum() < _FEWEST:
+        return None
+    start = np.stack([np.interp(rows, rows[k], np.unwrap(a[k])) for a, k in zip(start.T, known.T, strict=True)], axis=1)
+    moving = segment[assigned] > 0
+    angles = _robust_angles(
+        plane[:, assigned[moving]], segment[assigned[moving]], replace(state, local=state.local[moving], angles=start)
+    )
+    origin, turn = joint_positions(replace(state, angles=angles))
+    turn = np.where(known, turn, np.nan)
+    local = np.stack([plane, *(np.conj(turn[:, k, None]) * (plane - origin[:, k, None]) for k in range(turn.shape[1]))])
+    return _Tracks(rows, local, frames_along_motion(plane, _ALONG))
+
+
+def _robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -> FloatArray:
+    """Return the angles (T, n) that fit a known chain to each frame with Cauchy's loss, rad."""
+    seen = np.isfinite(points)
+    problem = ChainProblem.without_points(seen.astype(np.float64), segment, len(state.centres))
+    problem = replace(problem, points=np.where(seen, points, 0))
+    ridge = _RIDGE * np.eye(len(state.centres))
+    for scale in _SCALES:
+        off = residuals(problem, state)
+        weights = seen / (1 + (np.abs(off) / scale) ** 2)
+        swing = angle_jacobian(problem, state)
+        pulled = np.conj(swing) * weights[..., None]
+        normal = (np.swapaxes(pulled, 1, 2) @ swing).real + ridge
+        turn = np.einsum("tkn,tk->tn", pulled, off).real
+        state = replace(state, angles=state.angles + np.linalg.solve(normal, turn[..., None])[..., 0])
+    return state.angles
+
+
+def _usual_places(tracks: _Tracks, segment: IntArray) -> list[_Place | None]:
+    """Return the place of each marker (M) on its own segment; None for a marker on none."""
+    own = [_place(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
+    typical = {
+        k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
+        for k in {place.segment for place in own if place is not None}
+    }
+    return [place and replace(place, usual=max(place.usual, typical[place.segment])) for place in own]
+
+
+def _best_place(tracks: _Tracks, marker: int) -> _Place | None:
+    """Return the place of a marker on the moving segment that holds it most of the motion, or else on the base."""
+    places = [_place(tracks, k, marker) for k in range(len(tracks.local))]
+    moving = [place for place in places[1:] if place is not None]
+    best = max(moving, key=lambda place: place.share, default=None)
+    return best if best is not None and best.share >= _LEAST_SHARE else places[0]
+
+
+def _place(tracks: _Tracks, segment: int, marker: int) -> _Place | None:
+    """Return the place where a marker is most of the motion in the frame of a segment; None if it is hardly seen."""
+    track = tracks.local[segment, tracks.along, marker]
+    track = track[np.isfinite(track)]
+    if len(track) < _FEWEST // 2:
+        return None
+    tried = track[np.linspace(0, len(track) - 1, _TRIED).astype(np.int64)]
+    place = complex(tried[np.argmax((np.abs(track - tried[:, None]) < _HELD).sum(axis=1))])
+    for _ in range(3):
+        place = complex(track[np.abs(track - place) < _HELD].mean())
+    off = np.abs(track - place)
+    held = off < _HELD
+    return _Place(segment, place, float(np.median(off[held])), float(held.mean()))
+
+
+def _stretches(
+    trajectory: Callable[[int], FloatArray], rate: float, tracks: _Tracks, place: _Place, marker: int
+) -> list[BadStretch]:
+    """Return the bad stretches of a marker that is on its segment otherwise."""
+    local = tracks.local[place.segment, :, marker]
+    seen = np.flatnonzero(np.isfinite(local))
+    out = np.abs(local[seen] - place.local) > max(_LEAST_OFF, _OFF * place.usual)
+    if not out.any():
+        return []
+    positions = trajectory(marker)
+    there = np.flatnonzero(np.isfinite(positions[:, 0]))
+    positions, apart = positions[there], np.diff(there)
+    steps, _ = find_jumps(np.diff(positions, axis=0) / apart[:, None], apart)
+    found: list[BadStretch] = []
+    for run in _bridged(find_runs(out), tracks.rows[seen], _BRIDGED * rate):
+        rows, off = tracks.rows[seen[run]], local[seen[run]]
+        if rows[-1] - rows[0] < _SHORTEST * rate:
+            continue
+        still = _still_frames(positions, there, rows)
+        if still is not None and _travel(off) > _SEGMENT_MOVES:
+            found.append(BadStretch(marker, *still, "frozen"))
+            continue
+        begin, end = (
+            _nearest(there[jump], frame, _NEAR * rate) for jump, frame in ((steps + 1, rows[0]), (steps, rows[-1]))
+        )
+        if begin is None and end is None:
+            continue
+        since, until = run.start == 0, run.stop == len(seen)
+        first = begin if begin is not None else int(there[0] if since else rows[0])
+        last = end if end is not None else int(there[-1] if until else rows[-1])
+        moved = (since or until) and _travel(off) < 2 * _HELD
+        found.append(BadStretch(marker, first, last, "moved" if moved else "elsewhere"))
+    return found
+
+
+def _bridged(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
+    """Return the runs, those that are less than ``longest`` frames apart as one."""
+    joined: list[slice] = []
+    for run in runs:
+        if joined and frames[run.start] - frames[joined[-1].stop - 1] < longest:
+            joined[-1] = slice(joined[-1].start, run.stop)
+        else:
+            joined.append(run)
+    return joined
+
+
+def _nearest(jumps: IntArray, frame: int, reach: float) -> int | None:
+    """Return the frame of a jump that is nearest to a frame; None if none is within ``reach`` frames."""
+    if not len(jumps):
+        return None
+    nearest = int(jumps[np.argmin(np.abs(jumps - frame))])
+    return nearest if abs(nearest - frame) <= reach else None
+
+
+def _still_frames(positions: FloatArray, there: IntArray, rows: IntArray) -> tuple[int, int] | None:
+    """Return the first and last frame of a still stretch around the frames ``rows``; None if the marker moves there.
+
+    Parameters
+    ----------
+    positions : (K, 3) array
+        The marker in the frames in which it is seen, m.
+    there : (K,) int array
+        These frames.
+    rows : int array
+        Frames in which it is off its place.
+    """
+    inside = (there >= rows[0]) & (there <= rows[-1])
+    place = np.median(positions[inside], axis=0)
+    same = np.all(positions == place, axis=1)
+    still = same if same[inside].mean() > _MOSTLY else np.linalg.norm(positions - place, axis=1) < _STILL
+    if still[inside].mean() <= _MOSTLY:
+        return None
+    runs = [there[run] for run in find_runs(still)]
+    around = [run for run in runs if run[0] <= rows[-1] and run[-1] >= rows[0]]
+    return int(around[0][0]), int(around[-1][-1])
+
+
+def _travel(track: ComplexArray) -> float:
+    """Return the largest 5 to 95 % range of the coordinates of a track, m."""
+    low, high = np.quantile(np.stack([track.real, track.imag]), [0.05, 0.95], axis=1)
+    return float(np.max(high - low))
+
+
+def _ghosts(points: FloatArray, strays: list[int], last: int) -> list[BadStretch]:
+    """Return the markers that are on no segment and keep their distance from no other marker.
+
+    The markers of a limb without a segment, such as an arm, keep their distance from each other.
+    """
+    ghosts = [
+        marker
+        for marker in strays
+        if np.isfinite(points[:, marker, 0]).sum() >= _FEWEST // 2
+        and min((_distance_range(points, marker, other) for other in range(points.shape[1]) if other != marker))
+        > _STRAYS
+    ]
+    return [BadStretch(marker, 0, last, "ghost") for marker in ghosts] if len(ghosts) <= _MOST_GHOSTS else []
+
+
+def _distance_range(points: FloatArray, marker: int, other: int) -> float:
+    """Return the 10 to 90 % range of the distance of two markers, m; inf if they are hardly seen together."""
+    distance = np.linalg.norm(points[:, marker] - points[:, other], axis=1)
+    known = distance[np.isfinite(distance)]
+    return float(np.ptp(np.quantile(known, [0.1, 0.9]))) if len(known) >= _FEWEST // 2 else np.inf

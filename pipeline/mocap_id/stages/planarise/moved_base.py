@@ -1,0 +1,112 @@
+"""Change of place of the feet during the recording: correction, facts and a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.kinematics.base_motion import BaseMotion, BaseStretch
+from mocap_id.recording import PlateSamples, ThinnedFrames
+from mocap_id.verdict import Reason
+
+_LISTED = 5  # changes listed in the message; the facts list all
+
+
+@dataclass(frozen=True)
+class MovedBase:
+    """Fact ``base_motion`` of planar.parquet, None if the base keeps its place, and reasons."""
+
+    fact: dict[str, Any] | None
+    reasons: tuple[Reason, ...]
+
+
+def undo_in_samples(
+    base: BaseMotion | None, samples: Sequence[PlateSamples], time: FloatArray
+) -> Sequence[PlateSamples]:
+    """Return the plates' wrenches relative to a base that stands still, at times (F,), s."""
+    if base is None:
+        return samples
+    moved = [base.undo_wrench(each.force, each.moment, time) for each in samples]
+    return [replace(each, force=force, moment=moment) for each, (force, moment) in zip(samples, moved, strict=True)]
+
+
+def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFrames:
+    """Return thinned frames relative to a base that stands still."""
+    if base is None:
+        return thinned
+    positions = base.undo_positions(thinned.positions, thinned.time)
+    return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
+
+
+def describe(base: BaseMotion | None, labels: Sequence[str], frame: PlaneFrame) -> MovedBase:
+    """Describe the motion that was undone.
+
+    Parameters
+    ----------
+    base : BaseMotion or None
+    labels : sequence of str
+        Names of the markers.
+    frame : PlaneFrame
+        The plane in the first stretch.
+    """
+    if base is None:
+        return MovedBase(None, ())
+    axes = frame.axes[[0, 2], :2]
+    fact = {
+        "stretches": [
+            {
+                "from_s": each.start,
+                "to_s": each.end,
+                "along_m": float(axes[0] @ each.shift),
+                "across_m": float(axes[1] @ each.shift),
+                "turn_deg": float(np.degrees(each.turn)),
+                "misfit_m": each.misfit,
+            }
+            for each in base.stretches
+        ],
+        "markers": [labels[marker] for marker in base.feet],
+        "fixed_markers": [label for label, fixed in zip(labels, base.fixed, strict=True) if fixed],
+        "centre_m": base.centre.tolist(),
+        "path": [
+            {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
+            for time, pose in zip(base.knots, base.poses, strict=True)
+        ],
+    }
+    return MovedBase(fact, (_reason(base),))
+
+
+def _reason(base: BaseMotion) -> Reason:
+    changes = list(pairwise(base.stretches))
+    listed = "; ".join(_change(*each) for each in changes[:_LISTED])
+    rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
+    farthest = max(float(np.linalg.norm(each.shift)) for each in base.stretches)
+    first = base.stretches[0]
+    if not base.rigid:
+        return Reason(
+            "base-moved",
+            f"the feet changed their place: {listed}{rest}. They did not move alike: their markers differ by "
+            f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
+            "displacement was corrected, and the joints are blurred by the rest: analyse each part alone with `window:`",
+            farthest,
+        )
+    return Reason(
+        "base-moved",
+        f"the feet changed their place: {listed}{rest}. This was corrected: markers, forces and moments are expressed "
+        f"relative to the feet. x, tauz and the centre of pressure hold for the feet at their place from "
+        f"{first.start:.1f} to {first.end:.1f} s.",
+        farthest,
+        level="ok",
+    )
+
+
+def _change(before: BaseStretch, after: BaseStretch) -> str:
+    """Return the amount and the time of one change."""
+    shift, turn = 1e2 * float(np.linalg.norm(after.shift - before.shift)), float(np.degrees(after.turn - before.turn))
+    turned = f" and turned by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
+    return f"by {shift:.1f} cm{turned} between {before.end:.1f} and {after.start:.1f} s"

@@ -1,0 +1,122 @@
+"""Bad stretches of markers: search, facts and notes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import Refused
+from mocap_id.kinematics import Segmentation, frames_along_motion
+from mocap_id.kinematics.marker_faults import find_bad_stretches, sampled_rows
+from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
+
+_ROUNDS = 3
+_WORDS = {
+    "frozen": ("stands still in the laboratory while its segment moves", "its last position was repeated"),
+    "moved": ("is at another place on its segment", "it was probably taped on again, or slipped"),
+    "elsewhere": ("is away from its place on its segment", "it is probably mislabelled, or a reflection"),
+    "ghost": ("is on no segment and keeps its distance from no other marker", "it is probably no marker of the body"),
+}
+_LISTED = 5
+
+
+@dataclass(frozen=True)
+class SegmentedMarkers:
+    """The segments, found without the bad stretches.
+
+    Parameters
+    ----------
+    found : Segmentation
+    view : Trajectories
+        The markers without the bad stretches.
+    points : (f, M, 3) array
+        The frames that were segmented, m.
+    """
+
+    found: Segmentation
+    view: Trajectories
+    points: FloatArray
+
+
+def segment_without_bad(
+    recorded: Trajectories, frames: int, segmented: Callable[[FloatArray], Segmentation]
+) -> SegmentedMarkers:
+    """Segment the markers, find their bad stretches, and segment again without them until no more are found.
+
+    Parameters
+    ----------
+    recorded : Trajectories
+    frames : int
+        Number of frames to segment.
+    segmented : callable
+        Return the segments of points (f, M, 3), m.
+
+    Raises
+    ------
+    Refused
+        The markers as recorded make no chain.
+    """
+    view = Trajectories(recorded.planar, _swapped(recorded))
+    points = view.at(frames_along_motion(view.plane(), frames))
+    done = SegmentedMarkers(segmented(points), view, points)
+    rows = sampled_rows(len(view.frames), view.rate)
+    for _ in range(_ROUNDS):
+        plane = done.points[..., 0] + 1j * done.points[..., 1]
+        bad = find_bad_stretches(done.view.at(rows), rows, done.view.track, view.rate, done.found, plane)
+        if not bad:
+            break
+        facts = [
+            {
+                "marker": view.labels[stretch.marker],
+                "first_s": float(view.time[stretch.first]),
+                "last_s": float(view.time[stretch.last]),
+                "how": stretch.how,
+            }
+            for stretch in bad
+        ]
+        view = Trajectories(recorded.planar, (*view.bad, *facts))
+        points = view.at(frames_along_motion(view.plane(), frames))
+        try:
+            done = SegmentedMarkers(segmented(points), view, points)
+        except Refused:  # the rest of the markers shows no chain
+            break
+    return done
+
+
+def _swapped(view: Trajectories) -> tuple[dict[str, Any], ...]:
+    """Return the stretches in which markers have each other's labels, unless planarise has exchanged them."""
+    return tuple(
+        {"marker": label, "first_s": swap["first_s"], "last_s": swap["last_s"], "how": "swapped"}
+        for swap in view.planar.facts.get("swaps", ())
+        if not swap["repaired"]
+        for label in swap["labels"]
+    )
+
+
+def bad_marker_notes(bad: Sequence[dict[str, Any]]) -> Iterator[Reason]:
+    """Yield a note for every cause, with the markers and times."""
+    for how, (seen, cause) in _WORDS.items():
+        stretches = [each for each in bad if each["how"] == how]
+        if not stretches:
+            continue
+        listed = "; ".join(
+            each["marker"] if how == "ghost" else f"{each['marker']} from {each['first_s']:.2f} to {each['last_s']:.2f} s"
+            for each in stretches[:_LISTED]
+        )
+        rest = f"; and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
+        yield Reason(
+            f"marker-{how}",
+            f"a marker {seen}; {cause}: {listed}{rest}. These samples were left out; all others are used. Check the "
+            "marker in the camera software.",
+            float(sum(each["last_s"] - each["first_s"] for each in stretches)),
+            level="ok",
+        )
+
+
+def left_out_words(label: str, bad: Sequence[dict[str, Any]]) -> str:
+    """Return when and why samples of a marker are left out, in words; empty if none are."""
+    own = [each for each in bad if each["marker"] == label]
+    return "".join(f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}" for each in own)
