@@ -33,8 +33,8 @@ def init(
 ) -> None:
     """Write a study file for a folder of recordings.
 
-    The recordings are C3D files, or TRC files with their MOT files. People get ids. Keep subjects.csv, written
-    beside the file: it says who is who.
+    The recordings are C3D files, TRC files with their MOT files, or exports of QTM, Motive or Nexus. People get
+    ids. Keep subjects.csv, written beside the file: it says who is who.
     """
     from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 
@@ -51,6 +51,8 @@ def init(
 
 def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     yield f"pattern: {found.pattern}"
+    if found.tried and ("{subject}" not in found.pattern or any("pattern" in why for why in found.left_out.values())):
+        yield f"tried: {', '.join(found.tried)}; give another with --pattern"
     rows = [["trial", "subject", "called", "strategy", "recording"]]
     for trial in found.trials:
         files = [path.relative_to(folder).as_posix() for path in (trial.markers, trial.forces) if path is not None]

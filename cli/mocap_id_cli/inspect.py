@@ -17,7 +17,10 @@ from mocap_id_cli.console import AsJson, print_json
 
 
 def inspect(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="C3D or TRC file, or a QTM, Motive or Nexus export.", show_default=False)],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="C3D or TRC file, or a QTM, Motive or Nexus export.", show_default=False),
+    ],
     *,
     forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground forces.")] = None,
     units: Annotated[str | None, typer.Option(help="Length unit, if the file does not declare it.")] = None,

@@ -244,7 +244,9 @@ def _read_trc(bench: Bench, case: Case) -> str:
     path.write_bytes(case.data)
     found = recording.read(path)
     json.dumps(describe(found), allow_nan=False)
-    rows = _rows(b"\n".join(case.data.splitlines()[4:]), lambda line: line.strip(_BLANK)[:1].isdigit())
+    lines = [line.strip(_BLANK) for line in case.data.splitlines()]
+    names = next((k for k, line in enumerate(lines[1:12], start=1) if line.lower().startswith(b"frame")), 3)
+    rows = _rows(b"\n".join(lines[names + 1 :]), lambda line: line.strip(_BLANK)[:1].isdigit())
     return "" if len(found.frames) == rows else f"{len(found.frames)} frames read of {rows} rows"
 
 
@@ -252,7 +254,7 @@ def _read_mot(bench: Bench, case: Case) -> str:
     path = bench.place / case.name
     path.write_bytes(case.data)
     table = read_table(path)
-    rows = _rows(case.data, lambda line: line.strip().lower() == b"endheader") - 2
+    rows = _rows(case.data, lambda line: line.strip(_BLANK).lower() == b"endheader") - 2
     if len(table.time) != rows:
         return f"{len(table.time)} rows read of {rows}"
     beside = bench.place / "link.trc"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -16,7 +18,8 @@ from mocap_id.kinematics import propose_window
 from mocap_id.plates.direction import compare_directions
 from mocap_id.plates.feet import distance_outside, find_standing_feet
 from mocap_id.plates.placement import compare_with_feet, standing_lean
-from mocap_id.recording import Plate, Recording
+from mocap_id.recording import Plate, PlateSamples, Recording
+from mocap_id.recording.lab_plates import centre_of_pressure
 from mocap_id.recording.plate_types import plate_axes
 from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import generate
@@ -157,10 +160,62 @@ def test_only_the_direction_is_checked_for_a_robot(recordings: Path) -> None:
 
 
 def test_walking_is_not_checked(recordings: Path) -> None:
-    """In walking no foot stands still, so nothing is checked."""
+    """In walking no foot stands still, so nothing is checked, and a note says so."""
     found = checked(read(recordings, "c3d/walking5.c3d"))
-    assert found.reasons == ()
+    assert [(reason.code, reason.level) for reason in found.reasons] == [("plate-unchecked", "ok")]
     assert all(fact["cop_off_feet_m"] is None for fact in found.facts["plates"])
+
+
+@cache
+def standing(seat: bool = False) -> tuple[list[str], np.ndarray, list[Plate], list[PlateSamples]]:
+    """Return labels, positions, plates and wrenches of a simulated sit-to-stand."""
+    with TemporaryDirectory() as folder:
+        made = generate("sit-to-stand", Options(seed=23, repetitions=2, analog_rate=100, seat_plate=seat))
+        signals = [each for each in (made.signals, made.seat_signals) if each is not None]
+        recording.write_c3d(Path(folder) / "trial.c3d", made.labels, made.points, 100.0, plates=signals)
+        source = recording.read(Path(folder) / "trial.c3d")
+    found = [recording.decimate(plate, source.time, source.rate) for plate in source.plates]
+    return list(source.labels), source.positions, list(source.plates), found
+
+
+FEET = ("LHEE", "LTOE", "LANK", "RHEE", "RTOE", "RANK")
+
+
+@pytest.mark.parametrize(
+    "kept", [kept for count in range(len(FEET) + 1) for kept in itertools.combinations(FEET, count)]
+)
+def test_foot_markers_that_show_no_outline_give_a_note(kept: tuple[str, ...]) -> None:
+    """No choice of foot markers gives a false alarm; all of them are a check, and one foot alone is none."""
+    labels, positions, plates, samples = standing()
+    used = [k for k, label in enumerate(labels) if label in kept or label not in FEET]
+    codes = [reason.code for reason in check(plates, samples, positions[:, used], 100.0, person=True).reasons]
+    assert codes in ([], ["plate-unchecked"])
+    if len(kept) == len(FEET):
+        assert codes == []
+    if not {each[0] for each in kept} == {"L", "R"}:
+        assert codes == ["plate-unchecked"]
+
+
+def test_a_chair_on_the_plate_of_the_feet_is_no_misplacement() -> None:
+    """The seated person's centre of pressure is far behind the feet; a moved plate is still found."""
+    _, positions, plates, (feet, seat) = standing(seat=True)
+    empty = np.percentile(seat.force[:, 2], 5)
+    heavy = np.where(seat.force[:, 2] > 1.5 * empty, 3.0, 1.0)[:, None]  # most of the weight is on the chair
+    both = replace(feet, force=feet.force + heavy * seat.force, moment=feet.moment + heavy * seat.moment)
+    pressure = centre_of_pressure(plates[0], both)
+    assert np.ptp(pressure, axis=0).max() > 0.2
+    assert check(plates[:1], [both], positions, 100.0, person=True).reasons == ()
+    away = np.cross([0.0, 0.3, 0.0], both.force)
+    moved_ = check(plates[:1], [replace(both, moment=both.moment + away)], positions, 100.0, person=True)
+    assert "plate-misplaced" in [reason.code for reason in moved_.reasons]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_bolted_robot_is_no_misplaced_plate(tmp_path: Path, seed: int) -> None:
+    """Bolts can pull, so the force may act beside the base, also if the protocol does not say that it is a robot."""
+    made = generate("robot", Options(seed=seed, repetitions=3, analog_rate=100))
+    recording.write_c3d(tmp_path / "trial.c3d", made.labels, made.points, 100.0, plates=[made.signals])
+    assert [reason.code for reason in checked(recording.read(tmp_path / "trial.c3d")).reasons] == ["plate-unchecked"]
 
 
 def test_the_distance_from_a_hull() -> None:

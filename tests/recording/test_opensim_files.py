@@ -158,7 +158,7 @@ def test_tables_are_read_as_tables(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("markers", "reason"),
     [
-        (trc(POSITIONS, frames=99), "truncated"),
+        (trc(POSITIONS, frames=99)[:-25], "truncated"),
         (trc(POSITIONS).replace("Units", "Sinut"), "no length unit"),
         (trc(POSITIONS, units="parsec"), "ambiguous or unknown"),
         (trc(POSITIONS).replace("\n7\t0.06\t", "\n7\t0.02\t"), "does not increase"),
@@ -217,10 +217,36 @@ def test_configured_units_of_force(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.plates[0].moment, MOMENT, atol=1e-4)
 
 
+def simm(columns: dict[str, np.ndarray], *, rows: int = FRAMES, timed: bool = True) -> str:
+    lines = mot(columns).splitlines()
+    head = ["# include <simmkeys.h>", "", "name sts\t\t", f"datacolumns {1 + len(columns)}", f"datarows {rows}\t\t"]
+    head += ["otherdata 0", f"range 0.0 {(FRAMES - 1) / 100}", "keys w_key", "wrap", "endheader\t", ""]
+    body_ = lines[6:] if timed else ["\t".join(line.split("\t")[1:]) for line in lines[6:]]
+    return "\n".join([*head, *body_, ""])
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_simm_headers(tmp_path: Path, timed: bool) -> None:
+    found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), simm(force_columns(), timed=timed))
+    np.testing.assert_allclose(found.plates[0].force, FORCE, atol=1e-5)
+    np.testing.assert_allclose(found.plates[0].moment, MOMENT, atol=1e-4)
+    assert found.plates[0].rate == pytest.approx(100)
+    assert any("no times: its rows were spread evenly" in note for note in found.oddities) == (not timed)
+
+
+def test_forces_with_another_number_of_rows_are_read_with_a_note(tmp_path: Path) -> None:
+    for forces in (mot(force_columns(), rows=99), simm(force_columns(), rows=99)):
+        found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T), forces)
+        np.testing.assert_allclose(found.plates[0].force, FORCE, atol=1e-5)
+        assert any("trial_grf.mot: the header declares 99 rows, the file contains 40" in it for it in found.oddities)
+
+
 @pytest.mark.parametrize(
     ("forces", "reason"),
     [
-        (mot(force_columns(), rows=99), "declares 99 rows"),
+        (mot(force_columns(), rows=99)[:-30], "declares 99 rows"),
+        (mot(force_columns()).replace("\n0.02\t", "\n0.2\t"), "does not increase"),
+        ("\n".join(mot(force_columns()).splitlines()[:8]), "has only one row"),
         (mot({"knee_angle": FORCE[:, 0]}), "no column is a ground force"),
         (mot({"ground_force_vx": FORCE[:, 0]}), "only the components"),
         ("a\tb\n1\t2\n", "endheader"),

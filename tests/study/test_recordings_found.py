@@ -63,10 +63,54 @@ def test_a_pattern_tells_person_and_strategy(pattern: str, path: str, place: tup
     assert (found and (found.subject, found.strategy)) == place
 
 
-@pytest.mark.parametrize("pattern", ["{strategy}/*", "{subject}/{how}*", "{subject}/{subject}", "{subject", "*"])
+@pytest.mark.parametrize(
+    "pattern", ["{strategy}/{strategy}*", "{subject}/{how}*", "{subject}/{subject}", "{subject", "*"]
+)
 def test_a_pattern_that_means_nothing_is_refused(pattern: str) -> None:
-    with pytest.raises(ConfigError, match="expected \\{subject\\} once and \\{strategy\\} at most once"):
+    with pytest.raises(ConfigError, match="expected \\{subject\\} and \\{strategy\\} at most once each"):
         Pattern(pattern)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["slow_1.c3d", "slow_2.c3d", "normal_1.c3d"],
+        ["slow1.c3d", "slow2.c3d", "normal.c3d"],
+        ["slow_trial1.c3d", "slow_trial2.c3d", "normal-take-1.c3d"],
+        ["slow trial 1.c3d", "slow 2.c3d", "normal.c3d"],
+    ],
+)
+def test_a_flat_folder_is_of_one_person(tmp_path: Path, names: list[str]) -> None:
+    found = discover(touched(tmp_path / "anna", *names))
+    assert found.pattern == "{strategy}*"
+    assert found.names == {"s01": "anna"}
+    assert sorted(trial.trial for trial in found.trials) == ["s01-normal-1", "s01-slow-1", "s01-slow-2"]
+    assert not found.left_out
+    assert "{subject}_{strategy}*" in found.tried
+
+
+def test_trials_of_one_person_with_numbers_alone(tmp_path: Path) -> None:
+    found = discover(touched(tmp_path / "anna", "trial1.c3d", "trial2.c3d"))
+    assert [trial.trial for trial in found.trials] == ["s01-movement-1", "s01-movement-2"]
+    with pytest.raises(
+        ConfigError, match=r"none of the 1 recordings fits one of the patterns .*\{strategy\}\*, such as 1.c3d"
+    ):
+        discover(touched(tmp_path / "bob", "1.c3d"))
+
+
+def test_a_flat_folder_of_several_people_is_not_of_one(tmp_path: Path) -> None:
+    found = discover(touched(tmp_path, "anna_normal_1.c3d", "bob_normal_1.c3d", "carl_normal.c3d", "again.c3d"))
+    assert set(found.names.values()) == {"anna", "bob", "carl"}
+    assert [path.name for path in found.left_out] == ["again.c3d"]
+
+
+def test_exports_are_recordings_and_other_tables_are_not(tmp_path: Path) -> None:
+    folder = touched(tmp_path / "anna", "encoder.csv", "slow.mot")
+    (folder / "slow.tsv").write_text("NO_OF_FRAMES\t10\n")
+    (folder / "fast.csv").write_text("Trajectories\n100\n")
+    found = discover(folder)
+    files = {(trial.markers.name, trial.forces and trial.forces.name) for trial in found.trials}
+    assert files == {("slow.tsv", "slow.mot"), ("fast.csv", None)}
 
 
 def test_two_people_whose_names_differ_by_a_number_stay_two() -> None:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck
 from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
@@ -28,7 +29,8 @@ class Identification:
     base, base_sd : (b,) arrays
         Base parameters (eq. 6.1) and their standard deviations, SI.
     covariance : (b, b) array
-        Covariance of the base parameters from the residuals, the errors of the geometry and the plate's zero.
+        Covariance of the base parameters from the residuals, the errors of the geometry, the plate's zero, and errors
+        of scale (:mod:`mocap_id.dynamics.calibration`).
     residual_covariance : (b, b) array
         The part from the residuals: it holds for predictions of the wrench with the same geometry.
     error : KinematicError
@@ -51,6 +53,10 @@ class Identification:
     refit : callable
         Repeats the estimate with other data: from a compressed problem in the columns of ``fit.problem`` (b + k) to
         parameters (b + k,). A prior has the same weight as in the whole trial.
+    calibration : CalibrationEffect or None
+        Effect of the instruments' errors of scale, which ``covariance`` contains; None if it does not.
+    scales : ScaleCheck or None
+        Result of the absolute check (:mod:`mocap_id.dynamics.scale_check`); None if it was not possible.
     """
 
     fit: Fit
@@ -68,6 +74,15 @@ class Identification:
     full: FloatArray
     uses_reference: bool
     refit: Callable[[CompressedProblem], FloatArray]
+    calibration: CalibrationEffect | None = None
+    scales: ScaleCheck | None = None
+
+    def calibrated(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
+        """Return the identification with the effect of errors of scale in its covariance."""
+        covariance = self.covariance + effect.covariance
+        return replace(
+            self, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)), calibration=effect, scales=scales
+        )
 
 
 def identify(

@@ -85,12 +85,20 @@ def kinematic_response(prepared: PreparedTrial, found: Fit, base: FloatArray, er
     chosen = slice(None, None, max(1, len(found.samples) // _SAMPLES))
     samples, design = found.samples[chosen], found.design[chosen]
     components = list(prepared.settings.components)
+    effect = wrench_effect(prepared, base, error, samples)[:, components] * found.weights[:, None]  # (R, c, S)
+    return -replace(found, design=design, prior=None).response(effect)
+
+
+def wrench_effect(prepared: PreparedTrial, base: FloatArray, error: KinematicError, samples: IntArray) -> FloatArray:
+    """Return the change (R, 3, S) of the modelled wrench with every mode at some samples (R,), N and N·m."""
+    if error.centre.shape[-1] == 0:
+        return np.zeros((len(samples), 3, 0))
+    full = _full(prepared, base)
 
     def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
-        return _regressor(prepared, states, centres)[:, components] @ _full(prepared, base)
+        return np.asarray(_regressor(prepared, states, centres) @ full)
 
-    effect = _effect(wrench, prepared, samples, error) * found.weights[:, None]  # (R, c, S)
-    return -replace(found, design=design, prior=None).response(effect)
+    return _effect(wrench, prepared, samples, error)
 
 
 def torque_variance(

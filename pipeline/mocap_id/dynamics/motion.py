@@ -6,11 +6,11 @@ measured poses of marker clusters, in which every body moves by itself (:mod:`mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import planar
 
 
@@ -43,6 +43,35 @@ class PlanarMotion:
         """Unit twists (p_y, -p_x, 1) of the joints, (T, 3, n); their product with a wrench is its moment about them."""
         x, y = self.joint[..., 0], self.joint[..., 1]
         return np.stack([y, -x, np.ones_like(x)], axis=1)
+
+    def at(self, samples: IntArray | slice) -> PlanarMotion:
+        """Return the motion at some samples."""
+        return PlanarMotion(
+            self.angle[samples],
+            self.omega[samples],
+            self.alpha[samples],
+            self.origin[samples],
+            self.acceleration[samples],
+            self.joint[samples],
+            self.beyond,
+        )
+
+    def scaled(self, factor: float) -> PlanarMotion:
+        """Return the motion with all lengths multiplied by a factor."""
+        return replace(
+            self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
+        )
+
+    def tilted(self, angle: float) -> PlanarMotion:
+        """Return the motion turned about the plane frame's origin by an angle, rad; gravity keeps its direction."""
+        turn = np.asarray(angle)
+        return replace(
+            self,
+            angle=self.angle + angle,
+            origin=planar.rotate(turn, self.origin),
+            acceleration=planar.rotate(turn, self.acceleration),
+            joint=planar.rotate(turn, self.joint),
+        )
 
 
 def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:

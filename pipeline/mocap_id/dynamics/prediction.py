@@ -8,6 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base_parameters import determines_rows
+from mocap_id.dynamics.calibration import calibration_torque_variance
 from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.composite_inertia import composite_inertia
 from mocap_id.dynamics.external_wrenches import external_effect, stack_wrenches
@@ -92,13 +93,14 @@ def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoi
     wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
+    of_scale = 0.0 if found.calibration is None else calibration_torque_variance(prepared, base, found.calibration)
     return Prediction(
         wrench=wrench,
         wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
         cop=centre_of_pressure(wrench, threshold),
         cop_sd=np.sqrt(variance(cop_rows, own) + _variance_of(cop_own[:, None], noise.wrench)[:, 0]),
         torque=torque,
-        torque_sd=np.sqrt(variance(torque_rows, own) + noise.torque),
+        torque_sd=np.sqrt(variance(torque_rows, own) + noise.torque + of_scale),
         undetermined=_undetermined(determined, torque_determined),
     )
 

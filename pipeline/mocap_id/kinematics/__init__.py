@@ -5,7 +5,7 @@ from mocap_id.kinematics.bursts import find_bursts
 from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.chain_fit import ChainFit, fix_gauge, joint_angles
 from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.frame_sampling import frames_along_motion, frames_over_time
 from mocap_id.kinematics.hypotheses import Hypothesis, SegmentationRules
 from mocap_id.kinematics.links import LinkMethod, fit_links
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
@@ -36,6 +36,7 @@ __all__ = [
     "fit_skin",
     "fix_gauge",
     "frames_along_motion",
+    "frames_over_time",
     "joint_angles",
     "propose_window",
     "segment_markers",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
 _BLOCK_S = 0.1  # positions are averaged over blocks of this length
 _STEP_S = 0.5  # a marker stands still if it moves less than _STILL_M in this time
@@ -138,33 +138,53 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
         None if the base keeps its place, or if fewer than two markers show where it is.
     """
     size = max(1, round(_BLOCK_S * rate))
-    blocks, middle = _block_means(positions, size), _block_means(time[:, None, None], size)[:, 0, 0]
-    step = max(1, round(_STEP_S * rate / size))
-    if len(blocks) < 4 * step:
-        return None
-    travel = np.linalg.norm(blocks[step:] - blocks[:-step], axis=2)
-    standing = _standing(blocks, travel, size / rate)
+    blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]
+    standing = find_standing(blocks, size / rate)
     fixed = standing.copy()
     fixed[standing] = _extent(blocks[:, standing, :2]) < _FIXED_M
     feet = np.flatnonzero(standing & ~fixed)
     if len(feet) < 2:
         return None
-    still = _still_blocks(travel[:, feet], len(blocks), step)
+    still = _still_blocks(blocks[:, feet], max(1, round(_STEP_S * rate / size)))
     least, margin = _STRETCH_S * rate / size, round(_MARGIN_S * rate / size)
     runs = [(run.start, run.stop) for run in find_runs(still) if run.stop - run.start >= least]
-    return _fit_motion(blocks, middle, _merged(runs, blocks[:, feet, :2]), feet, fixed, margin)
+    runs = _merged(runs, blocks[:, feet, :2]) if runs else []
+    feet = feet[np.isfinite(_places(blocks[:, feet, :2], runs[0])[:, 0])] if runs else feet
+    if len(runs) < 2 or len(feet) < 2:
+        return None
+    motion = _fit_motion(blocks[:, feet, :2], middle, runs, margin)
+    return replace(motion, feet=tuple(int(marker) for marker in feet), fixed=fixed)
 
 
-def _standing(blocks: FloatArray, travel: FloatArray, block_s: float) -> BoolArray:
-    """Return the low markers (M,) that stand still while the body moves."""
+def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) -> BoolArray:
+    """Find the low markers that stand still while the body moves.
+
+    Parameters
+    ----------
+    blocks : (K, M, 3) array
+        Mean positions over blocks of frames, m; NaN where not visible.
+    block_s : float
+        Length of a block, s.
+    least : float
+        Least share of the body's motion in which they stand still.
+
+    Returns
+    -------
+    (M,) bool array
+        None if the body hardly moves.
+    """
     none = np.zeros(blocks.shape[1], np.bool_)
+    step = max(1, round(_STEP_S / block_s))
+    if len(blocks) < 4 * step:
+        return none
+    travel = np.linalg.norm(blocks[step:] - blocks[:-step], axis=2)
     known = np.isfinite(travel)
     count = known.sum(axis=1)
     moving = (count > 0) & (4 * (travel > _BODY_M).sum(axis=1) >= count)
     if moving.sum() * block_s < _STRETCH_S:
         return none
     seen = known[moving].sum(axis=0)
-    standing = (seen > moving.sum() / 2) & ((travel[moving] < _STILL_M).sum(axis=0) >= _STANDING * seen)
+    standing = (seen > moving.sum() / 2) & ((travel[moving] < _STILL_M).sum(axis=0) >= least * seen)
     if not standing.any():
         return none
     height = np.full(blocks.shape[1], np.inf)
@@ -180,11 +200,11 @@ def _extent(tracks: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(ordered[high, markers] - ordered[low, markers], axis=1))
 
 
-def _still_blocks(travel: FloatArray, count: int, step: int) -> BoolArray:
-    """Return the blocks (K,) in which most of the feet's markers stand still; as before where none is visible."""
-    known = np.isfinite(travel)
-    moved = (np.where(known, travel, 0.0) >= _STILL_M).sum(axis=1) * 2 > known.sum(axis=1)
-    still = np.ones(count, np.bool_)
+def _still_blocks(feet: FloatArray, step: int) -> BoolArray:
+    """Return the blocks (K,) in which most of the feet's markers (K, N, 3) stand still, or none is visible."""
+    travel = np.linalg.norm(feet[step:] - feet[:-step], axis=2)
+    moved = (travel >= _STILL_M).sum(axis=1) * 2 > np.isfinite(travel).sum(axis=1)
+    still = np.ones(len(feet), np.bool_)
     for k in np.flatnonzero(moved):
         still[k : k + step + 1] = False
     return still
@@ -218,36 +238,25 @@ def _distance(here: FloatArray, there: FloatArray) -> float:
     return float(np.nanmax(away, initial=0.0))
 
 
-def _fit_motion(
-    blocks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], feet: IntArray, fixed: BoolArray, margin: int
-) -> BaseMotion | None:
-    if len(runs) < 2:
-        return None
-    tracks = blocks[:, feet, :2]
+def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int) -> BaseMotion:
+    """Fit the motion of the feet's markers, tracks (K, N, 2), that are known in the first stretch."""
     first = _places(tracks, runs[0])
-    known = np.isfinite(first[:, 0])
-    if known.sum() < 2:
-        return None
-    feet, tracks, first = feet[known], tracks[:, known], first[known]
     centre = first.mean(axis=0)
     fits = [_rigid(first - centre, _places(tracks, run) - centre) for run in runs]
     turning = all(misfit <= _RIGID_M for _, misfit in fits)
     if not turning:
         fits = [_rigid(first - centre, _places(tracks, run) - centre, turning=False) for run in runs]
-    stretches, knots, poses = [], list[float](), list[FloatArray]()
+    last = len(runs) - 1
+    stretches, knots = [], dict[float, FloatArray]()
     for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
-        begin, end = start + margin * (k > 0), max(stop - 1 - margin * (k < len(runs) - 1), start + margin + 1)
+        begin, end = start + margin * (k > 0), max(stop - 1 - margin * (k < last), start + margin + 1)
         stretches.append(BaseStretch(float(time[begin]), float(time[end]), pose[:2], float(pose[2]), misfit))
-        knots += [float(time[begin]), float(time[end])]
-        poses += [pose, pose]
-        if k < len(runs) - 1:
-            for block in range(end + 1, runs[k + 1][0] + margin):
-                if np.isfinite(tracks[block, :, 0]).sum() >= min(2, len(feet)):
-                    knots.append(float(time[block]))
-                    poses.append(_rigid(first - centre, tracks[block] - centre, turning=turning)[0])
-    return BaseMotion(
-        tuple(stretches), tuple(int(marker) for marker in feet), fixed, centre, np.array(knots), np.array(poses)
-    )
+        knots |= {float(time[begin]): pose, float(time[end]): pose}
+        between = range(end + 1, runs[k + 1][0] + margin) if k < last else range(0)
+        seen = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
+        knots |= {float(time[b]): _rigid(first - centre, tracks[b] - centre, turning=turning)[0] for b in seen}
+    nothing = np.zeros(0, np.bool_)
+    return BaseMotion(tuple(stretches), (), nothing, centre, np.array(list(knots)), np.array(list(knots.values())))
 
 
 def _rigid(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
@@ -267,7 +276,7 @@ def _rigid(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tu
     return np.array([shift.real, shift.imag, np.angle(rotation)]), misfit
 
 
-def _block_means(values: FloatArray, size: int) -> FloatArray:
+def block_means(values: FloatArray, size: int) -> FloatArray:
     """Return the means (K, M, C) over blocks of frames of values (F, M, C); NaN where nothing is known."""
     count = len(values) // size
     parts = values[: count * size].reshape(count, size, *values.shape[1:])

@@ -7,6 +7,7 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, chunks
 
 _STILL_SHARE = 0.1  # share of the frames that is spread evenly over time
+_RESTING = 0.1  # of the largest speed; slower is rest
 _WINDOWS = 200  # windows of a trial, over which the speed is measured
 
 
@@ -41,6 +42,25 @@ def frames_along_motion(points: ComplexArray, count: int, among: IntArray | None
     travelled = np.cumsum(density)
     middles = (np.arange(count) + 0.5) / count * travelled[-1]
     return np.asarray(among[np.unique(np.searchsorted(travelled, middles))])
+
+
+def frames_over_time(points: ComplexArray, count: int) -> IntArray:
+    """Return at most ``count`` frames, ascending, evenly over time; along the motion if the trial is mostly rest.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where unseen.
+    count : int
+        Largest number of frames.
+    """
+    every = np.arange(len(points))
+    if len(every) <= count:
+        return every
+    speed = _speed(points, every, max(1, len(every) // _WINDOWS))
+    if np.median(speed) < _RESTING * np.quantile(speed, 0.95):
+        return frames_along_motion(points, count)
+    return np.unique(np.linspace(0, every[-1], count).round().astype(np.int64))
 
 
 def _speed(points: ComplexArray, among: IntArray, window: int) -> FloatArray:

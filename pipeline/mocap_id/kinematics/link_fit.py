@@ -109,8 +109,10 @@ class LinkFit:
 
     @property
     def points(self) -> tuple[int, ...]:
-        """Number of distinct points of each moving segment."""
-        local, segment = self.state.local, self.segment
+        """Number of distinct points of each moving segment that do not stand for a joint."""
+        local, segment = self.state.local, self.segment.copy()
+        for pin in self.pins:
+            segment[pin.unit] = -1
         return tuple(len(_distinct(local[segment == k + 1])) for k in range(len(self.state.centres)))
 
     @property

@@ -17,7 +17,7 @@ from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.link_fit import SCALE, LinkFit, Pin, costs_on_segments, fit_path, path_cost
 from mocap_id.kinematics.link_markers import Path, linked_paths, point_units, unit_track
 
-_FEW_POINTS = 2  # distinct points of a segment whose rigid body may be missed
+_MOST_POINTS = 24  # moving points of a conventional set; with more, segments are rigid bodies
 _TRIED = 4  # paths of every number of segments that are fitted
 _OFF_AXIS = 0.012  # m; distance of a marker from the joint that it is attached at, standard deviation
 _MORE_THAN_STILL = 1.12  # an ankle's marker moves this much more than the stillest ones; heels do not
@@ -29,6 +29,8 @@ _INNER_FRAMES = 30.0  # frames for which such a marker counts: its error is the 
 
 def best_links(problem: SegmentationProblem) -> LinkFit | None:
     """Return the cheapest chain that has a segment without a rigid body of its own; None where there is none."""
+    if len(list(point_units(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
+        return None
     paths = list(linked_paths(problem))
     costs = [path_cost(problem, path) for path in paths]
     fits: list[tuple[LinkFit, Path]] = []
@@ -48,9 +50,9 @@ def best_links(problem: SegmentationProblem) -> LinkFit | None:
     if not fits:
         return None
     fit, path = min(fits, key=lambda each: each[0].cost)
-    if min(fit.points) > _FEW_POINTS:
-        return None  # every segment is a rigid body, which the search over rigid bodies finds
-    return _with_joint_markers(problem, path, fit)
+    fit = _with_joint_markers(problem, path, fit)
+    alone = [points for step, points in zip(path, fit.points, strict=True) if step.body is None]
+    return fit if min(alone) < 2 else None  # rigid bodies are found without link markers
 
 
 def _allowed(problem: SegmentationProblem, segment: IntArray) -> bool:

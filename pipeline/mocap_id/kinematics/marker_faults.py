@@ -14,11 +14,12 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray, find_runs
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, find_runs
 from mocap_id.kinematics.bursts import find_jumps
 from mocap_id.kinematics.chain_equations import ChainProblem, ChainState, angle_jacobian, joint_positions, residuals
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.links import chain_angles, rigid_body_links
+from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.segmentation import Segmentation
 
 Fault: TypeAlias = Literal["frozen", "moved", "elsewhere", "ghost"]
@@ -38,10 +39,10 @@ _SHORTEST = 0.2  # s
 _BRIDGED = 0.5  # s; stretches closer than this are one
 _NEAR = 0.25  # s; a jump this close to the end of a stretch is its end
 _MOSTLY = 0.8  # of a still stretch
+_STEP = 0.6  # of the way to another place
 _STILL = 2e-3  # m; a marker within this distance stands still
 _SEGMENT_MOVES = 0.02  # m; its segment moves by more than this meanwhile
-_STRAYS = 0.06  # m; a marker of the body keeps its distance from another to this (10 to 90 % range)
-_MOST_GHOSTS = 2
+_REPEATED_MOVES = 0.003  # m; or than this, if exactly the same coordinates are repeated
 
 
 @dataclass(frozen=True)
@@ -94,54 +95,65 @@ class _Place:
     share: float
 
 
-def sampled_rows(frames: int, rate: float) -> IntArray:
-    """Return the rows of the frames in which :func:`find_bad_stretches` follows the markers."""
-    return np.arange(0, frames, max(1, round(rate / _RATE), -(-frames // _MOST)))
-
-
-def find_bad_stretches(
-    points: FloatArray,
-    rows: IntArray,
-    track: Callable[[int], FloatArray],
-    rate: float,
-    found: Segmentation,
-    fitted: ComplexArray,
-) -> tuple[BadStretch, ...]:
-    """Find the bad stretches of every marker.
+@dataclass(frozen=True)
+class RecordedMarkers:
+    """Trajectories in the plane's frame, NaN where unseen.
 
     Parameters
     ----------
     points : (T, M, 3) array
-        Trajectories in the plane's frame in the frames ``rows``, m; NaN where unseen.
+        In the frames ``rows``, m.
     rows : (T,) int array
         These frames (:func:`sampled_rows`).
     track : callable
         Return the trajectory (F, 3) of one marker, given by its column, in all frames, m.
     rate : float
         Frames per second.
+    """
+
+    points: FloatArray
+    rows: IntArray
+    track: Callable[[int], FloatArray]
+    rate: float
+
+
+def sampled_rows(frames: int, rate: float) -> IntArray:
+    """Return the rows of the frames in which :func:`find_bad_stretches` follows the markers."""
+    return np.arange(0, frames, max(1, round(rate / _RATE), -(-frames // _MOST)))
+
+
+def find_bad_stretches(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> tuple[BadStretch, ...]:
+    """Find the bad stretches of every marker.
+
+    Parameters
+    ----------
+    recorded : RecordedMarkers
     found : Segmentation
         Segments of the markers.
     fitted : (f, M) complex array
         The frames in the plane that were segmented, m.
     """
-    tracks = _tracks(points, rows, found, fitted)
+    tracks = _tracks(recorded, found, fitted)
     if tracks is None:
         return ()
     usual = _usual_places(tracks, found.segment)
     bad: list[BadStretch] = []
     strays: list[int] = []
     for marker in np.flatnonzero(np.isfinite(fitted).any(axis=0)):
-        place = usual[marker] if found.segment[marker] >= 0 else _best_place(tracks, int(marker))
+        place = usual[marker] or _best_place(tracks, int(marker))
+        own = []
         if place is not None and place.share >= _LEAST_SHARE:
-            bad += _stretches(track, rate, tracks, place, int(marker))
-        elif found.segment[marker] < 0:
+            own = _stretches(recorded, tracks, place, int(marker))
+        if not own and found.segment[marker] < 0:
             strays.append(int(marker))
-    return (*bad, *_ghosts(points, strays, int(rows[-1])))
+        bad += own
+    ghosts = np.intersect1d(strays, np.flatnonzero(find_lone_markers(recorded.points)))
+    return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
 
 
-def _tracks(points: FloatArray, rows: IntArray, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
+def _tracks(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
     """Return the markers in the frames of the robustly fitted segments; None where too few frames show them."""
-    plane = points[..., 0] + 1j * points[..., 1]
+    rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
     segment, assigned = found.segment, np.flatnonzero(found.segment >= 0)
     if found.links is None:
         state = rigid_body_links(fitted[:, assigned], segment[assigned])
@@ -214,16 +226,16 @@ def _place(tracks: _Tracks, segment: int, marker: int) -> _Place | None:
     return _Place(segment, place, float(np.median(off[held])), float(held.mean()))
 
 
-def _stretches(
-    trajectory: Callable[[int], FloatArray], rate: float, tracks: _Tracks, place: _Place, marker: int
-) -> list[BadStretch]:
+def _stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Place, marker: int) -> list[BadStretch]:
     """Return the bad stretches of a marker that is on its segment otherwise."""
+    points, rate = recorded.points[:, marker], recorded.rate
     local = tracks.local[place.segment, :, marker]
     seen = np.flatnonzero(np.isfinite(local))
     out = np.abs(local[seen] - place.local) > max(_LEAST_OFF, _OFF * place.usual)
+    out |= _repeated(points[seen])
     if not out.any():
         return []
-    positions = trajectory(marker)
+    positions = recorded.track(marker)
     there = np.flatnonzero(np.isfinite(positions[:, 0]))
     positions, apart = positions[there], np.diff(there)
     steps, _ = find_jumps(np.diff(positions, axis=0) / apart[:, None], apart)
@@ -233,20 +245,37 @@ def _stretches(
         if rows[-1] - rows[0] < _SHORTEST * rate:
             continue
         still = _still_frames(positions, there, rows)
-        if still is not None and _travel(off) > _SEGMENT_MOVES:
+        repeated = _repeated(points[seen[run]]).mean() > _MOSTLY
+        if still is not None and _travel(off) > (_REPEATED_MOVES if repeated else _SEGMENT_MOVES):
             found.append(BadStretch(marker, *still, "frozen"))
             continue
         begin, end = (
             _nearest(there[jump], frame, _NEAR * rate) for jump, frame in ((steps + 1, rows[0]), (steps, rows[-1]))
         )
-        if begin is None and end is None:
+        moved = _travel(off) < 2 * _HELD and _is_step(local[seen], run, place.local)
+        if begin is None and end is None and not moved:
             continue
-        since, until = run.start == 0, run.stop == len(seen)
-        first = begin if begin is not None else int(there[0] if since else rows[0])
-        last = end if end is not None else int(there[-1] if until else rows[-1])
-        moved = (since or until) and _travel(off) < 2 * _HELD
+        before = tracks.rows[seen[run.start - 1]] + 1 if run.start else there[0]
+        after = tracks.rows[seen[run.stop]] - 1 if run.stop < len(seen) else there[-1]
+        first, last = int(before if begin is None else begin), int(after if end is None else end)
         found.append(BadStretch(marker, first, last, "moved" if moved else "elsewhere"))
     return found
+
+
+def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
+    """Return whether a marker changes its place once, between two samples, before or after a run of them."""
+    if (run.start == 0) == (run.stop == len(track)):
+        return False
+    last = run.start if run.start else run.stop
+    away = abs(np.median(track[run].real) + 1j * np.median(track[run].imag) - place)
+    return bool(abs(track[last] - track[last - 1]) > _STEP * away)
+
+
+def _repeated(positions: FloatArray) -> BoolArray:
+    """Return which positions (K, 3) are exactly those of the sample before or after."""
+    same = np.zeros(len(positions) + 1, dtype=np.bool_)
+    same[1:-1] = np.all(positions[1:] == positions[:-1], axis=1)
+    return np.asarray(same[1:] | same[:-1])
 
 
 def _bridged(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
@@ -295,25 +324,3 @@ def _travel(track: ComplexArray) -> float:
     """Return the largest 5 to 95 % range of the coordinates of a track, m."""
     low, high = np.quantile(np.stack([track.real, track.imag]), [0.05, 0.95], axis=1)
     return float(np.max(high - low))
-
-
-def _ghosts(points: FloatArray, strays: list[int], last: int) -> list[BadStretch]:
-    """Return the markers that are on no segment and keep their distance from no other marker.
-
-    The markers of a limb without a segment, such as an arm, keep their distance from each other.
-    """
-    ghosts = [
-        marker
-        for marker in strays
-        if np.isfinite(points[:, marker, 0]).sum() >= _FEWEST // 2
-        and min((_distance_range(points, marker, other) for other in range(points.shape[1]) if other != marker))
-        > _STRAYS
-    ]
-    return [BadStretch(marker, 0, last, "ghost") for marker in ghosts] if len(ghosts) <= _MOST_GHOSTS else []
-
-
-def _distance_range(points: FloatArray, marker: int, other: int) -> float:
-    """Return the 10 to 90 % range of the distance of two markers, m; inf if they are hardly seen together."""
-    distance = np.linalg.norm(points[:, marker] - points[:, other], axis=1)
-    known = distance[np.isfinite(distance)]
-    return float(np.ptp(np.quantile(known, [0.1, 0.9]))) if len(known) >= _FEWEST // 2 else np.inf

@@ -97,13 +97,19 @@ def segment_markers(
     )
     considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
     found = _assign(problem, considered) if considered else None
-    if found is None or found.confidence.value < _SURE:
+    if found is None or found.confidence.value < _SURE or found.confidence.against["left-out"] > 0:
         links = best_links(problem)
-        if links is not None and (found is None or links.cost < _rigid_cost(problem, found) - _BETTER):
+        if links is not None and (found is None or _explains_more(problem, links, found)):
             return _with_links(problem, considered, links)
     if found is None:
         raise _no_chain(problem)
     return found
+
+
+def _explains_more(problem: SegmentationProblem, links: LinkFit, found: Segmentation) -> bool:
+    """Return whether single-marker segments make the chain longer at a lower cost."""
+    longer = len(links.state.centres) >= found.count
+    return longer and links.cost < _rigid_cost(problem, found) - _BETTER
 
 
 def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,7 +77,9 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     suspects = breaks[np.unique(_plausible(positions, breaks, *_overlapping(breaks))[0])]
     continuations = Continuations(positions, rate)
     suspects = suspects[np.flatnonzero(continuations.violated(suspects.column, suspects.last, suspects.following))]
-    return _ranges(_cycles(positions, suspects, continuations), markers, count)
+    found = _ranges(_cycles(positions, suspects, continuations), markers, count)
+    bounded = [_with_end(positions, rate, breaks, swap) if swap.stop == count else swap for swap in found]
+    return tuple(sorted(bounded, key=lambda swap: (swap.start, swap.first)))
 
 
 def undo_swaps(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
@@ -217,3 +219,26 @@ def _exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
             rest[column], rest[other] = rest[other], rest[column]
             out.append((column, other))
     return out
+
+
+def _with_end(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
+    """Return a swap without an end, bounded where one marker shows an exchange while the other is hidden, if anywhere.
+
+    Backwards in time, the marker that a column shows after such an exchange continues in the other column. If this is
+    before the swap, the labels are exchanged between the two.
+    """
+    backwards, last = Continuations(positions[::-1], rate), len(positions) - 1
+    found: list[tuple[float, int]] = []
+    for column, other in ((swap.first, swap.second), (swap.second, swap.first)):
+        seen = np.isfinite(positions[:, other]).all(axis=1)
+        for k in np.flatnonzero((breaks.column == column) & ~seen[breaks.following]):
+            following = int(breaks.following[k])
+            before = np.flatnonzero(seen[max(following - round(_GAP * rate), 0) : following][::-1])[:1]
+            here, own = last - np.array([following]), last - breaks.last[[k]]
+            if before.size:
+                evidence = backwards.evidence(np.array([column]), here, own, np.array([other]), here + 1 + before)
+                found.append((float(evidence[0]), following))
+    strongest, frame = max(found, default=(0.0, 0))
+    if strongest <= _EVIDENCE[1]:
+        return swap
+    return replace(swap, stop=frame) if frame > swap.start else replace(swap, start=frame, stop=swap.start)

@@ -36,7 +36,7 @@ class Posture:
     moves : bool
         Whether the rise is at least 15 % of the chain length up to that joint, so that the person gets up.
     speed : (T,) array
-        Norm of the joint velocities, rad/s; NaN where unknown.
+        Norm of the velocities of the joints up to the hip, rad/s; NaN where unknown. Arms may swing during a pause.
     """
 
     height: FloatArray
@@ -58,14 +58,14 @@ def posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
     """
     _, origin = planar.segment_poses(q, centres)
     heights = origin[:, 1:, 1]
-    speed = np.linalg.norm(dq, axis=1)
     if not np.isfinite(heights).any():
-        return Posture(heights[:, 0], 0.0, np.zeros(len(q), dtype=bool), False, speed)
+        return Posture(heights[:, 0], 0.0, np.zeros(len(q), dtype=bool), False, np.linalg.norm(dq, axis=1))
     low, high = np.nanquantile(heights, [0.02, 0.98], axis=0)
     joint = int(np.argmax(high - low >= _HIP * np.nanmax(high - low)))
     rise = float(high[joint] - low[joint])
     length = float(np.linalg.norm(centres[1 : joint + 1], axis=1).sum())
     height = (heights[:, joint] - low[joint]) / rise if rise > 0.0 else np.zeros(len(q))
+    speed = np.linalg.norm(dq[:, : joint + 1], axis=1)
     return Posture(height, rise, _with_hysteresis(height), rise > max(_LEAST_RISE * length, 1e-6), speed)
 
 

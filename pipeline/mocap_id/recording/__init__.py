@@ -1,4 +1,4 @@
-"""Readers and writers of recordings: C3D, TRC with MOT, and CSV logs of further sensors."""
+"""Readers and writers of recordings: C3D, TRC, exports of QTM, Motive and Nexus, MOT, and CSV logs of sensors."""
 
 from mocap_id.recording.angle_table import read_angles
 from mocap_id.recording.axes import to_z_up
@@ -7,7 +7,7 @@ from mocap_id.recording.force_log import read_force_log
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.opensim_text import format_motion_table, format_trc
 from mocap_id.recording.plate_types import PlateSignals
-from mocap_id.recording.reader import read
+from mocap_id.recording.reader import is_marker_text, read
 from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, averaging_width, decimate
 from mocap_id.recording.text_tables import read_table
 from mocap_id.recording.writer import write_c3d, write_trc
@@ -22,6 +22,7 @@ __all__ = [
     "decimate",
     "format_motion_table",
     "format_trc",
+    "is_marker_text",
     "read",
     "read_angles",
     "read_encoder",

@@ -84,6 +84,18 @@ def read(
     )
 
 
+def is_marker_text(path: Path) -> bool:
+    """Return whether a text file contains markers in a supported format, from its first lines.
+
+    Raises
+    ------
+    RecordingError
+        The file cannot be read.
+    """
+    with open_recording(path) as stream:
+        return find_parser(stream.read(HEAD_BYTES)) is not None
+
+
 def _check_c3d(markers: Path, forces: Path | None) -> None:
     """Refuse a text file of unknown format, and a separate file of forces."""
     if markers.suffix.lower() in _TEXTS:

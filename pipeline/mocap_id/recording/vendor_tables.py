@@ -58,6 +58,11 @@ def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     table = TextTable(path, names, body if timed else _numbered(path, body, first), first + 1, "\t")
     rows = table.numbers()
     declared = parse_count(_first(header, "no_of_frames"))
+    if not timed and declared != len(rows):  # a missing row could be anywhere
+        raise RecordingError(
+            f"{path}: NO_OF_FRAMES is {declared}, the file contains {len(rows)} rows without frame numbers; export it "
+            "again, with the time data"
+        )
     oddities += table.check_count(declared, rows, ended=_ended(text))
     stated = _first(header, "frequency")
     frames = frame_numbers(path, rows[:, 0], consecutive=True)

@@ -31,7 +31,7 @@ class Subject(Settings):
 class Files(Settings):
     """Files of a recording."""
 
-    markers: Path = Field(description="TRC (or C3D) file with the markers")
+    markers: Path = Field(description="file with the markers: TRC (or C3D), or an export of QTM, Motive or Nexus")
     forces: Path | None = Field(None, description="MOT file with the ground forces")
 
 

@@ -128,7 +128,7 @@ MARKERS = TableSchema(
         Column("x", "float64", "m", "predicted from the states, plane frame"),
         Column("y", "float64", "m", "predicted from the states, plane frame"),
         Column("residual", "float64", "m", "distance to the measurement, NaN where unseen"),
-        Column("used", "bool", "", "used for the states: on a moving segment, outside bursts, within the gate"),
+        Column("used", "bool", "", "used for the states: on a moving segment, no burst or bad stretch, in the gate"),
     ),
     long=True,
 )

@@ -46,8 +46,9 @@ RECORDING: Mapping[str, Explanation] = {
         ("caution", "ok"),
         "Swapped marker labels",
         "Two trajectories exchange places at once, and the distances to the markers around them are preserved only if "
-        "the labels are exchanged too. The labels at the start of the file are taken as correct. Unrepaired swaps "
-        "(caution) corrupt the segments, the joints and all later results; repaired swaps (note) are harmless.",
+        "the labels are exchanged too. The labels at the start of the file are taken as correct. Of unrepaired swaps "
+        "(caution), the samples of both markers are left out of the segments, the joints and the states; repaired swaps "
+        "(note) are used.",
         "Check the named frames in the camera software and relabel there, or set `planarise: {repair_swaps: true}`. "
         "Your file is never changed.",
         "segment",

@@ -65,6 +65,46 @@ SKELETON: Mapping[str, Explanation] = {
         "Confidence, 0 to 1; limit 0.5. Or the angle between left and right, degrees rms; limit "
         "`segment: {asymmetry_deg}`.",
     ),
+    "marker-frozen": Explanation(
+        ("ok",),
+        "A marker was frozen for some time",
+        "The coordinates of a marker stand still in the laboratory while the other markers of its segment move: the "
+        "software repeated its last position. These samples are left out of all results; the other samples of the "
+        "marker are used.",
+        "Nothing, if other markers of the segment were visible. Otherwise delete these samples in the camera software, "
+        "or fill them from the markers beside it.",
+        "segment",
+        "The marker stays within 2 mm, and its place on its segment moves by more than 20 mm; by more than 3 mm, if "
+        "exactly the same coordinates are repeated. The value is the duration, s.",
+    ),
+    "marker-moved": Explanation(
+        ("ok",),
+        "A marker changed its place",
+        "A marker is at one place on its segment at first and at another one later: it fell off and was taped on again, "
+        "or it was pushed. The longer part is used; the shorter one is left out of all results.",
+        "Nothing, if other markers of the segment were visible. To use both parts, name them as two markers.",
+        "segment",
+        "One step of at least 15 mm, and 5 times the usual distance from the place. The value is the duration, s.",
+    ),
+    "marker-elsewhere": Explanation(
+        ("ok",),
+        "A marker was elsewhere for some time",
+        "A marker jumps away from its place on its segment and later returns: its label was on another marker, or on a "
+        "reflection. These samples are left out of all results; the other samples of the marker are used.",
+        "Check the named times in the camera software, and relabel there.",
+        "segment",
+        "At least 15 mm away, and 5 times the usual distance from the place, with a jump before or after. The value is "
+        "the duration, s.",
+    ),
+    "marker-ghost": Explanation(
+        ("ok",),
+        "A trajectory is no marker of the body",
+        "A trajectory is on no segment and keeps its distance from no other moving marker, unlike the markers of a limb: "
+        "it is a reflection or a passer-by, or the only marker of a limb. It is left out of all results.",
+        "Delete it in the camera software, or list it under `planarise: {ignore: …}`.",
+        "segment",
+        "The distances from all other moving markers change by 20 to 60 mm or more. The value is the duration, s.",
+    ),
     "too-few-frames": Explanation(
         ("refused",),
         "Too few frames",

@@ -30,11 +30,23 @@ class IdentifyDimSettings(Settings):
     clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="largest clock offset that is considered, ± s")
     plate_bias: bool = Field(True, description="estimate the constant error of the plate's Fx")
     plate_zero_sd_n: float = Field(
-        3.0, ge=0, description="standard deviation of the constant error of the plate's Fy, N"
+        5.0, ge=0, description="standard deviation of the constant error of the plate's Fy, N"
     )
     plate_zero_sd_nm: float = Field(
         0.5, ge=0, description="standard deviation of the constant error of the plate's tauz, N*m"
     )
+    plate_gain_sd: float = Field(0.01, ge=0, lt=1, description="relative standard deviation of the plate's gain")
+    plate_moments_sd: float = Field(
+        0.01, ge=0, lt=1, description="relative standard deviation of the gain of the plate's moments alone"
+    )
+    plate_position_sd_m: float = Field(
+        0.005, ge=0, description="standard deviation of the plate's position along the motion, m"
+    )
+    camera_scale_sd: float = Field(0.003, ge=0, lt=1, description="relative standard deviation of the cameras' scale")
+    camera_tilt_sd_deg: float = Field(
+        0.3, ge=0, description="standard deviation of the tilt of the cameras' frame against gravity, degrees"
+    )
+    subject_mass_sd_kg: float = Field(1.0, gt=0, description="standard deviation of `subject: {mass}`, kg")
     contact: Literal["seat-force", "weight", "knee"] = Field(
         "seat-force", description="rule for contact with the chair"
     )
@@ -79,7 +91,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=15,
+    version=17,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
     uses=("trial", "protocol", "subject", "compare", "encoder"),

@@ -251,7 +251,7 @@ def empty_facts(why: str | None) -> dict[str, Any]:
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
         "plate_bias_N", "untold", "arc_deg", "contact", "external", "advice",
-        "motion", "pins",
+        "motion", "pins", "scales",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 

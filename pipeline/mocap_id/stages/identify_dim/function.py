@@ -22,6 +22,7 @@ from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import averages
+from mocap_id.stages.identify_dim.scales import check_and_calibrate, scale_facts, scale_reasons
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import events_table, missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.trial_data import joint_names, read_kinematic_error
@@ -82,7 +83,7 @@ def _fit(
     """Return the identification of the pinned chain and, if measured poses are used, that of the bodies."""
     found = fit_chain(context, prepared, inputs.movement, inputs.grid, references)
     if not inputs.body_sets:
-        return found, None
+        return check_and_calibrate(context, prepared, inputs.movement, found, references.chosen.parameters), None
     return found, fit_segments(context, inputs.body_sets, prepared, inputs.movement, pinned=found, tables=references)
 
 
@@ -119,6 +120,7 @@ def _with_identification(
         "external": gain_facts(prepared, found.fit),
         "torque": torque_facts(context, columns),
         "motion": motion,
+        "scales": scale_facts(result.found),
     }
     if segments is not None:
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
@@ -193,6 +195,7 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
         result.prepared, result.found, result.excitation, recommended, given=given, standing=standing
     )
     reasons += sensor_cautions(result.chain, result.in_chain.fit)
+    reasons += scale_reasons(result.found, given)
     if short := artefacts.components_short(result):
         undetermined = Reason(
             "components-short",

@@ -27,6 +27,7 @@ from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, make_body_prior, prepare_bodies
 from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies
+from mocap_id.stages.identify_dim.scales import check_and_calibrate
 from mocap_id.stages.identify_dim.trial_data import read_skeleton
 from mocap_id.stages.identify_dim.validation import Validation
 
@@ -168,6 +169,7 @@ def fit_segments(
     found, centres = _with_effect(found, effect), _centre_covariance(context, bodies)
     usual = reference_deviations(reference, settings.reference_sd)
     chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
+    found = check_and_calibrate(context, ready, movement, found, reference, chain=(prepared.base, chain_map))
     in_chain, share = _in_chain(prepared, pinned, found, chain_map, centres)
     return SegmentFit(
         bodies=bodies,

@@ -44,7 +44,7 @@ class ExternalWrenches:
 
 @dataclass(frozen=True)
 class UsedFrames:
-    """The frames used: labels, positions (F, M, 3) in the lab, times (F,), thinned frames, plane, and the base's motion."""
+    """Frames used: labels, positions (F, M, 3) in the lab, times (F,), thinned frames, plane and motion of the base."""
 
     labels: Sequence[str]
     positions: FloatArray

@@ -14,12 +14,13 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import PlaneFit, find_bursts, fit_plane, propose_window
 from mocap_id.kinematics.base_motion import find_base_motion
+from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, standing_mass
 from mocap_id.plates.dropout import find_dropouts
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, facing, upright
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Files, Outputs
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.planarise import (
     PlanariseSettings,
@@ -60,15 +61,7 @@ class _Part:
 def planarise(context: Context) -> Outputs:
     """Return planar.parquet and wrench.parquet."""
     settings: PlanariseSettings = context.settings
-    files = context.trial.recording
-    source = recording.read(
-        files.markers,
-        files.forces,
-        units=settings.units,
-        vertical=settings.vertical,
-        force_unit=settings.force_unit,
-        moment_unit=settings.moment_unit,
-    )
+    source = _read(context.trial.recording, settings)
     part = _part(source, context.trial.window, settings.ignore)
     frames = source.frames[part.first : part.stop]
     swaps = label_swaps.check(
@@ -86,7 +79,7 @@ def planarise(context: Context) -> Outputs:
     )
     base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
     still = moved_base.undo_in_frames(base, thinned)
-    frame, faced, fit = _plane(still, source, choice, settings)
+    frame, faced, plane = _plane(still, source, choice, settings)
     used = UsedFrames(part.labels, part.positions, part.time, thinned, frame, base)
     external = measure_seat(used, samples, choice, settings.seat_zero)
     external += measure_sensors(used, context.trial.external, source)
@@ -95,19 +88,18 @@ def planarise(context: Context) -> Outputs:
     thinned, samples = still, moved_base.undo_in_samples(base, samples, part.time)
     doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    points = _trajectories(part, frame, fit, find_feet(thinned.positions))
+    points = _trajectories(part, frame, plane, find_feet(thinned.positions))
     visible = np.isfinite(points["x"])
-    moved = moved_base.describe(base, part.labels, frame)
+    moved = moved_base.describe(base, thinned, part.labels, frame, plane)
     found = {
         "swaps": swaps.facts,
         "bursts": _bursts(part, points),
-        **_planar_facts(part, frame, fit, faced),
+        **_planar_facts(part, frame, plane, faced),
         "missing_fraction": float(1.0 - visible.mean()),
-        "base_motion": moved.fact,
+        **moved.facts,
     }
     values = {**points, "visible": visible}
-    reasons = (*swaps.reasons, *moved.reasons, *_leaning(fit), *notes)
-    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, reasons)
+    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, (*swaps.reasons, *moved.reasons, *notes))
     facts, reasons = _wrench_facts(source, thinned, choice, external, settings.cop_threshold_N)
     lost = _dropouts(part, samples, thinned, choice, facts["mass_kg"])
     thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
@@ -118,8 +110,20 @@ def planarise(context: Context) -> Outputs:
     for plate, across in zip(facts["plates"], _across(thinned.samples, frame, settings.cop_threshold_N), strict=True):
         plate["across_m"] = across
     losses = plate_losses.losses([source.plates[index] for index in choice.indices("feet")], part.time, lost)
-    reasons = (*_doubts(doubted), *reasons, *losses, *placed.reasons, *external.reasons)
+    registered = moved_base.without_lean(placed.reasons, plane)
+    reasons = (*_doubts(doubted), *reasons, *losses, *registered, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
+
+
+def _read(files: Files, settings: PlanariseSettings) -> Recording:
+    return recording.read(
+        files.markers,
+        files.forces,
+        units=settings.units,
+        vertical=settings.vertical,
+        force_unit=settings.force_unit,
+        moment_unit=settings.moment_unit,
+    )
 
 
 def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
@@ -164,7 +168,8 @@ def _plane(
     thinned: ThinnedFrames, source: Recording, choice: PlateChoice, settings: PlanariseSettings
 ) -> tuple[PlaneFrame, Facing | None, PlaneFit]:
     """Return the plane's frame, the facing that gave its sense, and the fit of the motion."""
-    fit = fit_plane(thinned.positions)
+    lone = find_lone_markers(thinned.positions)
+    fit = fit_plane(thinned.positions[:, ~lone] if lone.any() else thinned.positions)
     faced, yaw = None, fit.yaw
     if settings.yaw_deg is not None:
         yaw = float(np.radians(settings.yaw_deg))
@@ -306,21 +311,6 @@ def _placed(
     feet = choice.indices("feet")
     plates, loads = [source.plates[index] for index in feet], [thinned.samples[index] for index in feet]
     return plate_registration.check(plates, loads, thinned.positions, thinned.rate, person=person)
-
-
-def _leaning(fit: PlaneFit) -> tuple[Reason, ...]:
-    if fit.lean == 0:
-        return ()
-    lean = abs(float(np.degrees(fit.lean)))
-    return (
-        Reason(
-            "plane-leans",
-            f"the plane of motion leans sideways by {lean:.1f}°: the person moves askew, or the cameras' vertical is "
-            "wrong. Angles and lengths are measured in this plane, forces and moments in the vertical plane along it.",
-            lean,
-            level="ok",
-        ),
-    )
 
 
 def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:

@@ -1,4 +1,4 @@
-"""Change of place of the feet during the recording: correction, facts and a reason."""
+"""A base that is not fixed: feet that change their place, heels that lift, a plane that leans; facts and reasons."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.kinematics import PlaneFit
 from mocap_id.kinematics.base_motion import BaseMotion, BaseStretch
+from mocap_id.kinematics.heel_lift import LEAST_TURN, HeelLift, find_heel_lift
 from mocap_id.recording import PlateSamples, ThinnedFrames
 from mocap_id.verdict import Reason
 
 _LISTED = 5  # changes listed in the message; the facts list all
+_HIGH_M = 1.1  # largest height of the centre of mass
 
 
 @dataclass(frozen=True)
-class MovedBase:
-    """Fact ``base_motion`` of planar.parquet, None if the base keeps its place, and reasons."""
+class Finding:
+    """Facts of planar.parquet, None if the base is fixed, and reasons."""
 
-    fact: dict[str, Any] | None
+    facts: dict[str, Any]
     reasons: tuple[Reason, ...]
 
 
-def undo_in_samples(
-    base: BaseMotion | None, samples: Sequence[PlateSamples], time: FloatArray
-) -> Sequence[PlateSamples]:
+def undo_in_samples(base: BaseMotion | None, samples: Sequence[PlateSamples], time: FloatArray) -> list[PlateSamples]:
     """Return the plates' wrenches relative to a base that stands still, at times (F,), s."""
     if base is None:
-        return samples
+        return list(samples)
     moved = [base.undo_wrench(each.force, each.moment, time) for each in samples]
     return [replace(each, force=force, moment=moment) for each, (force, moment) in zip(samples, moved, strict=True)]
 
@@ -44,21 +45,44 @@ def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFr
     return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
 
 
-def describe(base: BaseMotion | None, labels: Sequence[str], frame: PlaneFrame) -> MovedBase:
-    """Describe the motion that was undone.
+def describe(
+    base: BaseMotion | None, still: ThinnedFrames, labels: Sequence[str], frame: PlaneFrame, plane: PlaneFit
+) -> Finding:
+    """Describe how the base moved, whether heels lift and whether the plane leans.
 
     Parameters
     ----------
     base : BaseMotion or None
+        The motion that was undone.
+    still : ThinnedFrames
+        Frames relative to a base that stands still.
     labels : sequence of str
         Names of the markers.
     frame : PlaneFrame
         The plane in the first stretch.
+    plane : PlaneFit
     """
-    if base is None:
-        return MovedBase(None, ())
+    lift = find_heel_lift(still.positions, still.time, still.rate)
+    facts = {
+        "base_motion": None if base is None else _motion_fact(base, labels, frame),
+        "heel_lift": None if lift is None else _lift_fact(lift, labels),
+    }
+    moved = () if base is None else (_moved(base),)
+    lifts = () if lift is None else (_lifts(lift, labels),)
+    return Finding(facts, (*moved, *_leans(plane), *lifts))
+
+
+def without_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
+    """Leave out `plate-misplaced` if the lean of the plane explains that the force acts beside the feet."""
+    beside = _HIGH_M * abs(np.sin(plane.lean))
+    return tuple(
+        each for each in reasons if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
+    )
+
+
+def _motion_fact(base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> dict[str, Any]:
     axes = frame.axes[[0, 2], :2]
-    fact = {
+    return {
         "stretches": [
             {
                 "from_s": each.start,
@@ -78,10 +102,9 @@ def describe(base: BaseMotion | None, labels: Sequence[str], frame: PlaneFrame) 
             for time, pose in zip(base.knots, base.poses, strict=True)
         ],
     }
-    return MovedBase(fact, (_reason(base),))
 
 
-def _reason(base: BaseMotion) -> Reason:
+def _moved(base: BaseMotion) -> Reason:
     changes = list(pairwise(base.stretches))
     listed = "; ".join(_change(*each) for each in changes[:_LISTED])
     rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
@@ -92,7 +115,7 @@ def _reason(base: BaseMotion) -> Reason:
             "base-moved",
             f"the feet changed their place: {listed}{rest}. They did not move alike: their markers differ by "
             f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
-            "displacement was corrected, and the joints are blurred by the rest: analyse each part alone with `window:`",
+            "displacement was corrected, which blurs the joints: analyse each part alone with `window:`",
             farthest,
         )
     return Reason(
@@ -110,3 +133,38 @@ def _change(before: BaseStretch, after: BaseStretch) -> str:
     shift, turn = 1e2 * float(np.linalg.norm(after.shift - before.shift)), float(np.degrees(after.turn - before.turn))
     turned = f" and turned by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
     return f"by {shift:.1f} cm{turned} between {before.end:.1f} and {after.start:.1f} s"
+
+
+def _lift_fact(lift: HeelLift, labels: Sequence[str]) -> dict[str, Any]:
+    return {
+        "marker": labels[lift.marker],
+        "about": labels[lift.about],
+        "height_m": lift.height,
+        "turn_deg": float(np.degrees(lift.turn)),
+        "time_s": lift.time,
+    }
+
+
+def _lifts(lift: HeelLift, labels: Sequence[str]) -> Reason:
+    turn = float(np.degrees(lift.turn))
+    return Reason(
+        "heel-lifts",
+        f"a foot turns by {turn:.0f}° and {labels[lift.marker]} rises by {1e2 * lift.height:.1f} cm, first at "
+        f"{lift.time:.1f} s: the base of the chain moves, and the ankle with it. The ankle's torque is wrong by the "
+        "weight on the feet times this displacement; angles and accelerations are less exact. If the first moving "
+        "segment is the foot, all segments have the name of the next one. Record again with the heels on the ground, "
+        "for example from a higher chair",
+        turn,
+        float(np.degrees(LEAST_TURN)),
+    )
+
+
+def _leans(plane: PlaneFit) -> tuple[Reason, ...]:
+    if plane.lean == 0:
+        return ()
+    lean = abs(float(np.degrees(plane.lean)))
+    text = (
+        f"the plane of motion leans sideways by {lean:.1f}°: the person moves askew, or the cameras' vertical is "
+        "wrong. Angles and lengths are measured in this plane, forces and moments in the vertical plane along it"
+    )
+    return (Reason("plane-leans", text, lean, level="ok"),)

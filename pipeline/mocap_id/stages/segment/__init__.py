@@ -54,7 +54,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=7,
+    version=8,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import Refused
-from mocap_id.kinematics import Segmentation, frames_along_motion
-from mocap_id.kinematics.marker_faults import find_bad_stretches, sampled_rows
+from mocap_id.kinematics import Segmentation, frames_over_time
+from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sampled_rows
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -60,12 +60,13 @@ def segment_without_bad(
         The markers as recorded make no chain.
     """
     view = Trajectories(recorded.planar, _swapped(recorded))
-    points = view.at(frames_along_motion(view.plane(), frames))
+    points = view.at(frames_over_time(view.plane(), frames))
     done = SegmentedMarkers(segmented(points), view, points)
     rows = sampled_rows(len(view.frames), view.rate)
     for _ in range(_ROUNDS):
         plane = done.points[..., 0] + 1j * done.points[..., 1]
-        bad = find_bad_stretches(done.view.at(rows), rows, done.view.track, view.rate, done.found, plane)
+        markers = RecordedMarkers(done.view.at(rows), rows, done.view.track, view.rate)
+        bad = find_bad_stretches(markers, done.found, plane)
         if not bad:
             break
         facts = [
@@ -78,7 +79,7 @@ def segment_without_bad(
             for stretch in bad
         ]
         view = Trajectories(recorded.planar, (*view.bad, *facts))
-        points = view.at(frames_along_motion(view.plane(), frames))
+        points = view.at(frames_over_time(view.plane(), frames))
         try:
             done = SegmentedMarkers(segmented(points), view, points)
         except Refused:  # the rest of the markers shows no chain
@@ -96,14 +97,16 @@ def _swapped(view: Trajectories) -> tuple[dict[str, Any], ...]:
     )
 
 
-def bad_marker_notes(bad: Sequence[dict[str, Any]]) -> Iterator[Reason]:
+def bad_marker_notes(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
     """Yield a note for every cause, with the markers and times."""
     for how, (seen, cause) in _WORDS.items():
         stretches = [each for each in bad if each["how"] == how]
         if not stretches:
             continue
         listed = "; ".join(
-            each["marker"] if how == "ghost" else f"{each['marker']} from {each['first_s']:.2f} to {each['last_s']:.2f} s"
+            each["marker"]
+            if how == "ghost"
+            else f"{each['marker']} from {each['first_s']:.2f} to {each['last_s']:.2f} s"
             for each in stretches[:_LISTED]
         )
         rest = f"; and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
@@ -116,7 +119,7 @@ def bad_marker_notes(bad: Sequence[dict[str, Any]]) -> Iterator[Reason]:
         )
 
 
-def left_out_words(label: str, bad: Sequence[dict[str, Any]]) -> str:
+def left_out_words(label: str, bad: Sequence[Mapping[str, Any]]) -> str:
     """Return when and why samples of a marker are left out, in words; empty if none are."""
     own = [each for each in bad if each["marker"] == label]
     return "".join(f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}" for each in own)

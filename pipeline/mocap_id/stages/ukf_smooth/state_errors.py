@@ -6,6 +6,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, as_complex
 from mocap_id.estimation import States
+from mocap_id.estimation.chain_residuals import ChainResiduals
+from mocap_id.estimation.coloured_errors import coloured_variance
 from mocap_id.estimation.lasting_errors import LastingErrors
 from mocap_id.estimation.missing_markers import variance_growth
 from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
@@ -75,6 +77,8 @@ def lasting_errors(states: States, rested: FloatArray, skin: SkinModel, camera: 
     angles = _filled(states.mean[..., 0])
     frames, variance = angle_errors(skin, angles, rate)
     variance *= variance_growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
+    coloured = coloured_variance(ChainResiduals(states, rested, rate), angles, frames, camera)
+    variance = np.maximum(variance, coloured)
     return LastingErrors(camera, frames, variance)
 
 

@@ -1,4 +1,4 @@
-"""The recordings in a folder: C3D files, and TRC files with their MOT. Other files are listed with the reason."""
+"""The recordings in a folder: C3D files, and text files with their MOT. Other files are listed with the reason."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.study.patterns import Pattern, default
+from mocap_id.recording import is_marker_text
+from mocap_id.workflows.study.patterns import DEFAULTS, Pattern, Place, default
 
 _ENDINGS = (".c3d", ".trc")
+_EXPORTS = (".tsv", ".csv")  # many other files end so: their first lines decide
 _FORCES = ("", "_grf", "_forces", "_force", "-grf", "-forces", "_grfs")  # between a TRC file's name and .mot
 _NO_TRIAL = re.compile(r"(^|[\W_])(static|cal|calib|calibration|t-?pose|anatomical|zero)([\W_\d]|$)", re.IGNORECASE)
 
@@ -35,6 +37,7 @@ class Discovery:
     pattern: str  # the pattern that gave people and strategies
     trials: tuple[FoundRecording, ...]
     left_out: Mapping[Path, str]  # files that are not trials of the study, and why
+    tried: tuple[str, ...] = ()  # the patterns that were compared; none if one was given
 
     @property
     def names(self) -> Mapping[str, str]:
@@ -67,17 +70,23 @@ def discover(
     files = sorted((path for path in folder.rglob("*") if path.is_file() and not _hidden(path, folder)), key=_natural)
     recordings, left_out = _recordings(files)
     if not recordings:
-        raise ConfigError(f"{folder}: it contains no recording; expected C3D files, or TRC files with their MOT")
+        raise ConfigError(
+            f"{folder}: it contains no recording; expected C3D files, TRC files with their MOT, or exports of QTM, "
+            "Motive or Nexus"
+        )
     places = {path: PurePosixPath(path.relative_to(folder).as_posix()) for path in recordings}
     chosen = Pattern(pattern) if pattern is not None else default(list(places.values()))
     places_of = {path: chosen.place(place) for path, place in places.items()}
     left_out |= {path: f"does not fit the pattern {chosen.text}" for path, place in places_of.items() if place is None}
     fitting = {path: place for path, place in places_of.items() if place is not None}
     if not fitting:
+        wanted = f"the pattern {pattern}" if pattern is not None else f"one of the patterns {', '.join(DEFAULTS)}"
         raise ConfigError(
-            f"{folder}: none of the {len(recordings)} recordings fits the pattern {chosen.text}, such as "
-            f"{next(iter(places.values()))}. Say where the names are: --pattern '{{subject}}/{{strategy}}*'"
+            f"{folder}: none of the {len(recordings)} recordings fits {wanted}, such as {next(iter(places.values()))}. "
+            "Say where the names are: --pattern '{subject}/{strategy}*', or '{strategy}*' for one person"
         )
+    person = folder.resolve().name or "person"  # if the pattern has no {subject}
+    fitting = {path: place if place.subject else Place(person, place.strategy) for path, place in fitting.items()}
     ids = _ids([place.subject for place in fitting.values()], keep_names, known or {})
     counted: Counter[str] = Counter()
     trials = []
@@ -88,7 +97,8 @@ def discover(
         forces = _forces(path, files)
         trials.append(FoundRecording(trial, ids[place.subject], place.subject, place.strategy, path, forces))
     order = {subject: k for k, subject in enumerate(sorted({one.subject for one in trials}, key=_natural))}
-    return Discovery(chosen.text, tuple(sorted(trials, key=lambda one: order[one.subject])), left_out)
+    ordered = tuple(sorted(trials, key=lambda one: order[one.subject]))
+    return Discovery(chosen.text, ordered, left_out, () if pattern is not None else DEFAULTS)
 
 
 def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
@@ -96,11 +106,12 @@ def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
     found, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
     for path in files:
-        if path.suffix.lower() not in _ENDINGS:
+        ending = path.suffix.lower()
+        if ending not in _ENDINGS and not (ending in _EXPORTS and is_marker_text(path)):
             continue
         if _NO_TRIAL.search(path.stem):
             left_out[path] = "a static or calibration trial, by its name"
-        elif path.suffix.lower() == ".trc" and path.with_suffix("") in c3d:
+        elif ending != ".c3d" and path.with_suffix("") in c3d:
             left_out[path] = "the C3D file of the same name is used"
         else:
             found.append(path)
@@ -108,8 +119,8 @@ def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
 
 
 def _forces(markers: Path, files: Iterable[Path]) -> Path | None:
-    """The MOT file of a TRC file."""
-    if markers.suffix.lower() != ".trc":
+    """The MOT file of a text file with markers."""
+    if markers.suffix.lower() == ".c3d":
         return None
     stems = [f"{markers.stem}{extra}".casefold() for extra in _FORCES]
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]

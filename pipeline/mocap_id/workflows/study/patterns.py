@@ -21,7 +21,9 @@ _LEVEL = re.compile("(session|ses|visit|day|data|raw|recordings?|c3d|trc|mocap|m
 _PLAIN = ("{subject}/{strategy}*", "{subject}/{strategy}/*", "{subject}/**/{strategy}*")
 _BY_STRATEGY = ("{strategy}/{subject}*", "{strategy}/{subject}/*")
 _FLAT = ("{subject}_{strategy}*", "{subject}-{strategy}*", "{subject} {strategy}*")
-DEFAULTS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*")
+ONE_PERSON = "{strategy}*"
+"""Pattern of a flat folder with the recordings of one person."""
+DEFAULTS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*", ONE_PERSON)
 """The common patterns, in the order in which they are tried."""
 _PIECES = {
     "{subject}": r"(?P<subject>[^/]+?)",
@@ -33,7 +35,10 @@ _PIECES = {
 
 @dataclass(frozen=True)
 class Place:
-    """Person, as named in the path, and strategy, in plain words, of a recording."""
+    """Person, as named in the path, and strategy, in plain words, of a recording.
+
+    The person is empty if the pattern has no ``{subject}``: all recordings are of one person.
+    """
 
     subject: str
     strategy: str
@@ -48,16 +53,17 @@ class Pattern:
     Raises
     ------
     ConfigError
-        It has no ``{subject}``, or another name in braces.
+        It has neither ``{subject}`` nor ``{strategy}``, one of them twice, or another name in braces.
     """
 
     def __init__(self, text: str) -> None:
         self.text = text
         unknown = set(re.findall(r"\{[^}]*\}?", text)) - {"{subject}", "{strategy}"}
-        if unknown or text.count("{subject}") != 1 or text.count("{strategy}") > 1:
+        people, strategies = text.count("{subject}"), text.count("{strategy}")
+        if unknown or people > 1 or strategies > 1 or not people + strategies:
             raise ConfigError(
-                f"--pattern {text}: expected {{subject}} once and {{strategy}} at most once, such as "
-                "'{subject}/{strategy}*.c3d'"
+                f"--pattern {text}: expected {{subject}} and {{strategy}} at most once each, such as "
+                "'{subject}/{strategy}*.c3d', or '{strategy}*' for one person"
             )
         pieces = re.split(r"(\{subject\}|\{strategy\}|\*\*/|\*)", text)
         # A name before * takes as much as it can; its number is removed later.
@@ -65,6 +71,7 @@ class Pattern:
         greedy = source.replace("+?)[^/]*", "+)[^/]*").replace("*?)[^/]*", "*)[^/]*")
         self._regex = re.compile(greedy, re.IGNORECASE)
         self._numbered = "{subject}*" in text
+        self._several = people > 0
         self._ending = bool(re.search(r"\.\w+$", text))
 
     def place(self, path: PurePosixPath) -> Place | None:
@@ -73,10 +80,12 @@ class Pattern:
         if match is None:
             return None
         found = match.groupdict()
-        subject, given = found["subject"], found.get("strategy")
+        subject, given = found.get("subject", ""), found.get("strategy")
         subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
         strategy = UNNAMED if given is None else _words(PurePosixPath(given).name, subject)
-        return Place(subject, strategy) if subject and strategy else None
+        if not self._several and strategy in _COUNTERS.split("|"):
+            strategy = UNNAMED  # trial1, trial2
+        return Place(subject, strategy) if bool(subject) == self._several and strategy else None
 
 
 def default(paths: Sequence[PurePosixPath]) -> Pattern:
@@ -93,8 +102,10 @@ def _fit(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
         return 0.0
     if any(_LEVEL.fullmatch(place.strategy) for place in found):
         return 0.0
+    if pattern.text in _FLAT and all(_is_strategy(place.subject.casefold()) for place in found):
+        return 0.0  # slow_trial1 of one person
     share = len(found) / max(len(paths), 1)
-    return share if "{strategy}" in pattern.text else share / 2
+    return share if "{strategy}" in pattern.text and pattern.text != ONE_PERSON else share / 2
 
 
 def _is_strategy(text: str) -> bool:

@@ -1,0 +1,95 @@
+"""Ratios of base parameters that are almost the same in all people.
+
+All mass above the shank acts at the knee, so the first moment of the shank with this mass is nearly the body's mass
+times the length of the shank: .931 ± .007 of it (Winter .931, de Leva .934 and .932). Above the knee the ratio is .78 ±
+.022. Both moments lie along the segments, and the foot's share moves the centre of pressure by a few millimetres only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.base_parameters import BaseSet
+from mocap_id.dynamics.calibration import Calibration
+
+_FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
+_SEGMENTS = ((5, 0.0056, 1), (6, 0.007, 1), (9, 0.0064, 2), (10, 0.022, 2))  # … relative to the length of a segment
+
+
+@dataclass(frozen=True)
+class BodyRatios:
+    """Linear relations between parameters, in standard deviations.
+
+    Parameters
+    ----------
+    rows : (r, b) array
+    target : (r,) array
+    by_cause : dict of str to (r,) array
+        Effect of errors of scale on the relations.
+    weighed : bool
+        Whether the person's mass is known from a scale.
+    """
+
+    rows: FloatArray
+    target: FloatArray
+    by_cause: dict[str, FloatArray]
+    weighed: bool
+
+
+def body_ratios(
+    base: BaseSet,
+    centres: FloatArray,
+    reference: FloatArray,
+    mass: float,
+    calibration: Calibration,
+    *,
+    chain: tuple[FloatArray, FloatArray] | None = None,
+) -> BodyRatios:
+    """Return the relations for a person.
+
+    Parameters
+    ----------
+    base : BaseSet
+        Base parameters of the chain.
+    centres : (n, 2) array
+        Centre of each joint in the segment before it, m.
+    reference : (4(n + 1),) array
+        Full parameters of a reference table on the chain, which gives the ratios.
+    mass : float
+        Identified mass, kg.
+    calibration : Calibration
+        With the mass from a scale.
+    chain : ((4(n + 1), p) array, (4(n + 1),) array), optional
+        Map from the fitted parameters to full parameters of the chain; default: the base parameters are fitted.
+    """
+    usual, place = base.regrouping @ reference, {int(column): i for i, column in enumerate(base.kept)}
+    matrix, constant = np.eye(len(base.kept)), np.zeros(len(base.kept))
+    if chain is not None:
+        matrix, constant = base.regrouping @ chain[0], base.regrouping @ chain[1]
+    ratios = [(_FOOT[0], _FOOT[1], 1.0, -float(centres[0, 1]))]
+    ratios += [(column, sd, float(np.linalg.norm(centres[k])), 0.0) for column, sd, k in _SEGMENTS if k < len(centres)]
+    rows, target, lengths, tilt = [], [], [], []
+    for column, sd, length, turned in ratios:
+        if column not in place or 0 not in place:
+            continue
+        own, ratio = place[column], float(usual[place[column]] / usual[place[0]])
+        size = sd * length * mass
+        rows.append((matrix[own] - ratio * matrix[place[0]]) / size)
+        target.append(-(constant[own] - ratio * constant[place[0]]) / size)
+        lengths.append(ratio * mass / size)
+        tilt.append(turned * mass / size)
+    gain = np.zeros(len(rows))
+    if calibration.mass is not None and 0 in place:
+        rows.append(matrix[place[0]] / calibration.mass_sd)
+        target.append((calibration.mass - constant[place[0]]) / calibration.mass_sd)
+        gain = np.append(gain, -calibration.mass / calibration.mass_sd)
+        lengths, tilt = [*lengths, 0.0], [*tilt, 0.0]
+    return BodyRatios(
+        rows=np.array(rows).reshape(-1, matrix.shape[1]),
+        target=np.array(target),
+        by_cause={"lengths": np.array(lengths), "tilt": np.array(tilt), "gain": gain},
+        weighed=calibration.mass is not None and 0 in place,
+    )

@@ -1,0 +1,186 @@
+"""Errors of scale of the instruments, and their effect on parameters and torques.
+
+A wrong gain of the plate, or a wrong scale or tilt of the cameras, is the same in every sample, so no residual shows it
+fully. The usual size of such errors is therefore a component of every standard deviation. The wrench and the centre of
+pressure are predictions of what the same plate reads; these errors do not widen their intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.fit import Fit
+from mocap_id.dynamics.lowpass import known
+from mocap_id.dynamics.motion import PlanarMotion
+from mocap_id.dynamics.preparation import PreparedTrial
+from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
+
+_RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
+_STEP = 1e-4  # relative, or rad: step of numerical derivatives
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Standard deviations of the instruments' errors of scale; the defaults are those of the stage.
+
+    Parameters
+    ----------
+    gain : float
+        Relative error of all components of the plate's wrench alike.
+    moments : float
+        Relative error of its moments alone.
+    lengths : float
+        Relative error of all distances between markers.
+    tilt : float
+        Tilt between the cameras' frame and gravity, in the plane of motion, rad.
+    position : float
+        Error of the plate's position along the motion, m.
+    mass : float or None
+        Mass of the person from a scale, kg, which limits the error of the gain.
+    mass_sd : float
+        Its standard deviation, kg.
+    """
+
+    gain: float = 0.01
+    moments: float = 0.01
+    lengths: float = 0.003
+    tilt: float = 0.005
+    position: float = 0.005
+    mass: float | None = None
+    mass_sd: float = 1.0
+
+    def gain_with(self, mass: float, mass_sd: float) -> float:
+        """Return the standard deviation of the gain for a mass that the plates measure, kg; less for a weighed person.
+
+        Parameters
+        ----------
+        mass, mass_sd : float
+            Identified mass and its standard deviation without the error of the gain, kg.
+        """
+        if self.mass is None or self.gain == 0.0:
+            return self.gain
+        return float(1.0 / np.sqrt(self.gain**-2 + mass**2 / (self.mass_sd**2 + mass_sd**2)))
+
+
+@dataclass(frozen=True)
+class CalibrationEffect:
+    """Effect of errors of scale, as modes of one standard deviation each.
+
+    Parameters
+    ----------
+    parameters : (b, S) array
+        Change of the base parameters with each mode.
+    lengths, tilt : float
+        Standard deviations of the last two modes, which also move the joints: relative, and rad.
+    """
+
+    parameters: FloatArray
+    lengths: float
+    tilt: float
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (b, b) of the base parameters."""
+        return np.asarray(self.parameters @ self.parameters.T)
+
+
+@dataclass(frozen=True)
+class ScaleCause:
+    """Estimate of one cause of a wrong scale, with the others held near zero.
+
+    Parameters
+    ----------
+    value, sd : float
+        Relative, N, m or rad.
+    explains : float
+        Decrease of the cost.
+    limit : float
+        Size from which the value is significant.
+    """
+
+    value: float
+    sd: float
+    explains: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class ScaleCheck:
+    """Result of the check.
+
+    Parameters
+    ----------
+    causes : dict of str to ScaleCause
+    suspects : tuple of str
+        Causes that explain a contradiction, the best first: none if all is well, one if the data name it.
+    """
+
+    causes: dict[str, ScaleCause]
+    suspects: tuple[str, ...]
+
+
+def calibration_effect(
+    prepared: PreparedTrial, found: Fit, base: FloatArray, sd: Mapping[str, float]
+) -> CalibrationEffect:
+    """Propagate errors of scale through the fit.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    found : Fit
+    base : (b,) array
+        Base parameters.
+    sd : mapping of str to float
+        Standard deviations: ``gain``, ``moments``, ``vertical gain``, ``inertia`` (relative), ``vertical force`` (N),
+        ``position`` (m), ``lengths`` (relative), ``tilt`` (rad). Errors that are not named are zero.
+    """
+    samples, components = found.samples, list(prepared.settings.components)
+    motion, gravity, kept = prepared.motion.at(samples), prepared.settings.gravity, prepared.base.kept
+    regressor = prepared.regressor[samples][:, :, kept]
+    wrench = regressor @ base
+    column = np.zeros((len(samples), 3, 7))
+    column[:, 2, 0] = wrench[:, 2] * sd.get("moments", 0.0)
+    column[:, 1, 1] = wrench[:, 1] * sd.get("vertical gain", 0.0)
+    column[:, 1, 2] = sd.get("vertical force", 0.0)
+    column[:, 2, 3] = wrench[:, 1] * sd.get("position", 0.0)
+    column[:, :, 4] = (wrench_regressor(motion, 0.0)[:, :, kept] @ base) * sd.get("inertia", 0.0)
+    for place, moved, name in ((5, motion.scaled(1 + _STEP), "lengths"), (6, motion.tilted(_STEP), "tilt")):
+        changed = wrench_regressor(moved, gravity)[:, :, kept] @ base
+        column[:, :, place] = -(changed - wrench) / _STEP * sd.get(name, 0.0)
+    moved = found.response(column[:, components] * found.weights[:, None])[: len(base)]
+    gain = (sd.get("gain", 0.0) * base)[:, None]
+    return CalibrationEffect(np.concatenate([gain, response], axis=1), sd.get("lengths", 0.0), sd.get("tilt", 0.0))
+
+
+def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effect: CalibrationEffect) -> FloatArray:
+    """Return the variance (T, n) of the joint torques from errors of scale, (N·m)²; NaN where a torque is unknown.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    base : (b,) array
+    effect : CalibrationEffect
+    """
+    time, joints = prepared.recorded.time, prepared.motion.joint.shape[1]
+    valid = np.flatnonzero(known(prepared.regressor))
+    steps = valid[:: max(1, round(prepared.recorded.rate / _RATE))]
+    if not len(steps):
+        return np.full((len(time), joints), np.nan)
+    motion = prepared.motion.at(steps)
+
+    def rows(moved: PlanarMotion) -> FloatArray:
+        regressor = wrench_regressor(moved, prepared.settings.gravity)
+        return torque_regressor(moved, regressor)[:, :, prepared.base.kept]
+
+    own = rows(motion)
+    changed = own @ effect.parameters
+    for mode, moved, size in ((-2, motion.scaled(1 + _STEP), effect.lengths), (-1, motion.tilted(_STEP), effect.tilt)):
+        changed[:, :, mode] += (rows(moved) - own) @ base / _STEP * size
+    variance, out = np.sum(changed**2, axis=2), np.full((len(time), joints), np.nan)
+    for joint in range(joints):
+        out[valid, joint] = np.interp(time[valid], time[steps], variance[:, joint])
+    return out

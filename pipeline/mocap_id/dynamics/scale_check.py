@@ -1,0 +1,273 @@
+"""Absolute check of the dynamics: do plate, cameras, clock rates and the person have the same scale?
+
+Residuals hide an error of scale, because the parameters adapt to it. Three facts show it. Gravity and inertia act on
+the same masses; forces and moments belong to one wrench; and nearly all mass above the shank acts at the knee, so that
+ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.body_ratios`).
+
+The wrench is modelled as Y ρ plus a column for each cause of error. First every cause is held near zero, then one at a
+time is free. A cause is named if it lowers the cost by more than 6.6, the 1 % point of χ² with one degree of freedom,
+and no other cause comes within 6.6 of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.body_ratios import BodyRatios
+from mocap_id.dynamics.calibration import ScaleCause, ScaleCheck
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.kinematic_error import wrench_effect
+from mocap_id.dynamics.lowpass import LowPass, erode, known
+from mocap_id.dynamics.preparation import PreparedTrial
+from mocap_id.dynamics.regressor import wrench_regressor
+from mocap_id.dynamics.uncertainty import time_blocks
+
+_CUTOFF = 2.5  # Hz: noise of the accelerations above it would look like an error of scale
+_THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
+_EVERY = 2  # every second of them is a row
+_SECONDS = 3.0  # s: least time with rows
+_SEEN = 6.6  # of χ²
+_SURE = 2.58  # standard deviations, 99 %
+_ROUNDS = 3
+_STEP = 1e-4  # relative, or rad
+_FITS_WELL = np.array([5.0, 3.0])  # N rms of Fx and Fy, up to which the model is that of rigid segments
+
+
+@dataclass(frozen=True)
+class _Size:
+    """Standard deviations of one cause: while it is held, while it is free, and between people who are no chain."""
+
+    held: float
+    free: float
+    spread: float
+
+
+CAUSES: Mapping[str, _Size] = {
+    "inertia": _Size(0.003, 0.5, 0.02),
+    "moments": _Size(0.003, 0.5, 0.05),
+    "vertical gain": _Size(0.003, 0.5, 0.05),
+    "vertical force": _Size(1.5, 100.0, 30.0),
+    "position": _Size(0.0015, 0.1, 0.015),
+    "lengths": _Size(0.001, 0.05, 0.015),
+    "tilt": _Size(0.0015, 0.1, 0.02),
+    "gain": _Size(0.003, 1.0, 0.05),
+}
+"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms less 1, which a wrong rate changes."""
+_OF_MODEL = ("inertia", "lengths", "tilt")
+
+
+def check_scales(
+    prepared: PreparedTrial, gate: BoolArray, found: Identification, ratios: BodyRatios
+) -> ScaleCheck | None:
+    """Look for a wrong scale of plate, cameras or clock rates.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+    gate : (T,) bool array
+        Samples in which the body touches only the ground.
+    found : Identification
+    ratios : BodyRatios
+        What is known about the parameters of any person.
+
+    Returns
+    -------
+    ScaleCheck or None
+        None if too few samples are usable.
+    """
+    problem = _problem(prepared, gate, found, ratios)
+    if problem is None:
+        return None
+    spread = np.zeros(len(CAUSES)) if problem.rigid else np.array([size.spread for size in CAUSES.values()])
+    held, start = problem.solve(None), found.base
+    causes = {}
+    for (name, _), between in zip(CAUSES.items(), spread.tolist(), strict=True):
+        if name == "gain" and not ratios.weighed:
+            continue
+        free = problem.solve(name, start)
+        limit = float(_SURE * np.hypot(free.sd, between))
+        causes[name] = ScaleCause(free.value, free.sd, max(held.cost - free.cost, 0.0), limit)
+    return ScaleCheck(causes, _suspects(causes))
+
+
+def _suspects(causes: Mapping[str, ScaleCause]) -> tuple[str, ...]:
+    seen = [name for name, each in causes.items() if each.explains > _SEEN and abs(each.value) > each.limit]
+    if not seen:
+        return ()
+    seen.sort(key=lambda name: -causes[name].explains)
+    best = causes[seen[0]].explains
+    near = [name for name, each in causes.items() if name != seen[0] and best - each.explains <= _SEEN]
+    return (seen[0], *sorted(near, key=lambda name: -causes[name].explains))
+
+
+@dataclass(frozen=True)
+class _Solution:
+    cost: float
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Weighted rows of the check: columns of the model (R, c, b), of nuisances (R, c, k), of every cause.
+
+    ``of_model`` has the derivative of the model's columns with respect to a cause, ``of_data`` a cause's own column.
+    """
+
+    model: FloatArray
+    nuisance: FloatArray
+    modes: int
+    of_model: dict[str, FloatArray]
+    of_data: dict[str, FloatArray]
+    target: FloatArray
+    prior: FloatArray
+    prior_target: FloatArray
+    start: FloatArray
+    rigid: bool
+
+    def solve(self, free: str | None, start: FloatArray | None = None) -> _Solution:
+        """Return cost and estimate with one cause free, by Gauss-Newton steps; the model is bilinear."""
+        base = self.start if start is None else start
+        value = dict.fromkeys(CAUSES, 0.0)
+        solution = _Solution(np.inf, 0.0, np.inf)
+        previous = np.inf
+        for _ in range(_ROUNDS):
+            model = self.model + sum(value[name] * self.of_model[name] for name in _OF_MODEL)
+            own = {name: self.of_model[name] @ base for name in _OF_MODEL}
+            known_part = sum(value[name] * own[name] for name in _OF_MODEL)
+            columns = np.stack([(own | self.of_data)[name] for name in CAUSES], axis=-1)
+            rows = np.concatenate([model, self.nuisance, columns], axis=-1)
+            flat = np.concatenate([rows.reshape(-1, rows.shape[-1]), self.prior, self._sizes(free)])
+            aim = np.concatenate([(self.target + known_part).reshape(-1), self.prior_target, np.zeros(len(self._zero))])
+            scale = np.linalg.norm(flat, axis=0)
+            normal = (flat / scale).T @ (flat / scale)
+            inverse = np.linalg.inv(normal)
+            x = inverse @ ((flat / scale).T @ aim) / scale
+            cost = float(np.sum((aim - flat @ x) ** 2))
+            base = x[: model.shape[-1]]
+            value = dict(zip(CAUSES, x[-len(CAUSES) :].tolist(), strict=True))
+            if free is not None:
+                place = list(CAUSES).index(free) - len(CAUSES)
+                solution = _Solution(cost, value[free], float(np.sqrt(inverse[place, place])) / scale[place])
+            else:
+                solution = _Solution(cost, 0.0, 0.0)
+            if abs(previous - cost) < 0.1:
+                break
+            previous = cost
+        return solution
+
+    @property
+    def _zero(self) -> IntArray:
+        """Columns that are zero on average: modes of the geometry's error, and causes."""
+        first = self.model.shape[-1] + self.nuisance.shape[-1] - self.modes
+        return np.arange(first, first + self.modes + len(CAUSES))
+
+    def _sizes(self, free: str | None) -> FloatArray:
+        sd = [size.free if name == free else size.held for name, size in CAUSES.items()]
+        rows = np.zeros((len(self._zero), self._zero[-1] + 1))
+        rows[np.arange(len(rows)), self._zero] = np.concatenate([np.ones(self.modes), 1.0 / np.array(sd)])
+        return rows
+
+
+def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ratios: BodyRatios) -> _Problem | None:
+    recorded, kept, base = prepared.recorded, prepared.base.kept, found.base
+    step = max(1, int(recorded.rate / _THINNED))
+    lowpass = LowPass(_CUTOFF, recorded.rate / step)
+    clean = LowPass(min(_CLEAN, recorded.rate / 5), recorded.rate)
+    measured = lowpass(clean(prepared.measured(found.fit.offset))[::step])
+    motion, gravity = prepared.motion.at(slice(None, None, step)), prepared.settings.gravity
+    plain = prepared.regressor[::step]
+    moved = {
+        "inertia": wrench_regressor(motion, 0.0),
+        "lengths": (plain - wrench_regressor(motion.scaled(1 + _STEP), gravity)) / _STEP,
+        "tilt": (plain - wrench_regressor(motion.tilted(_STEP), gravity)) / _STEP,
+    }
+    model = lowpass(plain[:, :, kept])
+    usable = erode(known(model) & known(measured) & gate[::step], lowpass.reach_samples)
+    rows = np.flatnonzero(usable)[::_EVERY]
+    if len(rows) * _EVERY < _SECONDS * lowpass.rate:
+        return None
+    components, samples = list(prepared.settings.components), rows * step
+    target, time = measured[rows], recorded.time[samples]
+    extra = np.zeros((len(rows), 3, 2))
+    extra[:, 0, 0] = 1.0
+    extra[:, :, 1] = np.gradient(measured, step / recorded.rate, axis=0)[rows]
+    if not (prepared.settings.plate_bias and 0 in components):
+        extra = extra[:, :, 1:]
+    of_model = {name: lowpass(each[:, :, kept])[rows] for name, each in moved.items()}
+    effect = wrench_effect(prepared, base, found.error, samples)
+    weights, residual = _weights(np.concatenate([model[rows], extra], axis=-1), target, time, prepared)
+    own = np.concatenate([extra, -effect], axis=-1)
+    prior, prior_target = _prior_rows(prepared, ratios, own.shape[-1])
+    scaled = weights[:, None]
+    return _Problem(
+        model=(model[rows] * scaled)[:, components],
+        nuisance=(own * scaled)[:, components],
+        modes=effect.shape[-1],
+        of_model={name: (each * scaled)[:, components] for name, each in of_model.items()},
+        of_data={name: (each * weights)[:, components] for name, each in _of_data(target).items()},
+        target=(target * weights)[:, components],
+        prior=prior,
+        prior_target=prior_target,
+        start=base,
+        rigid=prepared.prior is None and bool(np.all(np.sqrt(np.mean(residual[:, :2] ** 2, axis=0)) < _FITS_WELL)),
+    )
+
+
+def _of_data(target: FloatArray) -> dict[str, FloatArray]:
+    """Columns (R, 3) of errors of the plate."""
+    names = ("moments", "vertical gain", "vertical force", "position", "gain")
+    columns = {name: np.zeros_like(target) for name in names}
+    columns["moments"][:, 2] = target[:, 2]
+    columns["vertical gain"][:, 1] = target[:, 1]
+    columns["vertical force"][:, 1] = 1.0
+    columns["position"][:, 2] = target[:, 1]
+    return columns  # a common gain changes the parameters alone: only a known mass shows it
+
+
+def _prior_rows(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> tuple[FloatArray, FloatArray]:
+    """Rows and right-hand side of the fit's own prior and of the ratios."""
+    columns = len(prepared.base.kept) + nuisance + len(CAUSES)
+    causes = np.zeros((len(ratios.rows), len(CAUSES)))
+    for name, column in ratios.by_cause.items():
+        causes[:, list(CAUSES).index(name)] = column
+    between = np.zeros((len(ratios.rows), nuisance))
+    rows, aim = np.concatenate([ratios.rows, between, causes], axis=1), ratios.target
+    if prepared.prior is None:
+        return rows, aim
+    own, its_aim = prepared.prior.rows(columns)
+    return np.concatenate([own, rows]), np.concatenate([its_aim, aim])
+
+
+def _weights(
+    columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial
+) -> tuple[FloatArray, FloatArray]:
+    """Weights (3,) of the components and residual (R, 3) of a fit without causes.
+
+    A residual that is correlated in time counts as fewer samples: the squared sums over blocks of each column times the
+    residual, relative to the sums of squares.
+    """
+    prior = np.zeros((0, columns.shape[-1]))
+    aim = np.zeros(0)
+    if prepared.prior is not None:
+        prior, aim = prepared.prior.rows(columns.shape[-1])
+    weights = np.full(3, 1.0)
+    residual = target
+    for _ in range(_ROUNDS):
+        rows = np.concatenate([(columns * weights[:, None]).reshape(-1, columns.shape[-1]), prior])
+        scale = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+        x = np.linalg.lstsq(rows / scale, np.concatenate([(target * weights).reshape(-1), aim]), rcond=None)[0] / scale
+        residual = target - columns @ x
+        weights = 1.0 / np.maximum(residual.std(axis=0), 1e-4 * np.sqrt(np.mean(target**2, axis=0)) + 1e-9)
+    block = time_blocks(time, prepared.settings.block)
+    scores = columns * residual[..., None]
+    sums = np.zeros((int(block.max()) + 1, *scores.shape[1:]))
+    np.add.at(sums, block, scores)
+    squares = np.sum(scores**2, axis=0)
+    grown = np.sum(sums**2, axis=0) / np.where(squares > 0.0, squares, np.inf)
+    used = np.maximum(np.count_nonzero(squares > 0.0, axis=1), 1)
+    return np.asarray(weights / np.sqrt(np.maximum(np.sum(grown, axis=1) / used, 1.0))), residual

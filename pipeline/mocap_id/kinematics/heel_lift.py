@@ -1,0 +1,94 @@
+"""Lift of the heels: feet that turn about the toes while the person rises, so that the base of the chain moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.kinematics.base_motion import block_means, find_standing
+
+_BLOCK_S = 0.1
+_LASTING_S = 0.3  # a lift lasts at least as long
+_LIFT_M = 0.012  # least lift; markers on heels that stay on the ground rise by up to 9 mm
+_FLAT = 0.4  # share of the body's motion in which feet are flat at least; shanks move in most of it
+_FOOT_M = (0.1, 0.35)  # distance of two markers on one foot that show its turn
+_RIGID_M = 0.003  # markers on one foot keep their distance
+_STILL_M = 0.001  # markers that move less are on the ground, not on a foot that turns
+
+LEAST_TURN = float(np.radians(3.5))
+"""Least turn of a foot that is found, rad."""
+
+
+@dataclass(frozen=True)
+class HeelLift:
+    """Lift of one end of a foot.
+
+    Parameters
+    ----------
+    marker, about : int
+        The marker that rises, and the one on the same foot that rises less.
+    height : float
+        Rise that lasts 0.3 s, m.
+    turn : float
+        Turn of the foot, rad.
+    time : float
+        When the marker first rises that far, s.
+    """
+
+    marker: int
+    about: int
+    height: float
+    turn: float
+    time: float
+
+
+def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> HeelLift | None:
+    """Find the largest turn of a foot, from pairs of low markers that keep their distance while one of them rises.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        Lab axes with Z up, m; NaN where not visible.
+    time : (F,) array
+        s.
+    rate : float
+        Frames per second.
+
+    Returns
+    -------
+    HeelLift or None
+        None if all feet stay flat, or if their markers do not show a turn.
+    """
+    size = max(1, round(_BLOCK_S * rate))
+    blocks = block_means(positions, size)
+    low = np.flatnonzero(find_standing(blocks, size / rate, _FLAT))
+    blocks, lasting = blocks[:, low], max(1, round(_LASTING_S * rate / size))
+    if len(low) < 2:
+        return None
+    usual = np.nanmedian(blocks, axis=0)
+    away = np.sort(np.nan_to_num(np.linalg.norm(blocks - usual, axis=2)), axis=0)[-lasting]
+    height = np.sort(np.nan_to_num(blocks[..., 2] - usual[:, 2]), axis=0)[-lasting]
+    found: HeelLift | None = None
+    for up in np.flatnonzero(height > _LIFT_M):
+        for down in np.flatnonzero((away > _STILL_M) & (height < height[up])):
+            between = blocks[:, up] - blocks[:, down]
+            turn = _turn(between[np.isfinite(between[:, 0])], lasting)
+            if turn > LEAST_TURN and (found is None or turn > found.turn):
+                first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
+                found = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
+    return found
+
+
+def _turn(between: FloatArray, lasting: int) -> float:
+    """Return the turn from its usual direction of the line (K, 3) between two markers, rad; 0 if not on one foot."""
+    if len(between) <= lasting:
+        return 0.0
+    lengths = np.linalg.norm(between, axis=1)
+    length, usual = float(np.median(lengths)), np.median(between, axis=0)
+    level = abs(usual[2]) < np.hypot(usual[0], usual[1])
+    if not (level and _FOOT_M[0] < length < _FOOT_M[1]) or np.quantile(np.abs(lengths - length), 0.98) > _RIGID_M:
+        return 0.0
+    slope = np.arcsin(np.clip(between[:, 2] / length, -1, 1))
+    return float(np.sort(slope - np.median(slope))[-lasting])
