@@ -151,7 +151,7 @@ def calibration_effect(
     for place, moved, name in ((5, motion.scaled(1 + _STEP), "lengths"), (6, motion.tilted(_STEP), "tilt")):
         changed = wrench_regressor(moved, gravity)[:, :, kept] @ base
         column[:, :, place] = -(changed - wrench) / _STEP * sd.get(name, 0.0)
-    moved = found.response(column[:, components] * found.weights[:, None])[: len(base)]
+    response = found.response(column[:, components] * found.weights[:, None])[: len(base)]
     gain = (sd.get("gain", 0.0) * base)[:, None]
     return CalibrationEffect(np.concatenate([gain, response], axis=1), sd.get("lengths", 0.0), sd.get("tilt", 0.0))
 

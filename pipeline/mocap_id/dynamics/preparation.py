@@ -46,6 +46,8 @@ class TrialData:
         Time over which each plate sample is averaged, s; 0 for instantaneous samples.
     measured : PlanarMotion or None
         Motion of the bodies from their own measured poses; None to use that of the pinned chain.
+    knee : int
+        Number of the knee among the joints, from 0.
     """
 
     time: FloatArray
@@ -59,6 +61,7 @@ class TrialData:
     external: tuple[ExternalWrench, ...] = ()
     averaged: float = 0.0
     measured: PlanarMotion | None = None
+    knee: int = 1
 
     @property
     def motion(self) -> PlanarMotion:

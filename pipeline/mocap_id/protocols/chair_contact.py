@@ -69,7 +69,7 @@ def find_contact(
     weight_share : float
         Share of the standing weight under the feet at which the chair is released (rule ``weight``).
     knee_bend : float
-        Angle of the second joint, rad, below which the person is off the chair (rule ``knee``).
+        Angle of the knee, rad, below which the person is off the chair (rule ``knee``).
     """
     if prepared.recorded.seat is not None:
         return contact_from_seat_plate(prepared, posture)
@@ -81,7 +81,8 @@ def find_contact(
         return Contact(False, nowhere, ~nowhere, weight, None, rule)
     with np.errstate(invalid="ignore"):
         by_weight = contact_rules.contact_in_low_phases(posture, vertical < weight_share * weight)
-        straight = np.abs(prepared.recorded.q[:, min(1, prepared.recorded.q.shape[1] - 1)]) < knee_bend
+        knee = min(prepared.recorded.knee, prepared.recorded.q.shape[1] - 1)
+        straight = np.abs(prepared.recorded.q[:, knee]) < knee_bend
     if chair is None:
         return Contact(None, None, straight, weight, None, "knee")
     if rule == "knee":

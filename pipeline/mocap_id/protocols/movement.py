@@ -86,7 +86,7 @@ def read_movement(
 
 def facing(recorded: TrialData) -> int:
     """Return the sign of the plane frame's x axis in front of the person; a bent knee is negative if facing -x."""
-    knee: FloatArray = recorded.q[:, min(1, recorded.q.shape[1] - 1)]
+    knee: FloatArray = recorded.q[:, min(recorded.knee, recorded.q.shape[1] - 1)]
     return -1 if not np.nanmean(knee) > 0.0 else 1
 
 

@@ -128,12 +128,13 @@ SKELETON: Mapping[str, Explanation] = {
         "Markers pull a joint centre",
         "The markers in `segment: {joint_markers: …}` pull the centre of their joint towards their mean position "
         "(3.15), with weight λ_A (3.16). This helps when skin slides over a joint that turns little, and harms when "
-        "the motion locates the centre well. The standard deviation does not include the distance of their mean from "
-        "the joint.",
+        "the motion locates the centre well. The standard deviation includes 10 mm in each direction for the distance "
+        "of their mean from the joint. In a conventional marker set, the markers at the ankle and the knee are found "
+        "by their motion.",
         "Compare with a run without `joint_markers`; `fit-joints: {lambda_a: …}` sets the weight. Remove them for a "
         "joint that turns far.",
         "fit-joints",
-        "`segment: {joint_markers}` lists markers; the value is λ_A.",
+        "`segment: {joint_markers}` lists markers, or the motion shows them; the value is λ_A.",
     ),
     "small-arc": Explanation(
         ("caution",),
