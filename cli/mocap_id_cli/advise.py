@@ -46,7 +46,7 @@ def advise(
 ) -> None:
     """Propose the movement to record next.
 
-    It is the movement from which the parameters of the body would be known best. With a YAML file, missing or
+    This movement would determine the parameters of the body best. With a YAML file, missing or
     outdated results are computed first; a run folder is read unchanged.
     """
     log_to_stderr(quiet, verbose)

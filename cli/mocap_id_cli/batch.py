@@ -75,7 +75,7 @@ def _backend(jobs: int, scheduler: str | None, cluster: Path | None) -> Backend:
         name for name, given in (("--jobs", jobs > 1), ("--scheduler", scheduler), ("--cluster", cluster)) if given
     ]
     if len(chosen) > 1:
-        raise ConfigError(f"{' and '.join(chosen)}: trials run in one place, choose one of these")
+        raise ConfigError(f"{' and '.join(chosen)}: choose only one of these options")
     if cluster is not None:
         data = read(cluster.absolute()).data
         if not isinstance(data, dict):

@@ -21,7 +21,7 @@ _LONGEST = 40  # characters of a text in the table
 
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="A trial's YAML file or run folder.", show_default=False)],
-    b: Annotated[Path, typer.Argument(metavar="B", help="The other run, likewise.", show_default=False)],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The other run: YAML file or run folder.", show_default=False)],
     *,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table, .csv.", show_default=False)] = None,
     everything: Annotated[bool, typer.Option("--all", help="Also show what is equal.")] = False,

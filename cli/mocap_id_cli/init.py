@@ -34,7 +34,7 @@ def init(
     """Write a study file for a folder of recordings.
 
     The recordings are C3D files, TRC files with their MOT files, or exports of QTM, Motive or Nexus. People get
-    ids. Keep subjects.csv, written beside the file: it says who is who.
+    ids. Keep subjects.csv, written beside the file: it lists names and ids.
     """
     from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 

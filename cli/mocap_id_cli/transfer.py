@@ -32,7 +32,11 @@ def transfer(
     ],
     trials: Annotated[
         list[Path],
-        typer.Argument(metavar="TRIAL...", help="Trials of the same person to predict, likewise.", show_default=False),
+        typer.Argument(
+            metavar="TRIAL...",
+            help="Trials of the same person to predict: YAML files or run folders.",
+            show_default=False,
+        ),
     ],
     *,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table, .csv or .parquet.")] = None,

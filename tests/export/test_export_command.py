@@ -107,7 +107,7 @@ def test_a_run_that_stopped_early_gives_what_it_has(cli, links, tmp_path: Path) 
     assert "osim: no model: chain.h5 is not in" in said.err
     said = cli("export", run, "--to", "osim", "--force")
     assert said.code == 6
-    assert "holds nothing for osim" in said.err
+    assert "has no data for the formats osim" in said.err
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

@@ -124,3 +124,18 @@ def test_a_wait_before_the_movement_is_no_window() -> None:
     first, stop = propose_window(np.concatenate([body, feet], axis=1), rate)
     assert 1390 <= first <= 1460
     assert stop == 2200
+
+
+@pytest.mark.parametrize("lean_deg", [5.0, -10.0])
+def test_a_plane_that_leans_is_found_and_turned_upright(lean_deg: float) -> None:
+    yaw, lean = 0.4, np.radians(lean_deg)
+    upright = planar_motion(yaw, noise=5e-4)
+    forwards, across = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+    x, y, z = upright @ forwards, upright[..., 2], upright @ across
+    leaning = x[..., None] * forwards + (np.sin(lean) * y + np.cos(lean) * z)[..., None] * across
+    leaning[..., 2] = np.cos(lean) * y - np.sin(lean) * z
+    fit = fit_plane(leaning)
+    assert np.degrees([fit.yaw, fit.lean]) == pytest.approx([np.degrees(yaw), lean_deg], abs=0.1)
+    assert fit.planarity < 1e-4
+    np.testing.assert_allclose(fit.straighten(leaning, np.zeros(3)), upright, atol=5e-3)
+    assert fit_plane(upright).lean == 0

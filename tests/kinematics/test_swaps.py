@@ -116,6 +116,22 @@ def test_across_a_gap(trials, hidden: int) -> None:
     assert np.mean(hits) >= 0.97
 
 
+@pytest.mark.parametrize("edge", ["start", "stop"])
+def test_an_exchange_while_one_marker_is_hidden_for_long_is_found(trials, edge: str) -> None:
+    """The other marker shows it alone, if the swap's other end shows that the two are exchanged."""
+    hits = []
+    for seed in range(12):
+        trial, rng = trials(seed % 3, occlusions=0), np.random.default_rng(500 + seed)
+        first, second = pair(rng, trial, "any")
+        start = int(rng.integers(200, 500))
+        swap = Swap(first, second, start, start + 200)
+        points = trial.points.copy()
+        points[getattr(swap, edge) - 20 : getattr(swap, edge) + 150, second] = np.nan
+        raw = exchanged(points, first, second, swap.start, swap.stop)
+        hits.append(find_swaps(raw, 100.0) == (swap,))
+    assert np.mean(hits) >= 0.9
+
+
 @pytest.mark.parametrize("options", [{"rate": 25.0}, {"rate": 200.0}, {"marker_noise": 2e-3}])
 def test_rates_and_noise(trials, options: dict[str, float]) -> None:
     for seed in range(6):

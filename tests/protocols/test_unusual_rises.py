@@ -92,6 +92,20 @@ def test_ordinary_repetitions_have_no_attempt_and_no_pause() -> None:
         assert [paused_time(recorded.time, movement.posture, each) for each in movement.repetitions] == [0.0] * 4
 
 
+def test_arms_that_swing_change_neither_height_nor_speed() -> None:
+    """A shoulder is carried up and down by the leaning trunk; the hip shows rises, attempts and pauses."""
+    recorded, _ = sit_to_stand(2)
+    swing = 1.5 * np.sin(4 * recorded.time)
+    with_arms = posture(
+        np.column_stack([recorded.q, swing]),
+        np.column_stack([recorded.dq, np.gradient(swing, recorded.time)]),
+        np.vstack([CENTRES, [0.0, 0.5]]),
+    )
+    plain = posture(recorded.q, recorded.dq, CENTRES)
+    for name in ("height", "rise", "upright", "speed"):
+        np.testing.assert_allclose(getattr(with_arms, name), getattr(plain, name))
+
+
 def test_unloading_the_chair_is_an_attempt_and_slight_leaning_is_not() -> None:
     recorded, _ = sit_to_stand(2)
     seated = recorded.wrench[:50, 1].mean()

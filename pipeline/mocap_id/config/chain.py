@@ -67,7 +67,7 @@ class ChainFile:
 
 
 def is_chain(file: Path) -> bool:
-    """Whether a YAML file describes a chain, not a trial.
+    """Return whether a YAML file describes a chain, not a trial.
 
     Raises
     ------

@@ -131,7 +131,7 @@ def design_experiment(
 
 
 def _ranked(family: MovementFamily) -> list[SimpleMovement]:
-    """The best simple change of each kind, best first."""
+    """Return the best simple change of each kind, best first."""
     tried = [(family.scorer.quick_value(each.trajectory, each.seconds), each) for each in simple_movements(family)]
     chosen: dict[object, SimpleMovement] = {}
     for _, each in sorted(tried, key=lambda pair: pair[0]):
@@ -140,7 +140,7 @@ def _ranked(family: MovementFamily) -> list[SimpleMovement]:
 
 
 def _kind(each: SimpleMovement) -> object:
-    """Key shared by changes that differ only in speed and amplitude."""
+    """Return the key shared by changes that differ only in speed and amplitude."""
     if each.change is not None:
         return each.change.change, each.change.joint
     moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]

@@ -70,7 +70,7 @@ class MovementLimits:
 
 
 def _support_usage(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
-    """Largest distance of the centre of pressure from the middle of the support, divided by half its width."""
+    """Return the largest distance of the centre of pressure from the middle of the support over half its width."""
     if np.any(wrench[:, 1] <= 0.0):
         return np.inf
     low, high = support
@@ -128,13 +128,13 @@ def derive_limits(
 
 
 def _allowed(values: FloatArray, factor: float, least: float, most: float) -> FloatArray:
-    """Multiple (n,) of the largest of values (T, n), clipped to least and most, but never below the observed values."""
+    """Return limits (n,): a multiple, clipped to least and most, of the largest values (T, n), but at least these."""
     largest = np.abs(values).max(axis=0)
     return np.asarray(np.maximum(largest, np.clip(factor * largest, least, most)))
 
 
 def resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) -> FloatArray:
-    """Return the posture (n,) to start from, rad: the median one, or for a standing person that of the upright tenth.
+    """Return the posture (n,) to start from, rad: the median one; if ``upright``, of the most upright tenth.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class PredictedUncertainty:
 
 @dataclass(frozen=True)
 class IdentifiedBody:
-    """What stays the same in another movement of the same body.
+    """Properties of an identified body that do not depend on its movement.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class CovariancePredictor:
         return _UnscaledCovariance(noise * len(chosen), response @ response.T)
 
     def _scaled(self, parts: _UnscaledCovariance, seconds: float) -> FloatArray:
-        """Covariance with its parts scaled by those of the trial (predicted-covariance.md, eq. 3)."""
+        """Return the covariance with its parts scaled by those of the trial (predicted-covariance.md, eq. 3)."""
         residual, geometry, fixed = _variance_parts(self.body.found)
         noise_scale = np.sqrt(residual / np.diag(self._own_parts.noise))
         geometry_scale = np.sqrt(geometry / np.maximum(np.diag(self._own_parts.geometry), 1e-300))
@@ -251,7 +251,7 @@ class CovariancePredictor:
 
 
 def _variance_parts(found: Identification) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Variances (b,) from residuals, from joint centres and skin, and from the plate's zero."""
+    """Return the variances (b,) from residuals, from joint centres and skin, and from the plate's zero."""
     residual = np.diag(found.residual_covariance)
     rest = np.maximum(np.diag(found.covariance) - residual, 0.0)
     geometry = np.minimum(np.sum(found.response**2, axis=1), rest)
@@ -259,7 +259,7 @@ def _variance_parts(found: Identification) -> tuple[FloatArray, FloatArray, Floa
 
 
 def _thinned_samples(movement: Trajectory, fitted: BoolArray, samples: int) -> IntArray:
-    """Evenly spaced fitted samples whose neighbours are known too."""
+    """Return the evenly spaced fitted samples whose neighbours are known too."""
     known = movement.known
     inner = fitted & known
     inner[1:-1] &= known[:-2] & known[2:]

@@ -128,7 +128,7 @@ def _capitalise(text: str) -> str:
 
 
 def _ratios(predictor: CovariancePredictor, movement: Trajectory, samples: int) -> FloatArray:
-    """Predicted standard deviations (b,) for a recording of the trial's length, divided by the trial's own."""
+    """Return the predicted standard deviations (b,) divided by the trial's own, for recordings of the same length."""
     after = predictor.predict(movement, seconds=predictor.now.samples, samples=samples, exactly=False).sd
     return np.asarray(after / np.maximum(predictor.now.sd, 1e-300))
 

@@ -168,7 +168,7 @@ def _by_itself(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
 
 
 def _in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) -> Iterator[SimpleMovement]:
-    """One joint after the other at the same frequency."""
+    """Yield movements of one joint after the other, all joints at the same frequency."""
     for frequency in FREQUENCIES:
         chosen = [waves for several in singles for waves in several if waves.frequency[0] == frequency]
         if len(chosen) == len(family.joints):
@@ -181,7 +181,7 @@ def _in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) 
 def compose_trajectory(
     waves: Sequence[WaveMovement], family: MovementFamily, rate: float, shared: bool = False
 ) -> Trajectory:
-    """Sample movements one after the other, with ``shared`` after the first half of the trial's own movement."""
+    """Sample movements one after the other; if ``shared``, the first half of the trial's own movement comes first."""
     predictor = family.scorer.predictor
     seconds = family.seconds / (len(waves) + shared)
     parts = [each.trajectory(predictor.body, seconds, rate) for each in waves]

@@ -83,7 +83,7 @@ class Trajectory:
         )
 
     def _at(self, values: FloatArray, clock: FloatArray) -> FloatArray:
-        """Values (T, n) interpolated at every joint's own times (R, n) from the beginning, s."""
+        """Return values (T, n) interpolated at every joint's own times (R, n) from the beginning, s."""
         stamped = self.time - self.time[0]
         return np.stack(
             [np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1

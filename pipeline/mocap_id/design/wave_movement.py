@@ -1,6 +1,6 @@
 """Movements of sine waves: every joint swings with a wave and its first overtone.
 
-A standing person has to keep the balance and cannot swing three joints as a robot does. There, the angle of the first
+A standing person has to keep balance and cannot swing three joints as a robot does. There, the angle of the first
 joint, the ankle, follows from the wanted centre of pressure; the movement then describes how the person sways.
 """
 
@@ -112,6 +112,6 @@ def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float
 
 
 def _envelope(time: FloatArray, seconds: float) -> FloatArray:
-    """0 for half a second at both ends, 1 between, with three continuous derivatives."""
+    """Return 0 for half a second at both ends and 1 between, with three continuous derivatives."""
     side = np.clip((np.minimum(time, time[-1] - time) - LEAD) / min(RAMP, seconds / 4), 0.0, 1.0)
     return np.asarray(side**4 * (35.0 - 84.0 * side + 70.0 * side**2 - 20.0 * side**3))

@@ -58,7 +58,7 @@ def acceleration_correlation(
 
 
 def _information(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Jᵀ J of the markers' Jacobian (eq. 2.47), (T, n, n), m²: the mass matrix of a chain with unit masses at them."""
+    """Return Jᵀ J of the markers (eq. 2.47), (T, n, n), m²: the mass matrix of a chain with unit masses at them."""
     segments = len(centres) + 1
 
     def total(values: FloatArray) -> FloatArray:

@@ -149,7 +149,7 @@ _HEEL = 0.25  # of the foot's length: how far the ankle is in front of the heel
 
 
 def _winter() -> ReferenceTable:
-    """Winter (2009), table 4.1; it lacks the pelvis's radius of gyration, which is that of de Leva's lower trunk."""
+    """Return the table of Winter (2009, 4.1); the pelvis's radius of gyration is that of de Leva's lower trunk."""
     return ReferenceTable(
         "winter",
         foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
@@ -191,7 +191,7 @@ _SHOULDER: dict[Sex, float] = {"female": 497.9, "male": 515.5}  # mm, mid-should
 
 
 def _de_leva(sex: Sex) -> ReferenceTable:
-    """De Leva (1996), table 4; in HAT, the arms hang from the shoulders."""
+    """Return table 4 of de Leva (1996); in HAT, the arms hang from the shoulders."""
     rows, stature = _DE_LEVA[sex], _STATURE[sex]
     total = sum(rows[n][0] for n in ("head", "trunk")) + 2 * sum(
         rows[n][0] for n in ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
@@ -221,7 +221,7 @@ def _de_leva(sex: Sex) -> ReferenceTable:
 
 
 def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
-    """Head, arms and trunk as one body above the hip; its length is that from hip to shoulder, as in Winter's table."""
+    """Return head, arms and trunk as one body above the hip, as long as from hip to shoulder (Winter's table)."""
     tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": _SHOULDER[sex]}
     tops["forearm"] = tops["upper arm"] - rows["upper arm"][1]
     tops["hand"] = tops["forearm"] - rows["forearm"][1]
@@ -240,12 +240,12 @@ def _mean(a: SegmentFractions, b: SegmentFractions) -> SegmentFractions:
 
 
 def _point_form(mass: float, centre: FloatArray, gyration: float) -> FloatArray:
-    """m, mx, my, Izz about the frame's origin, from the centre of mass (2,) and the radius of gyration."""
+    """Return m, mx, my, Izz about the frame's origin from the centre of mass (2,) and the radius of gyration."""
     return np.array([mass, *(mass * centre), mass * (gyration**2 + float(centre @ centre))])
 
 
 def _on_the_hip(mass: float, centre: float, gyration: float, length: float) -> FloatArray:
-    """Parameters of a body upright above the hip; centre of mass and radius of gyration are fractions of the length."""
+    """Return the parameters of a body upright above the hip; centre and radius of gyration are shares of the length."""
     return _point_form(mass, np.array([0.0, centre * length]), gyration * length)
 
 
@@ -254,12 +254,12 @@ def _turn(angle: float) -> FloatArray:
 
 
 def _turned(parameters: FloatArray, angle: float) -> FloatArray:
-    """Parameters of the body after a rotation about the origin."""
+    """Return the parameters of the body after a rotation about the origin."""
     return np.array([parameters[0], *(_turn(angle) @ parameters[1:3]), parameters[3]])
 
 
 def _shifted(parameters: FloatArray, shift: FloatArray) -> FloatArray:
-    """Parameters of the body after a translation by ``shift`` (2,)."""
+    """Return the parameters of the body after a translation by ``shift`` (2,)."""
     mass, first = parameters[0], parameters[1:3]
     moved = first + mass * shift
     inertia = parameters[3] + 2 * float(first @ shift) + mass * float(shift @ shift)

@@ -139,7 +139,7 @@ def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
 
 
 def _numerical_zero(samples: int, factor: FloatArray) -> float:
-    """Threshold below which a column counts as dependent (eq. 4.8)."""
+    """Return the threshold below which a column counts as dependent (eq. 4.8)."""
     return samples * float(np.finfo(np.float64).eps) * float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
 
 
@@ -158,7 +158,7 @@ def _name(row: FloatArray, column: int, base: BaseSet, centres: FloatArray, symb
 
 
 def _lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
-    """Coefficient of a mass beyond the joint in m, mx, my or Izz of the segment before it, and its symbol."""
+    """Return the coefficient of a mass beyond the joint in m, mx, my or Izz of the segment before, and its symbol."""
     x, y = float(centre[0]), float(centre[1])
     return (
         (1.0, ""),

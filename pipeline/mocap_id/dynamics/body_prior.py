@@ -139,7 +139,7 @@ def mean_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
 
 
 def _block(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
-    """Covariance (4, 4) of m, mx, my, Izz for independent errors of mass, centre and moment about the centre."""
+    """Return the covariance (4, 4) of m, mx, my, Izz for independent errors of mass, centre and central moment."""
     mass = max(float(body[0]), _LEAST)
     x, y = body[1:3] / mass
     own = max(float(body[3]) - mass * (x * x + y * y), mass * (0.2 * _GYRATION) ** 2)

@@ -69,7 +69,7 @@ def _clock(prepared: PreparedTrial, found: Identification) -> Reason | None:
 
 
 def _offset_kept(found: Identification) -> Reason | None:
-    """A significant clock offset that was not corrected, as the settings ask."""
+    """Return a caution if the settings leave a significant clock offset uncorrected."""
     offset, limit = abs(found.fit.found), max(_OFFSET_SEEN * found.offset_sd, _OFFSET_LEAST)
     if offset <= limit:
         return None
@@ -148,7 +148,7 @@ def _weakly_known(excited: Excitation, recommendation: str) -> Reason | None:
 
 
 def _load_shared(prepared: PreparedTrial, found: Identification, standing: float | None) -> Reason | None:
-    """The identified mass differs from the standing one, so something else carries a part of the body."""
+    """Return a caution if the identified and the standing mass differ: something else carries a part of the body."""
     total = identified_mass(prepared, found)
     if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
         return None

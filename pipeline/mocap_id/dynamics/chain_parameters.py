@@ -168,13 +168,13 @@ def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: Fl
 
 
 def _exists(full: FloatArray) -> bool:
-    """Whether every segment is physically possible: m ≥ 0 and m·Izz ≥ mx² + my²."""
+    """Return whether every segment is physically possible: m ≥ 0 and m·Izz ≥ mx² + my²."""
     mass, mx, my, inertia = full.reshape(-1, 4).T
     return bool(np.all((mass >= 0) & (mass * inertia * (1 + _ROUNDING) >= mx**2 + my**2)))
 
 
 def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Gain (4s, 4), constant (4s,) and open covariance (4s, 4s) of the segments with a given sum nearest to a table."""
+    """Return gain (4s, 4), constant (4s,) and covariance (4s, 4s) of segments with a given sum, nearest to a table."""
     if not np.isfinite(reference).all():
         gain = np.zeros((total.shape[1], 4))
         gain[:4] = np.eye(4)

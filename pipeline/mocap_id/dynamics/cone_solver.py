@@ -120,7 +120,7 @@ def closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: 
 
 
 def _hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
-    """Whether a link with an unobservable Izz has first moments and no mass."""
+    """Return whether a link with an unobservable Izz has first moments and no mass."""
     mass, *first = np.abs(body[4 * link : 4 * link + 3])
     least = _NO_MASS * bodies.mass(body)
     return not bodies.limited(link) and bool(mass <= least < max(first) / LENGTH)
@@ -129,7 +129,7 @@ def _hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
 def _closest_step(
     limits: ConeBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Steps along directions (v, d) that move links from ``start`` closest to the target; NaN if none is found."""
+    """Return the steps along directions (v, d) from ``start`` that end closest to the target; NaN if none is found."""
     sides, groups = _sides(limits)
     rows = directions / scale[:, None]
     step, _, _ = _solve(
@@ -143,7 +143,7 @@ def _closest_step(
 
 
 def _sides(bodies: ConeBodies) -> tuple[FloatArray, tuple[int, int]]:
-    """Stacked sides of the cone, those of second-order cones first, and the number of each kind."""
+    """Return the rows of all conditions of the cone, second-order cones first, and the number of each kind."""
     round_, flat = bodies.round_sides(), bodies.flat_sides()
     return np.vstack([*round_, flat]), (len(round_), len(flat))
 

@@ -141,7 +141,7 @@ def _bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -
 
 
 def _point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Solution of non-negative least squares; if it is not proven, the better of it and OSQP's."""
+    """Return the non-negative least-squares solution, or if that is not proven, the better of it and OSQP's."""
     first = solve_nnls(problem, moments)
     if first.optimality.proven:
         return first

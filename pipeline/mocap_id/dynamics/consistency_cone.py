@@ -108,6 +108,6 @@ class ConeBodies:
 
 
 def _lowest(linear: float, square: float, low: float, high: float) -> float:
-    """The point between two ends at which linear·x + square·x² is least."""
+    """Return the point between two ends at which linear·x + square·x² is least."""
     inside = [] if square <= 0.0 else [float(np.clip(-linear / (2 * square), low, high))]
     return min([low, high, *inside], key=lambda x: linear * x + square * x * x)

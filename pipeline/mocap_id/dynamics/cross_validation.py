@@ -108,13 +108,13 @@ def predict_left_out(
 
 
 def _sides(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Regressor (R, 3, b) and total wrench (R, 3) at some samples (T,), unfiltered and filtered."""
+    """Return the regressor (R, 3, b) and total wrench (R, 3) at some samples (T,), unfiltered and filtered."""
     filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
     return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
 
 
 def _stacks(found: Fit, used: BoolArray) -> list[FloatArray]:
-    """Triangular factor of each fold's rows; ``used`` (K, R) are the samples of each fold.
+    """Return the triangular factor of each fold's rows; ``used`` (K, R) are the samples of each fold.
 
     The columns are those of the design, then the target. Samples of the same folds are compressed together.
     """
@@ -131,7 +131,7 @@ def _stacks(found: Fit, used: BoolArray) -> list[FloatArray]:
 
 
 def _determined(stack: FloatArray, found: Fit, samples: int, rate: float) -> bool:
-    """Whether a fold determines the base parameters, by the rule of :func:`mocap_id.dynamics.fit.determined`."""
+    """Return whether a fold determines the base parameters, by the rule of :func:`mocap_id.dynamics.fit.determined`."""
     if samples < LEAST_SECONDS * rate or len(stack) < stack.shape[1]:
         return False
     columns = stack[:, : found.base]
@@ -140,7 +140,7 @@ def _determined(stack: FloatArray, found: Fit, samples: int, rate: float) -> boo
 
 
 def _at_own_clock(stack: FloatArray, found: Fit) -> tuple[CompressedProblem, float]:
-    """A fold's problem at its own clock offset, and the difference of this offset to that of the whole fit, s.
+    """Return a fold's problem at its own clock offset, and the difference of this from the whole fit's offset, s.
 
     One Gauss-Newton step from the offset of the whole fit is sufficient, since the offsets differ by a few milliseconds
     at most. If the whole fit applies no offset, the folds apply none either.

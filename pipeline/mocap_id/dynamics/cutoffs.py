@@ -62,7 +62,7 @@ def _walk(
     axis: int,
     step: int,
 ) -> Cutoffs:
-    """Continue in one direction as long as the cost decreases."""
+    """Return the best cut-offs after steps in one direction, taken as long as the cost decreases."""
     while 0 <= (k := CUTOFFS.index(best[axis]) + step) < len(CUTOFFS):
         values = list(best)
         values[axis] = CUTOFFS[k]

@@ -1,7 +1,7 @@
 """Excitation: how well a movement determines each base parameter.
 
-The own part of a parameter's column is the part of its regressor column that is orthogonal to all other columns. Its
-norm, in standard deviations of the residual, is what determines the parameter against noise.
+The independent part of a regressor column is its part that is orthogonal to all other columns. The larger its norm, in
+standard deviations of the residual, the less noise affects the parameter.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
 
 
 def _own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:
-    """Norm (b,) of each base column's part orthogonal to all others, and its share of the whole column's norm."""
+    """Return the norm (b,) of each base column's part orthogonal to all others, and its share of the column's norm."""
     rows = design.reshape(-1, design.shape[-1])
     own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[:base])
     return own, own / np.maximum(np.linalg.norm(rows, axis=0)[:base], 1e-300)

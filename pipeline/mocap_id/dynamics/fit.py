@@ -176,7 +176,7 @@ def fit(prepared: PreparedTrial, gate: BoolArray, like: Fit | None = None) -> Fi
 def _searched(
     prepared: PreparedTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Weights without and with the share of independent samples, the clock offset, and whether it is a minimum."""
+    """Return weights without and with the share of independent samples, clock offset, and whether it is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
     weights = spread = np.ones(len(prepared.settings.components))
     found, at_edge = 0.0, True
@@ -196,7 +196,7 @@ def _searched(
 
 
 def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> CompressedProblem:
-    """Least-squares problem of weighted rows (R, c, b + k) and the prior."""
+    """Return the least-squares problem of weighted rows (R, c, b + k) and the prior."""
     rows, aim = design.reshape(-1, design.shape[-1]), target.reshape(-1)
     if prior is not None:
         rows, aim = np.concatenate([rows, prior[0]]), np.concatenate([aim, prior[1]])
@@ -204,7 +204,7 @@ def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> Comp
 
 
 def _design(prepared: PreparedTrial, samples: IntArray) -> FloatArray:
-    """Rows (R, c, b + k): filtered base columns and the nuisance column.
+    """Return the rows (R, c, b + k): filtered base columns and the nuisance column.
 
     A constant error of Fx can be estimated, since gravity causes no constant Fx. A constant error of Fy or tauz has the
     same column as m1 or mx1; it cannot be separated and remains in these parameters.
@@ -227,12 +227,12 @@ def _prior_rows(prepared: PreparedTrial, design: FloatArray) -> Rows | None:
 
 
 def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> FloatArray:
-    """Least-squares residual (R, c) of the data."""
+    """Return the least-squares residual (R, c) of the data."""
     return target - design @ _problem(design, target, prior).free_solution()
 
 
 def _weights(prepared: PreparedTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Inverse residual spread of each component after a fit with these weights; with a prior, at :data:`REFERENCE`."""
+    """Return the inverse residual spread of each component after a fit; with a prior, at :data:`REFERENCE`."""
     residual = _residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
     found = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
@@ -240,7 +240,7 @@ def _weights(prepared: PreparedTrial, design: FloatArray, target: FloatArray, we
 
 
 def _share(prepared: PreparedTrial, seconds: float) -> float:
-    """Share of the fit's samples that are independent if this time counts as one sample."""
+    """Return the share of the fit's samples that are independent if this time counts as one sample."""
     return min(1.0, prepared.step / prepared.recorded.rate / seconds)
 
 
@@ -253,7 +253,7 @@ def _counted(
     *,
     weights: FloatArray,
 ) -> FloatArray:
-    """The weights with the share of independent samples with which left-out repetitions are predicted well."""
+    """Return the weights times the share of independent samples that predicts left-out repetitions well."""
     prior = _prior_rows(prepared, design)
     if prior is None or prepared.prior is None:
         return weights
@@ -267,7 +267,7 @@ def _counted(
 def _covariance(
     prepared: PreparedTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Weighted rows with the column of the offset, and the covariance of the parameters from the residuals."""
+    """Return weighted rows with the column of the offset, and the parameters' covariance from the residuals."""
     time = prepared.recorded.time[samples]
     rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
     prior = _prior_rows(prepared, design)

@@ -141,7 +141,7 @@ def _from_data(
     error: KinematicError,
     refit: Callable[[CompressedProblem], FloatArray],
 ) -> Identification:
-    """Identification from the data alone."""
+    """Identify the parameters from the data alone."""
     base, own = solution.parameters[: found.base], slice(found.base)
     response = kinematic_response(prepared, found, base, error)
     kinematic = response @ response.T
@@ -173,7 +173,7 @@ def _with_reference(
     prior: ReferencePrior,
     solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
 ) -> Identification:
-    """Identification from the data and a prior of the full parameters."""
+    """Identify the parameters from the data and a prior of the full parameters."""
     problem = alone.fit.problem.over(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
     known = alone.covariance + independent  # the first may be singular: there can be fewer blocks than parameters
@@ -203,7 +203,7 @@ def _with_reference(
 
 
 def _plate_covariance(prepared: PreparedTrial, found: Fit) -> FloatArray:
-    """Covariance of base parameters, nuisance and offset that constant errors of Fy and tauz cause.
+    """Return the covariance of base parameters, nuisance and offset from constant errors of Fy and tauz.
 
     Under gravity, m1 causes a constant Fy and mx1 a constant tauz, so a constant error of the plate changes only these
     parameters. With a prior, the fit distributes it over the bodies.

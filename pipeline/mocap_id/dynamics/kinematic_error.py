@@ -146,7 +146,7 @@ def _effect(
     samples: IntArray,
     error: KinematicError,
 ) -> FloatArray:
-    """Changes (R, k, S) of a function of states (R, 3 n) and joint centres with every mode."""
+    """Return the changes (R, k, S) of a function of states (R, 3 n) and joint centres with every mode."""
     recorded = prepared.recorded
     errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
     states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
@@ -161,13 +161,13 @@ def _effect(
 
 
 def _regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
-    """Full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
+    """Return the full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
     q, dq, ddq = np.split(states, 3, axis=1)
     return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
 
 
 def _full(prepared: PreparedTrial, base: FloatArray) -> FloatArray:
-    """Full parameters (4(n + 1),) with the base parameters in the kept columns and zeros elsewhere."""
+    """Return the full parameters (4(n + 1),) with the base parameters in the kept columns and zeros elsewhere."""
     full = np.zeros(4 * (len(prepared.recorded.centres) + 1))
     full[prepared.base.kept] = base
     return full

@@ -14,7 +14,7 @@ _FOLDS = 5  # a fold takes about 20 ms; with more repetitions, neighbouring ones
 
 
 def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
-    """Number the parts of a recording; a part is one repetition, or several neighbouring ones if there are many.
+    """Return the part of each sample: one repetition, or several neighbouring ones if there are many.
 
     Parameters
     ----------

@@ -270,7 +270,7 @@ class PoseFilter:
         return PlanarMotion(angle, omega, alpha, origin, acceleration, joint_centres(poses, angle, origin), beyond)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One coordinate of all bodies (T, K) and its two derivatives."""
+        """Return one filtered coordinate of all bodies (T, K) and its two derivatives."""
         key = coordinate, cutoff
         if key not in self._known:
             lowpass = LowPass(min(cutoff, self._poses.rate / 5), self._poses.rate)
@@ -304,7 +304,7 @@ def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Plan
 
 
 def _derivatives(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """First and second time derivatives by central differences of fourth order; NaN at the ends of a stretch."""
+    """Return first and second time derivatives by central differences of fourth order; NaN at the ends."""
     first, second = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
     back, before, now, after, ahead = (values[k : len(values) - 4 + k] for k in range(5))
     first[2:-2] = (back - 8 * before + 8 * after - ahead) * (rate / 12)

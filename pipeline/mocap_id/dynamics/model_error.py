@@ -84,7 +84,7 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
 
 
 def _white_gains(lowpass: LowPass) -> tuple[float, float]:
-    """Fractions of the variance of white noise that the filter passes and stops."""
+    """Return the fractions of the variance of white noise that the filter passes and stops."""
     size = 20 * lowpass.reach_samples + 1
     impulse = np.zeros(size)
     impulse[size // 2] = 1.0

@@ -144,7 +144,7 @@ def check_optimality(
 
 
 def _gain(columns: FloatArray, rest: FloatArray) -> float:
-    """Decrease of the cost by the best change of free parameters: the residual's part in the columns' span."""
+    """Return the decrease of the cost by the best free parameters: the residual's part in the columns' span."""
     if columns.shape[1] == 0:
         return 0.0
     step = np.linalg.lstsq(columns, rest, rcond=None)[0]
@@ -152,12 +152,12 @@ def _gain(columns: FloatArray, rest: FloatArray) -> float:
 
 
 def _bound(prices: FloatArray, mass: float) -> float:
-    """Largest decrease by bodies of up to ``_HEAVIER`` times the mass, all at the lowest price (q,)."""
+    """Return the largest decrease of the cost by up to ``_HEAVIER`` times the mass, all at the lowest price (q,)."""
     return _HEAVIER * mass * abs(float(prices.min(initial=0.0)))
 
 
 def _best_single(columns: FloatArray, rest: FloatArray) -> float:
-    """Decrease of the cost by the best single point mass, which matters if the solution has no mass."""
+    """Return the decrease of the cost by the best single point mass, which matters if the solution has no mass."""
     size = np.sum(columns**2, axis=0)
     downhill = np.maximum(-(columns.T @ rest), 0.0)
     gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)

@@ -144,7 +144,7 @@ def transfer_covariance(covariance: FloatArray, registration: Registration) -> F
 
 
 def _common(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArray, FloatArray]:
-    """Local coordinates (k, 2) in both trials of the markers that both have on this body."""
+    """Return the local coordinates (k, 2) in both trials of the markers that both have on this body."""
     before, after = (
         {label: i for i, label in enumerate(of.markers) if of.segment[i] == segment} for of in (there, here)
     )
@@ -154,7 +154,7 @@ def _common(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArr
 
 
 def _feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Displacement of the feet (2,), m, and the markers (k,) that it is taken from.
+    """Return the displacement of the feet (2,), m, and the markers (k,) that it is taken from.
 
     Markers of the base are on the feet or on the plate, and those on the plate do not move. A marker counts as on the
     feet if its displacement is closer to that of the ankle than to zero; if none is, all markers are used. The result
@@ -169,7 +169,7 @@ def _feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[Flo
 
 
 def _procrustes(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray, float]:
-    """Angle, shift (2,) and rms residual of the rigid motion that moves points (k, 2) closest to others (k, 2)."""
+    """Return angle, shift (2,) and rms residual of the rigid motion of points (k, 2) closest to others (k, 2)."""
     middle, goal = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - goal
     angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))

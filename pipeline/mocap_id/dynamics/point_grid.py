@@ -76,7 +76,7 @@ def segment_grid(
 
 
 def _box(segment: int, centres: FloatArray, markers: FloatArray, points: tuple[int, int]) -> FloatArray:
-    """Grid points (p, 2) of one segment."""
+    """Return the grid points (p, 2) of one segment."""
     corners = [np.zeros((1, 2)), markers.reshape(-1, 2)]
     if segment < len(centres):
         corners.append(centres[segment][None])

@@ -147,7 +147,7 @@ class _Trace:
     wrenches: FloatArray
 
     def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives (t, 3, 3) of the wrench and (t, n, 3) of the torques with respect to one body's x, y and angle.
+        """Return derivatives of wrench (t, 3, 3) and torques (t, n, 3) by one body's x, y and angle.
 
         The errors are in the body's frame and vary over time as ``shape`` (t,).
         """
@@ -169,40 +169,40 @@ class _Trace:
 
 
 def _shapes(q: FloatArray, samples: BoolArray) -> FloatArray:
-    """Joint angles (T, n) relative to their mean over some samples, in standard deviations; 0 where unknown."""
+    """Return joint angles (T, n) minus their mean over some samples, in standard deviations; 0 where unknown."""
     own = q[samples]
     spread = np.nanstd(own, axis=0)
     return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
 
 
 def _wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
-    """Wrench (t, K, 3) that each body requires, about the plane frame's origin."""
+    """Return the wrench (t, K, 3) that each body requires, about the plane frame's origin."""
     regressor = wrench_regressor(motion, gravity)
     blocks = regressor.reshape(len(regressor), 3, -1, 4)
     return np.asarray(np.einsum("tckp,kp->tkc", blocks, full.reshape(-1, 4)))
 
 
 def _torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
-    """Moments (t, n) about the joints of the wrenches on the bodies beyond them."""
+    """Return the moments (t, n) about the joints of the wrenches on the bodies beyond them."""
     distal_wrench = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
     return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, distal_wrench))
 
 
 def _torque_rows(motion: PlanarMotion, gravity: float) -> FloatArray:
-    """Regressor (t, n, 4K) of the torques."""
+    """Return the regressor (t, n, 4K) of the torques."""
     regressor = wrench_regressor(motion, gravity)
     distal = np.repeat(motion.beyond, 4, axis=1)
     return np.asarray((np.swapaxes(motion.jacobian, 1, 2) @ regressor) * distal)
 
 
 def _root(covariance: FloatArray) -> FloatArray:
-    """Square root (3, 3) of a covariance."""
+    """Return the square root (3, 3) of a covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _at(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
-    """Values (t, ...) at known times, interpolated linearly at other times."""
+    """Return values (t, ...) at known times, interpolated linearly at other times."""
     flat = values.reshape(len(known), -1)
     out = np.stack([np.interp(time, known, column) for column in flat.T], axis=-1)
     return np.asarray(out.reshape(len(time), *values.shape[1:]))

@@ -185,21 +185,21 @@ def residual_noise(
 
 
 def _of_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
-    """Variance (T, n) of the torques from the joint centres: the force through a joint times the centre's error."""
+    """Return the variance (T, n) of the torques from the joint centres: the force times the centre's error."""
     distal = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
     force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], distal * full)
     return np.asarray(centre_sd**2 * np.sum(force**2, axis=2))
 
 
 def _relief(prepared: PreparedTrial, offset: float) -> tuple[FloatArray, FloatArray]:
-    """Reduction of the ground's wrench (T, 3) and of the torques (T, n) by the external wrenches."""
+    """Return the reduction of the ground's wrench (T, 3) and of the torques (T, n) by the external wrenches."""
     recorded = prepared.recorded
     wrenches, segment = stack_wrenches(recorded.external, prepared.external(offset), len(recorded.time))
     return external_effect(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
 
 
 def _determined_rows(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
-    """Rows (k,) of a full regressor (T, k, p) that the base parameters determine."""
+    """Return the rows (k,) of a full regressor (T, k, p) that the base parameters determine."""
     return np.array(
         [determines_rows(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_
     )
@@ -215,7 +215,7 @@ def _undetermined(determined: BoolArray, torque_determined: BoolArray) -> tuple[
 def _model_errors(
     prepared: PreparedTrial, found: Identification, needed: FloatArray, noise: FloatArray
 ) -> tuple[ModelError, ...]:
-    """Model's error in each component; from the states alone if the plate does not show it."""
+    """Return the model's error in each component; from the states alone if the plate does not show it."""
     recorded = prepared.recorded
     residual = prepared.measured(found.fit.offset) - needed
     shown = [estimate_model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]
@@ -225,7 +225,7 @@ def _model_errors(
 
 
 def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
+    """Return the variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
     values: FloatArray = np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True)
     return np.maximum(values, 0.0)
 
@@ -233,7 +233,7 @@ def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
 def _acceleration_gains(
     recorded: TrialData, base: FloatArray, prepared: PreparedTrial
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the wrench (T, 3, n) and the torques (T, n, n) with respect to the joint accelerations.
+    """Return the derivatives of wrench (T, 3, n) and torques (T, n, n) by the joint accelerations.
 
     They are computed for the body whose regrouped parameters are zero; it has the same base parameters.
     """

@@ -270,12 +270,12 @@ def _cutoff(recorded: TrialData, settings: FitSettings) -> float:
 
 
 def _filtered(recorded: TrialData, lowpass: LowPass, wrench: FloatArray) -> FloatArray:
-    """Plate wrench (T, 3) filtered like the regressor, with the averaging of its samples undone."""
+    """Return the plate wrench (T, 3) filtered like the regressor, with the averaging of its samples undone."""
     return undo_averaging(lowpass(wrench), recorded.averaged * recorded.rate)
 
 
 def _whole(wrench: FloatArray) -> FloatArray:
-    """A wrench (T, 3) with NaN in all components of a sample if any is unknown."""
+    """Return a wrench (T, 3) with NaN in all components of a sample if any is unknown."""
     return np.where(known(wrench)[:, None], wrench, np.nan)
 
 

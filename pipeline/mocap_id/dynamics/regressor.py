@@ -226,6 +226,6 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """z component of a × b for plane vectors (..., 2)."""
+    """Return the z component of a × b for plane vectors (..., 2)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product

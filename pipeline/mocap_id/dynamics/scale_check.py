@@ -26,7 +26,7 @@ from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.dynamics.uncertainty import time_blocks
 
-_CUTOFF = 2.5  # Hz: noise of the accelerations above it would look like an error of scale
+_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: above the first, the chain's smoothed accelerations have errors
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
 _EVERY = 2  # every second of them is a row
 _SECONDS = 3.0  # s: least time with rows
@@ -34,12 +34,14 @@ _SEEN = 6.6  # of χ²
 _SURE = 2.58  # standard deviations, 99 %
 _ROUNDS = 3
 _STEP = 1e-4  # relative, or rad
-_FITS_WELL = np.array([5.0, 3.0])  # N rms of Fx and Fy, up to which the model is that of rigid segments
+_LEAST_MODE = 0.1  # squared norm of a mode of the geometry's error, in standard deviations of the residual
+_RIGID, _RIGID_POSES = np.array([5.0, 3.0]), np.array([2.0, 2.0])  # N rms of Fx and Fy, up to which segments are rigid
+_OF_RIGID = 0.25  # share of the spread between people for rigid segments that are not pinned
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Standard deviations of one cause: while it is held, while it is free, and between people who are no chain."""
+    """Standard deviations of one cause: while held near zero, while free, and of real people from a rigid chain."""
 
     held: float
     free: float
@@ -77,19 +79,19 @@ def check_scales(
     Returns
     -------
     ScaleCheck or None
-        None if too few samples are usable.
+        None if too few samples are usable, or if a pinned chain does not follow the person.
     """
     problem = _problem(prepared, gate, found, ratios)
-    if problem is None:
+    if problem is None or (problem.pinned and not problem.rigid):
         return None
-    spread = np.zeros(len(CAUSES)) if problem.rigid else np.array([size.spread for size in CAUSES.values()])
+    share = 0.0 if problem.pinned else _OF_RIGID if problem.rigid else 1.0
     held, start = problem.solve(None), found.base
     causes = {}
-    for (name, _), between in zip(CAUSES.items(), spread.tolist(), strict=True):
+    for name, size in CAUSES.items():
         if name == "gain" and not ratios.weighed:
             continue
         free = problem.solve(name, start)
-        limit = float(_SURE * np.hypot(free.sd, between))
+        limit = float(_SURE * np.hypot(free.sd, share * size.spread))
         causes[name] = ScaleCause(free.value, free.sd, max(held.cost - free.cost, 0.0), limit)
     return ScaleCheck(causes, _suspects(causes))
 
@@ -127,6 +129,7 @@ class _Problem:
     prior: FloatArray
     prior_target: FloatArray
     start: FloatArray
+    pinned: bool
     rigid: bool
 
     def solve(self, free: str | None, start: FloatArray | None = None) -> _Solution:
@@ -176,7 +179,7 @@ class _Problem:
 def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ratios: BodyRatios) -> _Problem | None:
     recorded, kept, base = prepared.recorded, prepared.base.kept, found.base
     step = max(1, int(recorded.rate / _THINNED))
-    lowpass = LowPass(_CUTOFF, recorded.rate / step)
+    lowpass = LowPass(_CUTOFF if prepared.prior is None else _POSES_CUTOFF, recorded.rate / step)
     clean = LowPass(min(_CLEAN, recorded.rate / 5), recorded.rate)
     measured = lowpass(clean(prepared.measured(found.fit.offset))[::step])
     motion, gravity = prepared.motion.at(slice(None, None, step)), prepared.settings.gravity
@@ -201,7 +204,8 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
     of_model = {name: lowpass(each[:, :, kept])[rows] for name, each in moved.items()}
     effect = wrench_effect(prepared, base, found.error, samples)
     weights, residual = _weights(np.concatenate([model[rows], extra], axis=-1), target, time, prepared)
-    own = np.concatenate([extra, -effect], axis=-1)
+    effect = _fewer_modes(effect * weights[:, None]) / weights[:, None]
+    own, rms = np.concatenate([extra, -effect], axis=-1), np.sqrt(np.mean(residual[:, :2] ** 2, axis=0))
     prior, prior_target = _prior_rows(prepared, ratios, own.shape[-1])
     scaled = weights[:, None]
     return _Problem(
@@ -214,12 +218,22 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
         prior=prior,
         prior_target=prior_target,
         start=base,
-        rigid=prepared.prior is None and bool(np.all(np.sqrt(np.mean(residual[:, :2] ** 2, axis=0)) < _FITS_WELL)),
+        pinned=prepared.prior is None,
+        rigid=bool(np.all(rms < (_RIGID if prepared.prior is None else _RIGID_POSES))),
     )
 
 
+def _fewer_modes(effect: FloatArray) -> FloatArray:
+    """Combine independent modes (R, 3, S) to the few that matter, with the same covariance; in standard deviations."""
+    if effect.shape[-1] == 0:
+        return effect
+    flat = effect.reshape(-1, effect.shape[-1])
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    return np.asarray((flat @ vectors[:, values > _LEAST_MODE]).reshape(*effect.shape[:2], -1))
+
+
 def _of_data(target: FloatArray) -> dict[str, FloatArray]:
-    """Columns (R, 3) of errors of the plate."""
+    """Return the columns (R, 3) of errors of the plate."""
     names = ("moments", "vertical gain", "vertical force", "position", "gain")
     columns = {name: np.zeros_like(target) for name in names}
     columns["moments"][:, 2] = target[:, 2]
@@ -230,7 +244,7 @@ def _of_data(target: FloatArray) -> dict[str, FloatArray]:
 
 
 def _prior_rows(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> tuple[FloatArray, FloatArray]:
-    """Rows and right-hand side of the fit's own prior and of the ratios."""
+    """Return the rows and right-hand side of the fit's own prior and of the ratios."""
     columns = len(prepared.base.kept) + nuisance + len(CAUSES)
     causes = np.zeros((len(ratios.rows), len(CAUSES)))
     for name, column in ratios.by_cause.items():
@@ -246,7 +260,7 @@ def _prior_rows(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> t
 def _weights(
     columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial
 ) -> tuple[FloatArray, FloatArray]:
-    """Weights (3,) of the components and residual (R, 3) of a fit without causes.
+    """Return the weights (3,) of the components and residual (R, 3) of a fit without causes.
 
     A residual that is correlated in time counts as fewer samples: the squared sums over blocks of each column times the
     residual, relative to the sums of squares.

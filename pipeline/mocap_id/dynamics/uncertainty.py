@@ -10,7 +10,7 @@ from mocap_id.dynamics.base_parameters import triangular_factor
 
 
 def time_blocks(time: FloatArray, length: float) -> IntArray:
-    """Number the blocks of ``length`` s that contain the samples at ``time`` (R,); empty blocks are not counted."""
+    """Return the number of the block of ``length`` s of each time (R,), s; blocks without samples are not counted."""
     _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
     return block.astype(np.int64)
 

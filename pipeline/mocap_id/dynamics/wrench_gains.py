@@ -102,7 +102,7 @@ def estimate_gains(prepared: PreparedTrial, found: Fit) -> tuple[WrenchGain, ...
 
 
 def _candidates(prepared: PreparedTrial, found: Fit) -> list[_Column]:
-    """Components that are large enough to be tested."""
+    """Return the components that are large enough to be tested."""
     weight = float(np.nanpercentile(np.abs(prepared.recorded.wrench[:, 1]), _LOADED))
     limits = _MATERIAL * weight * np.array([1.0, 1.0, _LEVER])
     columns = []
@@ -119,7 +119,7 @@ def _candidates(prepared: PreparedTrial, found: Fit) -> list[_Column]:
 
 
 def _own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) -> list[bool]:
-    """Whether each column has a sufficient part that neither a parameter nor another column can explain."""
+    """Return whether a sufficient part of each column is explained by no parameter and no other column."""
     rows = np.concatenate([body, np.stack([column.values[known] for column in columns], axis=-1)], axis=-1)
     flat = rows.reshape(-1, rows.shape[-1])
     norm = np.maximum(np.linalg.norm(flat, axis=0), np.finfo(float).tiny)
@@ -134,7 +134,7 @@ def _own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) -> li
 def _solve(
     prepared: PreparedTrial, found: Fit, columns: list[_Column], known: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Factors of the columns minus 1 (k,), and their standard deviations."""
+    """Return the factors of the columns minus 1 (k,), and their standard deviations."""
     samples = found.samples[known]
     time = prepared.recorded.time[samples]
     added = np.stack([column.values[known] for column in columns], axis=-1)

@@ -1,8 +1,7 @@
 """Alternative estimators of joint states, for comparison: two averaged filter passes, a low-pass, a spline.
 
-``two-filter`` is the thesis's method (ch. 3.2.6). The other two smooth the angles of single frames, joint by joint,
-without the noise of an angle or the uncertainty in a gap: they bridge gaps up to a fixed time and give no standard
-deviations.
+``two-filter`` is the thesis's method (ch. 3.2.6). The other two smooth the angles of single frames, joint by joint.
+They ignore how uncertain an angle is: they bridge gaps up to a fixed time and give no standard deviations.
 """
 
 from __future__ import annotations

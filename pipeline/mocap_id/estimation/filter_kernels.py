@@ -45,7 +45,7 @@ class Measurements(NamedTuple):
 
 
 class FilterOutput(NamedTuple):
-    """Output arrays of the filter; the flags must be false before."""
+    """Output arrays of the filter; all flags must be false at the start."""
 
     mean: FloatArray  # (F, 4n)
     covariance: FloatArray  # (F, 4n, 4n)
@@ -180,7 +180,7 @@ def _poses(q: FloatArray, centres: FloatArray, pose: FloatArray) -> None:
 
 @compiled
 def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: FloatArray) -> FloatArray:
-    """Return poses (2n + 1, n + 1, 4) of the mean and of the points that displace an angle, pluses first."""
+    """Return poses (2n + 1, n + 1, 4) of the mean and of the points that displace an angle, positive ones first."""
     n = len(centres)
     poses, q = np.empty((2 * n + 1, n + 1, 4)), np.empty(n)
     for point in range(2 * n + 1):
@@ -296,7 +296,7 @@ def _correct(x: FloatArray, p: FloatArray, c: FloatArray, u: FloatArray) -> None
 
 @compiled
 def _anchor(x: FloatArray, p: FloatArray, angles: FloatArray, noise: FloatArray, gate: float) -> tuple[bool, bool]:
-    """Update with a frame's own angles, each in the turn nearest to the prediction; linear, Joseph form, in place.
+    """Update the state with the angles of one frame, unwrapped to the nearest turn; linear, Joseph form, in place.
 
     Returns success, and whether the angles passed the gate.
     """

@@ -27,7 +27,7 @@ At low frame rates, larger changes would lose the joint again one frame after it
 
 
 def start_sd(dt: float) -> FloatArray:
-    """Return :data:`START_SD` (4,) at a time step, s, with derivatives limited so that a frame cannot hide a turn."""
+    """Return :data:`START_SD` (4,) at a time step, s; derivatives are limited to less than a turn in one frame."""
     return np.minimum(START_SD, (np.inf, _START_STEP / dt, _START_STEP / dt**2, _START_STEP / dt**3))
 
 

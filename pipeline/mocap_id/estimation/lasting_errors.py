@@ -91,7 +91,7 @@ def corner(steady: FloatArray) -> float:
 
 
 def _withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
-    """Return the mean square (F, 4), over the smoother's memory, of movement removed by smoothing once more."""
+    """Return the mean square (F, 4) of movement that a second smoothing removes, over the smoother's memory."""
     squares = np.empty((len(angle), ORDER))
     twice, w0 = _continued(angle), corner(steady)
     turning = 2 * np.pi * np.fft.rfftfreq(len(twice), 1 / rate)

@@ -96,7 +96,7 @@ def _bands(matrix: dia_array) -> FloatArray:
 
 
 def _freedom(stiffness: float, intervals: int, seen: int) -> float:
-    """Return the trace of the smoother matrix, approximated by the modes of a string of this length.
+    """Return the trace of the smoother matrix, approximated by sine modes over this number of intervals.
 
     Smoothing multiplies mode k by 1 / (1 + λ (π k / K)⁶ K / N) for N samples on K intervals; polynomials up to the
     second degree pass unchanged.

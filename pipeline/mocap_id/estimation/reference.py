@@ -143,7 +143,7 @@ def _within_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, vis
 
 
 def _anchor(ukf: UnscentedKalmanFilter, angles: FloatArray, noise: FloatArray, gate: float) -> bool:
-    """Update with a frame's own angles, each in the turn nearest to the prediction; linear, Joseph form.
+    """Update the state with the angles of one frame, unwrapped to the nearest turn; linear, Joseph form.
 
     Returns whether the angles passed the gate.
     """

@@ -18,7 +18,7 @@ from mocap_id.geometry.chain import Chain
 
 @dataclass(frozen=True)
 class LinkMotion:
-    """LinkMotion of every link, base first.
+    """Motion of every link, base first.
 
     Parameters
     ----------

@@ -124,14 +124,14 @@ _SMALL = 1e-2  # rad; below this angle the series are exact to rounding, above i
 
 
 def _third_coefficient(angle: FloatArray) -> FloatArray:
-    """(θ - sin θ) / θ³."""
+    """Return (θ - sin θ) / θ³."""
     small = np.abs(angle) < _SMALL
     safe = np.where(small, 1.0, angle)
     return np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)
 
 
 def _log_coefficient(angle: FloatArray) -> FloatArray:
-    """(1 - (θ/2) cot(θ/2)) / θ²."""
+    """Return (1 - (θ/2) cot(θ/2)) / θ²."""
     small = np.abs(angle) < _SMALL
     safe = np.where(small, 1.0, angle)
     closed = (1 - safe / 2 * np.cos(safe / 2) / np.sin(safe / 2)) / safe**2

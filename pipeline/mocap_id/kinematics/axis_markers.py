@@ -25,7 +25,7 @@ class AxisMarkers:
     residual : dict
         For each reassigned marker (its column), the rms distance from its place on segment 1, m.
     margin : float
-        How close the closest decision was: the ratio of the residuals on segment 1 and on the base, over the ratio
+        How close the closest decision was: the ratio of the residuals on segment 1 and on the base, divided by the ratio
         at which the marker changes sides, or the inverse. At least 1; inf without a candidate.
     """
 
@@ -75,7 +75,7 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
 def _ratio(
     problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
 ) -> tuple[float, list[float]]:
-    """Return the residual of some markers on segment 1 over that on the base, and each residual on segment 1, m."""
+    """Return the residual of some markers on segment 1 divided by that on the base, and each on segment 1, m."""
     body = fit_body(problem.points, np.append(members, unit))
     residual = marker_residuals(body, problem.points[:, list(unit)])
     before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))

@@ -18,6 +18,8 @@ _STRETCH_S = 1.5  # shortest stretch in which the base stands still
 _MARGIN_S = 0.3  # a change may begin this much before and end this much after the markers visibly move
 _SAME_M = 0.003  # smaller changes of place of a base that moves are within the motion of the skin
 _FIXED_M = 0.005  # markers that stay within this range stand on the floor or on a plate
+_STEP_M = 0.6  # markers on the other foot are at most this far away
+_AS_HIGH_M = 0.002  # markers on a plate are lower than those on feet by more than this
 _RIGID_M = 0.005  # largest rms distance from a rigid motion of both feet
 _SPREAD_M = 0.05  # markers closer together than this do not show a turn
 
@@ -50,7 +52,7 @@ class BaseStretch:
 
 @dataclass(frozen=True)
 class BaseMotion:
-    """Motion of the base from its place in the first stretch, to be undone.
+    """Motion of the base from its place in the first stretch, to be removed from markers and wrench.
 
     Parameters
     ----------
@@ -142,9 +144,10 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
     standing = find_standing(blocks, size / rate)
     fixed = standing.copy()
     fixed[standing] = _extent(blocks[:, standing, :2]) < _FIXED_M
-    feet = np.flatnonzero(standing & ~fixed)
-    if len(feet) < 2:
+    if (standing & ~fixed).sum() < 2:
         return None
+    fixed &= ~_on_other_foot(np.nan_to_num(np.nanmean(blocks[:, standing], axis=0)), fixed[standing], standing)
+    feet = np.flatnonzero(standing & ~fixed)
     still = _still_blocks(blocks[:, feet], max(1, round(_STEP_S * rate / size)))
     least, margin = _STRETCH_S * rate / size, round(_MARGIN_S * rate / size)
     runs = [(run.start, run.stop) for run in find_runs(still) if run.stop - run.start >= least]
@@ -193,11 +196,29 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
 
 
 def _extent(tracks: FloatArray) -> FloatArray:
-    """Return the range (N,) of each track (K, N, 2) without its farthest twentieth, m."""
+    """Return the range (N,) of each track (K, N, 2) between its 2.5 and 97.5 % quantiles, m."""
     ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
     low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
     markers = np.arange(tracks.shape[1])
     return np.asarray(np.linalg.norm(ordered[high, markers] - ordered[low, markers], axis=1))
+
+
+def _on_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
+    """Return fixed markers (M,) beside the feet that move and as high as they are: on a foot that keeps its place.
+
+    Parameters
+    ----------
+    places : (N, 3) array
+        Mean positions of the N ``standing`` markers, m.
+    fixed : (N,) bool array
+        Which of them stay where they are.
+    standing : (M,) bool array
+    """
+    feet = places[~fixed]
+    near = np.linalg.norm(places[:, :2] - feet[:, :2].mean(axis=0), axis=1) < _STEP_M
+    other = np.zeros(len(standing), np.bool_)
+    other[standing] = fixed & near & (places[:, 2] > np.median(feet[:, 2]) - _AS_HIGH_M)
+    return other
 
 
 def _still_blocks(feet: FloatArray, step: int) -> BoolArray:

@@ -44,7 +44,7 @@ class ChainProblem:
 
     @classmethod
     def without_points(cls, weights: FloatArray, segment: IntArray, joints: int) -> ChainProblem:
-        """Return a problem without measurements, for the derivatives of a chain with these weights (T, K)."""
+        """Return a problem without measurements, with weights (T, K), for computing a chain's derivatives."""
         points, pinned = np.zeros(weights.shape, dtype=np.complex128), np.zeros(len(segment), dtype=np.bool_)
         return cls(points, weights, segment, pinned, joints)
 

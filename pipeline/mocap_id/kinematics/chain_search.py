@@ -1,5 +1,6 @@
 """Search for chains from the base to a tip over real joints, at every level of detail.
 
+A joint is real if its two bodies turn far enough about a point that is fixed in both (``SegmentationRules.is_joint``).
 The best chain of each number of segments is kept for the report. Only the best chain of a level can be chosen.
 """
 
@@ -27,7 +28,7 @@ _LEVELS = 12  # number of levels of detail
 
 @dataclass(frozen=True)
 class _Path:
-    """A chain as found by the search, before it is cut."""
+    """A chain as found by the search, before it is shortened to the allowed length."""
 
     chain: tuple[RigidBody, ...]
     joints: tuple[PairJoint, ...]
@@ -135,7 +136,7 @@ def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoin
 def _paired(
     real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
 ) -> set[tuple[int, int]]:
-    """Return joints to one of two limbs on either side of the same place, through which a serial chain cannot pass."""
+    """Return the joints to paired limbs on both sides of one place: a serial chain cannot pass through them."""
     aside = {(i, j): lateral[j] - lateral[i] for i, j in real}
     return {
         (i, j)

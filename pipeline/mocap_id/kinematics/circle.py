@@ -9,7 +9,7 @@ circle differently, and so differ in the effect of noise on a short arc:
     The method of 3.8 (where r stands for r^2): squared distance minus squared radius, linear. Noise draws the
     centre towards the track, by half the radius on an arc of r arc^2 = 27 standard deviations of the noise.
 ``taubin``, ``pratt``
-    The same algebraic distance over its mean gradient (Taubin) or over the discriminant of the circle's equation
+    The same algebraic distance, divided by its mean gradient (Taubin) or the discriminant of the circle's equation
     (Pratt). Practically no bias, one small eigenproblem per marker, no iteration.
 ``geometric``
     True distances, by Gauss-Newton with the radii eliminated, starting from Taubin's circle.
@@ -166,14 +166,14 @@ def _centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, BoolAr
 
 
 def _kasa(tracks: _Tracks) -> ComplexArray:
-    """Solve |z|^2 = 2 p . z + a constant for each marker, by linear least squares (3.8)."""
+    """Return the centres by Kåsa's method: linear least squares on |z|^2 = 2 p . z + a constant per marker (3.8)."""
     design, target = 2 * tracks.centred_points(tracks.z), tracks.centred(np.abs(tracks.z) ** 2)
     pull = tracks.pooled(np.einsum("fmi,fm->mi", design, target))
     return _solved(tracks.pooled(np.einsum("fmi,fmj->mij", design, design)), pull)
 
 
 def _taubin(tracks: _Tracks) -> ComplexArray:
-    """Take the smallest eigenvector of the moments of (|z|^2 / 2, x, y), whose mean squared gradient is 1 here."""
+    """Return the centres by Taubin's method: the smallest eigenvector of the moments of (|z|^2 / 2, x, y)."""
     square = tracks.centred(np.abs(tracks.z) ** 2) / 2
     design = np.concatenate([square[..., None], tracks.centred_points(tracks.z)], axis=2)
     moments = tracks.pooled(np.einsum("fmi,fmj->mij", design, design))
@@ -182,7 +182,7 @@ def _taubin(tracks: _Tracks) -> ComplexArray:
 
 
 def _pratt(tracks: _Tracks) -> ComplexArray:
-    """Take an eigenvector of the moments of (|z|^2, x, y, 1) relative to the discriminant B^2 - 4 A D."""
+    """Return the centres by Pratt's method: an eigenvector of moments relative to the discriminant B^2 - 4 A D."""
     z = tracks.z
     design = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
     moments = np.einsum("fmi,fmj->mij", design, design)
@@ -196,7 +196,7 @@ def _pratt(tracks: _Tracks) -> ComplexArray:
 
 
 def _geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Minimise |z - p| - r over p by Gauss-Newton, with r the mean distance; halve steps that raise the cost."""
+    """Return the centres of least |z - p| - r, by Gauss-Newton; r is the mean distance, steps are halved if needed."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
     direction, off, cost = _distances(tracks, centre)
     for _ in range(_ITERATIONS):

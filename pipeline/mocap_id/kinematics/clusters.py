@@ -44,10 +44,10 @@ class Base:
 
 
 def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
-    """Split still from moving markers at the largest jump in their scatter.
+    """Find the markers of the base: those below the largest jump in the scatter of all markers.
 
-    A still marker that shares a unit with a moving one is not a base marker. Of two barred markers, the one that moves
-    more is not.
+    A still marker in one unit with a moving marker is not on the base. Of two still markers that must be apart,
+    only the stiller one is.
 
     Parameters
     ----------

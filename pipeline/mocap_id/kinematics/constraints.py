@@ -41,15 +41,15 @@ class Constraints:
 
     @property
     def contradictory(self) -> BoolArray:
-        """Return the markers (M,) that would have to be apart from themselves."""
+        """Return the markers (M,) that the constraints require to be both together and apart."""
         return np.asarray(np.diagonal(self.barred))
 
     def allow(self, members: IntArray) -> bool:
-        """Return whether no two of the members are barred."""
+        """Return whether the members may share a segment: no two of them must be apart."""
         return not self.barred[np.ix_(members, members)].any()
 
     def constrained_variance(self, variance: FloatArray, members: IntArray) -> FloatArray:
-        """Return the variance of mutual distances (K, K), set to zero within a unit and to a large value if barred."""
+        """Return the variance of mutual distances (K, K): zero within a unit, large for pairs that must be apart."""
         far = 10 * np.max(variance, initial=0.0) + 1.0
         shaped = np.where(self.barred[np.ix_(members, members)], far, variance)
         return np.where(self.unit[members][:, None] == self.unit[members], 0.0, shaped)

@@ -111,8 +111,8 @@ class Hypothesis:
     best_of_level : bool
         Whether this is the best chain of its level. Only these can be chosen.
     cut : float
-        0 for the best chain of a level. For the others, the cost that the best chain gained when it was cut to the
-        longest length allowed: they lost to the uncut chain.
+        0 for the best chain of a level. For the others, the cost that the best chain gained when it was shortened
+        to the longest length allowed: the full chain was better than they are.
     """
 
     level: int
@@ -133,7 +133,7 @@ class Hypothesis:
         """Return why the best hypothesis was chosen instead, or ``chosen`` for the best one itself.
 
         The terms add up to the difference in cost: markers only on the best chain, markers only on this chain, markers
-        on both, the number of segments, and the cut.
+        on both, the number of segments, and the shortening of the chain.
         """
         if self is best:
             return "chosen"

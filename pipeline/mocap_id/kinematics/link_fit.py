@@ -1,7 +1,8 @@
 """Fit of a chain with single-marker segments: which marker is on which segment, and which joints carry a marker.
 
-Markers and chain are found in turns. Every marker goes to the segment that fits it best; then a robust bundle (Cauchy's
-loss with a decreasing scale) fits the chain to the markers. This ends when no marker changes its segment.
+Markers and chain are fitted alternately. Every marker goes to the segment that fits it best; then
+the chain is fitted to the markers with a robust loss (Cauchy's, with a decreasing scale). This ends when no marker
+changes its segment.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _SHORTEST = 0.03  # m; a link shorter than this is none
 
 @dataclass(frozen=True)
 class Pin:
-    """Markers that stand for a joint.
+    """Markers that represent a joint.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ class LinkFit:
         return np.array([arc(np.exp(1j * turn)) for turn in turns.T])
 
     def ratios(self, points: ComplexArray) -> tuple[float, ...]:
-        """Return, for each joint, the residual of its segment's markers fixed to the parent over their own."""
+        """Return for each joint: residual of the markers beyond it if fixed to the parent / their own residual."""
         origin, turn = joint_positions(self.state)
         ratios = []
         for k in range(1, len(self.state.centres) + 1):
@@ -109,7 +110,7 @@ class LinkFit:
 
     @property
     def points(self) -> tuple[int, ...]:
-        """Number of distinct points of each moving segment that do not stand for a joint."""
+        """Number of distinct points of each moving segment, without points that represent a joint."""
         local, segment = self.state.local, self.segment.copy()
         for pin in self.pins:
             segment[pin.unit] = -1
@@ -124,7 +125,7 @@ class LinkFit:
 
 
 def log_cost(residual: FloatArray) -> FloatArray:
-    """Return the cost of residuals, m; those beyond 50 mm cost no more."""
+    """Return the cost of residuals, m; it does not grow beyond 50 mm."""
     return np.asarray(np.minimum(_log_cost(residual), _log_cost(_LEFT_OUT)))
 
 
@@ -143,14 +144,14 @@ def path_cost(problem: SegmentationProblem, path: Path) -> float:
 
 
 def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = ()) -> LinkFit | None:
-    """Fit the chain of a path to all markers; None where it falls apart.
+    """Fit the chain of a path to all markers; None if too few frames or markers support it.
 
     Parameters
     ----------
     problem : SegmentationProblem
     path : tuple of Step
     pins : tuple of Pin
-        Markers that stand for joints.
+        Markers that represent joints.
     """
     state, used = _start(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
@@ -182,7 +183,7 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
 
 
 def _distinct(local: ComplexArray) -> list[complex]:
-    """Coordinates that are not at the same place."""
+    """Return the coordinates without repeated ones at the same place."""
     kept: list[complex] = []
     for each in local:
         if all(abs(each - other) > _SAME_PLACE for other in kept):
@@ -191,7 +192,7 @@ def _distinct(local: ComplexArray) -> list[complex]:
 
 
 def _start(path: Path) -> tuple[ChainState, IntArray]:
-    """Centres and angles of a path from its joints' tracks, and the frames that show all of them."""
+    """Return the initial chain of a path from its joints' tracks, and the frames in which all of it is known."""
     tracks = np.stack([step.joint for step in path], axis=1)
     angles = np.empty(tracks.shape)
     for k, step in enumerate(path):
@@ -206,7 +207,7 @@ def _start(path: Path) -> tuple[ChainState, IntArray]:
 
 
 def costs_on_segments(points: ComplexArray, state: ChainState) -> tuple[FloatArray, ComplexArray]:
-    """(n + 1, M) cost of every marker on every segment, inf where hardly seen, and its coordinates there, m."""
+    """Return cost (n + 1, M), inf where hardly seen, and coordinates, m, of every marker on every segment."""
     origin, turn = joint_positions(state)
     counts = np.isfinite(points).sum(axis=0)
     costs = np.full((len(state.centres) + 1, points.shape[1]), np.inf)
@@ -224,12 +225,12 @@ def _log_cost(residual: FloatArray | float) -> FloatArray:
 
 
 def _residual(cost: FloatArray) -> FloatArray:
-    """The residual that costs as much, m."""
+    """Return the residuals, m, that have these costs; the inverse of :func:`log_cost`."""
     return np.asarray(SCALE * np.sqrt(np.expm1(2 * cost)))
 
 
 def _assigned(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
-    """(M,) the segment that holds each marker best; -1 where none does."""
+    """Return the segment (M,) that fits each marker best; -1 where none does."""
     segment = np.argmin(costs, axis=0)
     own = costs[segment, np.arange(costs.shape[1])]
     segment[~np.isfinite(own) | ~np.isfinite(problem.base.scatter)] = -1
@@ -243,14 +244,14 @@ def _assigned(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
 
 
 def _own(local: ComplexArray, segment: IntArray) -> ComplexArray:
-    """(M,) coordinates of every marker on its own segment."""
+    """Return the coordinates (M,) of every marker on its own segment."""
     return np.asarray(local[np.maximum(segment, 0), np.arange(len(segment))])
 
 
 def _bundle(
     points: ComplexArray, segment: IntArray, state: ChainState, pins: tuple[Pin, ...], used: IntArray
 ) -> ChainState | None:
-    """The chain fitted to its moving markers by Gauss-Newton steps that lower Cauchy's loss; None where singular."""
+    """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None where singular."""
     moving = np.flatnonzero(segment > 0)
     columns = np.concatenate([points[:, moving], *(pin.track[used, None] for pin in pins)], axis=1)
     seen, weight = np.isfinite(columns), np.array([1.0] * len(moving) + [pin.weight for pin in pins])
@@ -263,7 +264,7 @@ def _bundle(
     )
 
     def loss(state: ChainState, scale: float) -> tuple[FloatArray, float]:
-        """Weights of the residuals, and the loss; a pin counts in full however far away it is."""
+        """Return the residuals' weights and the loss; pins keep their full weight at any distance."""
         off = np.abs(chain.points - predict_markers(chain, state)) / scale
         weights = np.where(chain.pinned, weight, weight / (1 + off**2))
         each = scale**2 * weight * np.where(chain.pinned, off**2, np.log1p(off**2))

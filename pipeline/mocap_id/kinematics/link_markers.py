@@ -4,7 +4,8 @@ Two rigid bodies A and B may be connected by a segment that has no body of its o
 about a joint a of A, and on another about a joint b of B:
 
 - ``link marker``: the distance of a and b is constant. One segment from a to b carries u.
-- ``joint marker``: it is not. Two segments carry u at the joint between them, one from a to u and one from u to b.
+- ``joint marker``: this distance varies. Two segments, from a to u and from u to b, carry u at the joint between
+  them.
 
 A left and a right marker at the same place count as one point.
 """
@@ -75,7 +76,7 @@ def linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
 
 
 class _Search:
-    """Bodies, single points and the circles of the points about joints of the bodies, each fitted once."""
+    """Search over bodies and single points; each circle of a point about a joint of a body is fitted once."""
 
     def __init__(self, problem: SegmentationProblem) -> None:
         self.problem = problem
@@ -87,7 +88,7 @@ class _Search:
         self._centres: dict[tuple[int, int], list[complex]] = {}
 
     def paths(self) -> Iterator[Path]:
-        """Depth-first search without a marker twice; body 0 is the ground."""
+        """Yield the paths to all bodies by depth-first search, without a marker twice; body 0 is the ground."""
         edges = [list(self._edges(index)) for index in range(len(self.bodies))]
         longest = self.problem.rules.longest - 1
 
@@ -104,7 +105,7 @@ class _Search:
         yield from extended(0, (), frozenset())
 
     def _edges(self, index: int) -> Iterator[tuple[Path, int]]:
-        """What leads from a body to another: a joint, or segments without a body."""
+        """Yield the connections from a body to others: a joint, or segments without a body of their own."""
         parent, rules, frames = self.bodies[index], self.problem.rules, len(self.problem.points)
         none = np.array([], dtype=np.int64)
         for following, child in enumerate(self.bodies[1:], 1):
@@ -125,7 +126,7 @@ class _Search:
                             yield (Step(first, None, markers), end), following
 
     def _about(self, index: int, unit: int) -> list[complex]:
-        """Joints of a body, in its frame, about which a point turns."""
+        """Return the places on a body, in its frame, about which a point runs on a circle."""
         key = index, unit
         if key not in self._centres:
             self._centres[key] = list(self._turning(index, unit))
@@ -179,7 +180,7 @@ def unit_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
 
 
 def _bodies(problem: SegmentationProblem) -> list[RigidBody]:
-    """The ground, then every body of any level whose rotation can be measured."""
+    """Return the ground, then every body of any level whose rotation can be measured."""
     found: dict[bytes, RigidBody] = {}
     for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
         for body in _of_level(problem.clusters, level, problem):
@@ -189,7 +190,7 @@ def _bodies(problem: SegmentationProblem) -> list[RigidBody]:
 
 
 def _loose(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
-    """Moving markers that are on no rigid body of three points."""
+    """Return the moving markers that are on no rigid body of three points."""
     held = [
         body.markers for body in bodies[1:] if len(list(point_units(problem.points, problem.lateral, body.markers))) > 2
     ]
@@ -207,12 +208,12 @@ def _size(body: RigidBody) -> float:
 
 
 def _seen_from(body: RigidBody, place: complex) -> ComplexArray:
-    """Track (F,) of a point fixed to a body, m."""
+    """Return the track (F,) of a point fixed to a body, m."""
     return np.asarray(body.position + body.rotation * place)
 
 
 def _constant(distance: FloatArray) -> tuple[float, float]:
-    """Median of a distance (F,), and its rms deviation from it over the usual frames, m."""
+    """Return the median (m) of a distance (F,), and its rms deviation from it without the largest deviations."""
     known = distance[np.isfinite(distance)]
     if len(known) < _FEWEST_FRAMES:
         return 0.0, np.inf
@@ -222,7 +223,7 @@ def _constant(distance: FloatArray) -> tuple[float, float]:
 
 
 def _circle(track: ComplexArray, least_arc: float) -> complex | None:
-    """Centre of the circle on which a point runs; None where its track is no circle."""
+    """Return the centre of a point's circular track; None where the track is no circle."""
     known = track[np.isfinite(track)]
     for _ in range(2):  # the second fit is without faults
         if len(known) < _FEWEST_FRAMES:

@@ -1,7 +1,8 @@
 """Search for the best chain with single-marker segments, and for the markers that represent its joints.
 
-The arc of an ankle is too short to show its centre, and an inner joint without a rigid body on both sides is loose. A
-marker near such a joint then represents it, with a standard deviation for its distance from it, if the cost allows it.
+The arc of an ankle is too short to show its centre, and an inner joint without a rigid body on both sides is not
+fixed. A marker near such a joint then represents it, with a standard deviation for the distance between the two. This
+is done only if it hardly raises the cost.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _OFF_AXIS = 0.012  # m; distance of a marker from the joint that it is attached 
 _MORE_THAN_STILL = 1.12  # an ankle's marker moves this much more than the stillest ones; heels do not
 _RISE = 2.0  # by which the cost may rise for an ankle at a marker
 _INNER_RISE = 4.0
-_NEAR = 0.04  # m; a marker this close to an inner joint may stand for it
+_NEAR = 0.04  # m; a marker this close to an inner joint may represent it
 _INNER_FRAMES = 30.0  # frames for which such a marker counts: its error is the same in all of them
 
 
@@ -78,7 +79,7 @@ def _with_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) 
 
 
 def _inner(problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, weight: float) -> LinkFit | None:
-    """The fit with the marker beside an inner joint standing for it; None where there is none."""
+    """Return the fit with a nearby marker at an inner joint; None if no marker fits there."""
     moving = np.flatnonzero((fit.segment == joint) | (fit.segment == joint + 1))
     place, _ = joint_positions(fit.state)
     near = []
@@ -95,7 +96,7 @@ def _inner(problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, w
 
 
 def _on_first_segment(problem: SegmentationProblem, fit: LinkFit) -> LinkFit:
-    """The fit with still markers that stand for joint 1 on segment 1."""
+    """Return the fit with the still markers at joint 1 assigned to segment 1."""
     ankle = np.array([marker for pin in fit.pins if pin.joint == 0 for marker in pin.unit], dtype=np.int64)
     segment, local = fit.segment.copy(), fit.state.local.copy()
     segment[ankle] = 1

@@ -110,10 +110,10 @@ def chain_angles(
     local: ComplexArray,
     joint_markers: Mapping[int, ComplexArray],
 ) -> FloatArray:
-    """Return the segments' angles (F, n), rad, of a chain that is known; NaN where a frame does not show them.
+    """Return the segments' angles (F, n), rad, of a known chain; NaN where a frame does not show them.
 
-    Segments with two distinct points show theirs by themselves. The others follow from the joints at their ends: a
-    neighbour with a body carries one, or markers stand for it.
+    A segment with two distinct points shows its own angle. Any other segment has its angle from the joints at its ends,
+    which are known from a neighbouring segment with two points or from joint markers.
 
     Parameters
     ----------

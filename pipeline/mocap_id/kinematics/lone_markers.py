@@ -10,9 +10,9 @@ from mocap_id.kinematics.frame_sampling import frames_along_motion
 _FRAMES = 120
 _FEWEST = 20  # frames that show both markers
 _MOVES = 0.02  # m, rms; the others move more: a distance from a still marker may stay the same by chance
-_MOST = 2  # more of them are limbs with one marker each
+_MOST = 0.1  # of all markers; more of them are limbs with one marker each
 _SHARE = 0.3  # 10 to 90 % range of the distance from every other marker, relative to the marker's own scatter
-_STRAYS = (0.02, 0.06)  # m; that limit is never below or above
+_STRAYS = (0.02, 0.04)  # m; that limit is never below or above
 
 
 def find_lone_markers(points: FloatArray) -> BoolArray:
@@ -41,7 +41,7 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
         others = moves & (np.arange(len(moves)) != marker)
         nearest = _distance_ranges(some, int(marker), others).min(initial=np.inf)
         lone[marker] = np.isfinite(nearest) and nearest > np.clip(_SHARE * scatter[marker], *_STRAYS)
-    return lone if lone.sum() <= _MOST else np.zeros_like(lone)
+    return lone if lone.mean() <= _MOST else np.zeros_like(lone)
 
 
 def _distance_ranges(points: FloatArray, marker: int, others: BoolArray) -> FloatArray:

@@ -1,9 +1,9 @@
 """Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or no marker of the body.
 
-Every marker is followed on the segment that holds it, in the frame of a chain that is fitted robustly to every frame.
-A good marker keeps its place there, within the motion of the skin. A bad stretch is away from this place, and it begins
-or ends with a jump, or the marker stands still in the laboratory while its segment moves: limbs that are on no segment
-leave their place too, but neither suddenly nor to stand still.
+Every marker is followed in the frame of its own segment; the chain is fitted robustly to every frame. A good marker
+keeps its place there, within the motion of the skin. In a bad stretch it is elsewhere. The stretch also begins or ends
+with a jump, or the marker stands still in the laboratory while its segment moves. Limbs outside the chain leave their
+place too, but without a jump and without standing still.
 """
 
 from __future__ import annotations
@@ -122,7 +122,9 @@ def sampled_rows(frames: int, rate: float) -> IntArray:
     return np.arange(0, frames, max(1, round(rate / _RATE), -(-frames // _MOST)))
 
 
-def find_bad_stretches(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> tuple[BadStretch, ...]:
+def find_bad_stretches(
+    recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray, examined: IntArray
+) -> tuple[BadStretch, ...]:
     """Find the bad stretches of every marker.
 
     Parameters
@@ -131,7 +133,9 @@ def find_bad_stretches(recorded: RecordedMarkers, found: Segmentation, fitted: C
     found : Segmentation
         Segments of the markers.
     fitted : (f, M) complex array
-        The frames in the plane that were segmented, m.
+        The frames in the plane that were segmented, m; NaN also where samples are known to be bad.
+    examined : int array
+        Columns of the markers that may be bad.
     """
     tracks = _tracks(recorded, found, fitted)
     if tracks is None:
@@ -139,7 +143,7 @@ def find_bad_stretches(recorded: RecordedMarkers, found: Segmentation, fitted: C
     usual = _usual_places(tracks, found.segment)
     bad: list[BadStretch] = []
     strays: list[int] = []
-    for marker in np.flatnonzero(np.isfinite(fitted).any(axis=0)):
+    for marker in examined:
         place = usual[marker] or _best_place(tracks, int(marker))
         own = []
         if place is not None and place.share >= _LEAST_SHARE:
@@ -194,7 +198,7 @@ def _robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -
 
 
 def _usual_places(tracks: _Tracks, segment: IntArray) -> list[_Place | None]:
-    """Return the place of each marker (M) on its own segment; None for a marker on none."""
+    """Return the place of each marker (M) on its own segment; None for a marker without a segment."""
     own = [_place(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
     typical = {
         k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
@@ -212,7 +216,7 @@ def _best_place(tracks: _Tracks, marker: int) -> _Place | None:
 
 
 def _place(tracks: _Tracks, segment: int, marker: int) -> _Place | None:
-    """Return the place where a marker is most of the motion in the frame of a segment; None if it is hardly seen."""
+    """Return where a marker is for most of the motion, in the frame of a segment; None if it is hardly seen."""
     track = tracks.local[segment, tracks.along, marker]
     track = track[np.isfinite(track)]
     if len(track) < _FEWEST // 2:
@@ -279,7 +283,7 @@ def _repeated(positions: FloatArray) -> BoolArray:
 
 
 def _bridged(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
-    """Return the runs, those that are less than ``longest`` frames apart as one."""
+    """Return the runs, with those less than ``longest`` frames apart joined."""
     joined: list[slice] = []
     for run in runs:
         if joined and frames[run.start] - frames[joined[-1].stop - 1] < longest:

@@ -35,8 +35,6 @@ class PlaneFit:
 
     def straighten(self, positions: FloatArray, feet: FloatArray) -> FloatArray:
         """Turn positions (F, M, 3) about the line of motion through the ``feet`` (3,), until the plane is vertical."""
-        if self.lean == 0:
-            return positions
         across = np.array([np.sin(self.yaw), -np.cos(self.yaw), 0.0])
         away = positions - feet
         c, s, z = np.cos(self.lean), np.sin(self.lean), away @ across

@@ -46,8 +46,8 @@ class Segmentation:
     confidence : Confidence
         Confidence in the segments.
     ratios : tuple of float
-        For each joint, the residual without its segment (skipped; the last one fixed to its parent) over the
-        residual with it.
+        For each joint, the residual without its segment divided by the residual with it. The segment is
+        skipped, the last one is fixed to its parent.
     base : Base
         The still markers and the noise floor.
     hypotheses : tuple of Hypothesis
@@ -222,7 +222,7 @@ def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> Non
 
 
 def _ratios(points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
-    """Return for each joint the residual without its segment (skipped; the last one fixed) over its own."""
+    """Return for each joint the residual without its segment (the last one: fixed) divided by the residual with it."""
     skipped = [
         fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
     ]

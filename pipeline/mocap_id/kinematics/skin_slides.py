@@ -223,7 +223,7 @@ def slide_scales(relative: FloatArray) -> FloatArray:
 
 
 def scaled_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
-    """Return the centred angles (T, n) of the joints below and above each marker, over its scale: (T, K, 2)."""
+    """Return the centred angles (T, n) of the joints below and above each marker, divided by its scale, (T, K, 2)."""
     beyond = np.concatenate([relative, np.zeros((len(relative), 1))], axis=1)
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 

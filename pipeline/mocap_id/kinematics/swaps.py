@@ -230,7 +230,7 @@ def _with_end(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -
     backwards, last = Continuations(positions[::-1], rate), len(positions) - 1
     found: list[tuple[float, int]] = []
     for column, other in ((swap.first, swap.second), (swap.second, swap.first)):
-        seen = np.isfinite(positions[:, other]).all(axis=1)
+        seen = np.isfinite(positions[:, other].sum(axis=1))
         for k in np.flatnonzero((breaks.column == column) & ~seen[breaks.following]):
             following = int(breaks.following[k])
             before = np.flatnonzero(seen[max(following - round(_GAP * rate), 0) : following][::-1])[:1]

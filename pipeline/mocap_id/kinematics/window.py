@@ -7,11 +7,13 @@ from itertools import combinations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.kinematics.base_motion import find_base_motion
 
 STILL_RADIUS = 0.015
 """Largest distance (m) of a base marker from its rest position: skin, toes and heels move by a few millimetres."""
 
 _TRAVEL = 5.0  # least travel of a moving marker, in still radii
+_STANDS = 0.7  # share of the recording in which a base that changes its place stands still
 _TRIED = 200  # stretches tried, the longest first
 
 MIN_SECONDS = 2.0
@@ -31,11 +33,11 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     Returns
     -------
     first, stop : int
-        Frame indices, ``stop`` excluded. The whole recording if its base is fixed throughout, or without a stretch
-        of :data:`MIN_SECONDS`.
+        Frame indices, ``stop`` excluded. The whole recording if its base is fixed throughout or only changes its
+        place, or without a stretch of :data:`MIN_SECONDS`.
     """
     frames = len(positions)
-    if _still_throughout(positions).sum() >= 2:
+    if _still_throughout(positions).sum() >= 2 or _only_replaced(positions, rate):
         return 0, frames
     least = MIN_SECONDS * rate
     found = [run for still in _still(positions, rate).T for run in find_runs(still)]
@@ -45,8 +47,14 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     return next((s for s in longest_first[:_TRIED] if _moves(positions[s[0] : s[1]])), (0, frames))
 
 
+def _only_replaced(positions: FloatArray, rate: float) -> bool:
+    """Return whether the base stands still in most of the recording, though not always at the same place."""
+    base = find_base_motion(positions, np.arange(len(positions)) / rate, rate)
+    return base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * len(positions)
+
+
 def _moves(positions: FloatArray) -> bool:
-    """Return whether at least two markers travel far beyond the still radius, unlike in a wait."""
+    """Return whether at least two markers travel far beyond the still radius, as they do not while waiting."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = np.where(seen[..., None], positions, np.inf).min(axis=0)
     high = np.where(seen[..., None], positions, -np.inf).max(axis=0)

@@ -140,7 +140,8 @@ def compare_with_feet(
 def _on_feet_alone(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
     """Return the samples (F,) in which each plate is loaded by the feet: all, or those of a person who stands.
 
-    If the plates carry the whole weight while the body is low, a chair may stand on them. Its force acts behind the feet.
+    If the plates carry the whole weight while the body is low, a chair may stand on them; its force acts behind the
+    feet.
     """
     loaded = [_loaded(each) for each in samples]
     tall, low = upright(positions)
@@ -231,13 +232,15 @@ def _placement(
     unknown: str | None,
 ) -> PlatePlacement:
     known = bool(np.isfinite(off))
-    over = lowest is not None and plate.centre is not None and loaded.any()
+    over = None
+    if lowest is not None and plate.centre is not None and loaded.any():
+        over = float(lowest - plate.centre[2])
     return PlatePlacement(
         index=plate.index,
         off_feet=off if known else None,
         unknown=None if known else unknown or "the plate is hardly loaded",
         allowance=allowance if known else 0.0,
-        over_surface=float(lowest - plate.centre[2]) if over else None,
+        over_surface=over,
         normal=None if plate.corners is None else -plate_axes(plate.corners)[:, 2],  # the z axis of a plate points down
         load=float(samples.force[loaded, 2].mean()) if loaded.any() else 0.0,
     )

@@ -109,13 +109,13 @@ def enclosed(corners: FloatArray) -> FloatArray:
 
 
 def _signed(corners: FloatArray) -> FloatArray:
-    """Signed measure (K,) of simplices (K, d + 1, d)."""
+    """Return the signed area or volume (K,) of simplices (K, d + 1, d)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(np.linalg.det(edges) / factorial(corners.shape[-1]))
 
 
 def _circumradius(corners: FloatArray) -> FloatArray:
-    """Radius (K,) of the ball through the corners (K, d + 1, d); infinite for a degenerate simplex."""
+    """Return the radius (K,) of the ball through the corners (K, d + 1, d); infinite for a degenerate simplex."""
     edges = corners[:, 1:] - corners[:, :1]
     square = np.sum(edges**2, axis=-1)
     volume = np.abs(np.linalg.det(edges))

@@ -124,7 +124,7 @@ class SpatialArm:
 
 
 def _axes(covariance: FloatArray) -> FloatArray:
-    """Principal axes (K, 2) with positive variance, as long as their standard deviations."""
+    """Return the principal axes (K, 2) with positive variance; the length of each is its standard deviation."""
     values, vectors = np.linalg.eigh(covariance)
     kept = values > 0
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)

@@ -57,7 +57,7 @@ def least_spring(
 
 
 def _lowest(excess: Callable[[float], float], low: float, high: float) -> float:
-    """Minimum of a convex function by ternary search, or the first point found where it is at most 0."""
+    """Return the minimum of a convex function by ternary search, or the first point found where it is at most 0."""
     for _ in range(_STEPS):
         one, other = low + (high - low) / 3, high - (high - low) / 3
         here, there = excess(one), excess(other)

@@ -229,7 +229,7 @@ def reached_holdable_angles(
 
 
 def _negative_runs(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
-    """Intervals in which the piecewise linear curve through the points is 0 or less."""
+    """Return the intervals in which the piecewise linear curve through the points is 0 or less."""
     below = np.concatenate([[False], y <= 0, [False]])
     starts, ends = np.flatnonzero(~below[:-1] & below[1:]), np.flatnonzero(below[:-1] & ~below[1:]) - 1
 

@@ -107,7 +107,7 @@ class OneJoint:
     def _part(
         self, start: float, end: float, stiffness: float, rest: float, slack: float
     ) -> tuple[float, float] | None:
-        """Part of an interval with monotone torque that can be held."""
+        """Return the part of an interval with monotone torque that can be held; None if no part can."""
         at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
         low, high = self.torque_low - slack, self.torque_high + slack
         if max(at_start, at_end) < low or min(at_start, at_end) > high:
@@ -121,7 +121,7 @@ class OneJoint:
         return enter(start, end, at_start), enter(end, start, at_end)
 
     def _crossing(self, here: float, there: float, level: float, stiffness: float, rest: float) -> float:
-        """Angle between two angles at which the torque crosses a level, by bisection to rounding."""
+        """Return the angle between two angles at which the torque crosses a level, by bisection to rounding."""
         sign = self.torque(np.array(here), stiffness, rest) > level
         for _ in range(60):
             middle = 0.5 * (here + there)

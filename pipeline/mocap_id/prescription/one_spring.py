@@ -118,7 +118,7 @@ def prescribe_spring(joint: OneJoint, wishes: SpringRequirements = SpringRequire
 def _containing(
     joint: OneJoint, stiffness: float, rest: float, required: tuple[float, ...]
 ) -> tuple[float, float] | None:
-    """The widest interval that can be held and contains every required angle."""
+    """Return the widest interval that can be held and contains every required angle."""
     tolerance = 1e-6
     fitting = [
         part
@@ -129,7 +129,7 @@ def _containing(
 
 
 def _search(joint: OneJoint, wishes: SpringRequirements, none: float) -> tuple[_Spring | None, float]:
-    """The best spring, and an upper bound of range minus penalty, rad; ``none`` is the range without a spring."""
+    """Return the best spring, and an upper bound of range minus penalty, rad; ``none`` is the range without spring."""
     half = 0.5 * _stiffest(joint, wishes, none)
     centres, best, worth, bound = np.array([half]), None, none, np.inf
     limits, rests = np.array([joint.torque_low, joint.torque_high]), np.array(wishes.rest)
@@ -159,7 +159,7 @@ def _search(joint: OneJoint, wishes: SpringRequirements, none: float) -> tuple[_
 
 
 def _stiffest(joint: OneJoint, wishes: SpringRequirements, none: float) -> float:
-    """A stiffness beyond which no range is wider than without a spring, or than five degrees.
+    """Return a stiffness above which no range is wider than without a spring, or than five degrees.
 
     Over a range R, a spring changes the torque by kR, and gravity compensates 2mgl of this at most.
     """
@@ -170,7 +170,7 @@ def _stiffest(joint: OneJoint, wishes: SpringRequirements, none: float) -> float
 
 
 def _grid(joint: OneJoint, wishes: SpringRequirements, size: int) -> tuple[FloatArray, int, int]:
-    """Angles (M,), and the indices of the first and the last between the required angles."""
+    """Return the angles (M,), and the indices of the first and last of the required ones."""
     grid = np.linspace(joint.lower, joint.upper, size)
     if not wishes.required:
         return grid, 1, 0
@@ -180,13 +180,13 @@ def _grid(joint: OneJoint, wishes: SpringRequirements, size: int) -> tuple[Float
 
 
 def _rest(joint: OneJoint, wishes: SpringRequirements, stiffness: float, low: float, high: float) -> float:
-    """Rest angle that shifts torques between low and high into the middle of the limits, as far as it is allowed."""
+    """Return the rest angle that shifts torques low and high to the middle of the limits, as far as allowed."""
     middle = 0.5 * ((high - joint.torque_high) + (low - joint.torque_low)) / stiffness
     return float(np.clip(middle, *wishes.rest))
 
 
 def _polished(joint: OneJoint, wishes: SpringRequirements, stiffness: float, rest: float) -> _Spring | None:
-    """The better of a spring and its refinement; None if the spring holds nothing."""
+    """Return the better of a spring and its refinement; None if the spring holds nothing."""
     start = _containing(joint, stiffness, rest, wishes.required)
     if start is None:
         return None
@@ -200,5 +200,5 @@ def _polished(joint: OneJoint, wishes: SpringRequirements, stiffness: float, res
 
 
 def _worth(joint: OneJoint, wishes: SpringRequirements, spring: _Spring) -> float:
-    """Range minus penalty, rad."""
+    """Return the objective of the search: range minus penalty, rad."""
     return spring.width - wishes.penalty * spring.stiffness / joint.weight

@@ -118,7 +118,7 @@ def sample_postures(  # noqa: PLR0917
 
 
 def _reaching(arm: PlanarArm, limits: JointLimits, point: FloatArray, starts: FloatArray) -> FloatArray:
-    """Postures (K, n) within the limits whose tip is at the point: damped Gauss–Newton from each start."""
+    """Return postures (K, n) within the limits whose tip is at the point, by Gauss–Newton from each start."""
     q = starts.copy()
     step, n = 1e-6, limits.dimension
     for _ in range(40):

@@ -75,7 +75,7 @@ def refine_spring(  # noqa: PLR0917
 def _margins(
     joint: OneJoint, start: tuple[float, float, float, float], required: Sequence[float], rest: tuple[float, float]
 ) -> Callable[[FloatArray], FloatArray]:
-    """Margins to each limit as a function of both ends, stiffness / weight and shift / weight."""
+    """Return the margins to each limit as a function of both ends, stiffness / weight and shift / weight."""
     low, high, stiffness, _ = start
     weight, phase = joint.weight, float(np.arctan2(joint.cosine, joint.sine))
     inside = joint.turning_points(stiffness)

@@ -65,7 +65,7 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
 
 
 def _faces(n: int, least: int) -> list[tuple[list[int], list[float]]]:
-    """Faces of an n-box with ``least`` to n - 1 dimensions: the joints at a limit, and the limit (0 or 1)."""
+    """Return the faces of an n-box with ``least`` to n - 1 dimensions: joints at a limit, and the limit (0 or 1)."""
     return [
         (list(fixed), [float(side) for side in sides])
         for count in range(1, n - max(least, 0) + 1)

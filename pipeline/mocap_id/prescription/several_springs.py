@@ -69,27 +69,27 @@ class _Search:
         self.boxes = 0
 
     def cells(self, low: FloatArray, high: FloatArray) -> int:
-        """Upper bound of the cells for springs between two corners; -1 if a required point is not held."""
+        """Return an upper bound of the cells for springs between two corners; -1 if a required point is not held."""
         p = self.postures
         return count_cells(p.gravity, p.stretch, p.cell, p.cells, p.required, self.across, self.torque, low, high)
 
     def price(self, springs: FloatArray) -> float:
-        """Penalty of the stiffnesses, in cells."""
+        """Return the penalty of the stiffnesses, in cells."""
         return float(self.penalty * self.postures.cells * np.sum(springs[:, 0] / self.high[:, 0]))
 
     def worth(self, springs: FloatArray) -> float:
-        """Cells minus penalty of springs; -inf if a required point is not held."""
+        """Return the objective of springs, cells minus penalty; -inf if a required point is not held."""
         count = self.cells(springs, springs)
         return -np.inf if count < 0 else count - self.price(springs)
 
     def promise(self, low: FloatArray, high: FloatArray) -> float:
-        """Upper bound of the worth of all springs of a box."""
+        """Return an upper bound of the objective of all springs in a box."""
         self.boxes += 1
         count = self.cells(low, high)
         return -np.inf if count < 0 else count - self.price(low)
 
     def halves(self, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Halves of a box, cut across the side that contributes most to the uncertainty of the torques."""
+        """Return the two halves of a box, cut across the side that contributes most to the torques' uncertainty."""
         width = high - low
         far = np.maximum(
             np.abs(self.postures.stretch.max(axis=0) - low[:, 1]),
@@ -171,14 +171,14 @@ def prescribe_several(
 
 
 def _without_slack_ones(search: _Search, springs: FloatArray) -> FloatArray:
-    """The springs (S, 2) without very soft ones, unless fewer cells are held without them."""
+    """Return the springs (S, 2) without very soft ones, unless fewer cells are held without them."""
     fewer = springs.copy()
     fewer[springs[:, 0] <= _SLACK * search.high[:, 0], 0] = 0.0
     return fewer if search.cells(fewer, fewer) >= search.cells(springs, springs) else springs
 
 
 def _free_cells(search: _Search, nothing: FloatArray) -> int:
-    """Cells held without springs, even if required points are not."""
+    """Return the cells held without springs, even if required points are not."""
     p = search.postures
     return count_cells(
         p.gravity, p.stretch, p.cell, p.cells + p.required, 0, search.across, search.torque, nothing, nothing
@@ -186,7 +186,7 @@ def _free_cells(search: _Search, nothing: FloatArray) -> int:
 
 
 def _branch(search: _Search, start: FloatArray, worth: float, boxes: int) -> tuple[FloatArray, float, float]:
-    """Best springs, their worth, and an upper bound of the worth of all springs."""
+    """Return the best springs, their objective, and an upper bound of the objective of all springs."""
     best, ticket = start, 0
     queue = [(-search.promise(search.low, search.high), ticket, search.low, search.high)]
     slack = _TOLERANCE * search.postures.cells

@@ -54,7 +54,7 @@ def fill_edges(padded: FloatArray) -> None:  # pragma: no cover
 
 @compiled
 def _limited(a: float, b: float) -> float:  # pragma: no cover
-    """The number of smaller size if both have the same sign, otherwise 0."""
+    """Return the smaller number by size if both have the same sign, otherwise 0."""
     if a * b <= 0.0:
         return 0.0
     return a if abs(a) < abs(b) else b
@@ -64,7 +64,7 @@ def _limited(a: float, b: float) -> float:  # pragma: no cover
 def _sides(
     before: float, left: float, right: float, after: float, second_order: bool
 ) -> tuple[float, float]:  # pragma: no cover
-    """Left and right derivatives from four consecutive differences."""
+    """Return the left and right derivatives from four consecutive differences."""
     if not second_order:
         return left, right
     bend = right - left
@@ -75,7 +75,7 @@ def _sides(
 def _friedrichs(
     x2: float, low: float, high: float, p1: tuple[float, float], p2: tuple[float, float]
 ) -> float:  # pragma: no cover
-    """Lax–Friedrichs Hamiltonian (eq. 7.15) with α of eq. 7.20."""
+    """Return the Lax–Friedrichs Hamiltonian (eq. 7.15) with α of eq. 7.20."""
     middle = 0.5 * (p2[0] + p2[1])
     h = 0.5 * x2 * (p1[0] + p1[1]) + (middle * high if middle > 0 else middle * low)
     return h - 0.5 * abs(x2) * (p1[1] - p1[0]) - 0.5 * max(abs(low), abs(high)) * (p2[1] - p2[0])
@@ -85,7 +85,7 @@ def _friedrichs(
 def _godunov(
     x2: float, low: float, high: float, p1: tuple[float, float], p2: tuple[float, float]
 ) -> float:  # pragma: no cover
-    """Godunov's Hamiltonian: each term takes the derivative from its upwind side."""
+    """Return Godunov's Hamiltonian: each term takes the derivative from its upwind side."""
     h = x2 * p1[0] if x2 > 0 else x2 * p1[1]
     if low > 0:
         return h + (p2[0] * high if p2[0] > 0 else p2[0] * low)

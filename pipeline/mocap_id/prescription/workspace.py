@@ -61,7 +61,8 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
     between the tip in an equal number of other postures and the nearest sample.
 
     The interval is 1.96 standard deviations, widened on both sides by the discretisation. The standard deviation is
-    computed by displacing each limit and dimension in turn by its own, with the topology of the shape's edge kept.
+    computed by displacing each limit and dimension in turn by its own standard deviation. The topology of the edge
+    stays the same.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def _shape(points: FloatArray, others: FloatArray) -> AlphaShape:
 
 
 def _deviation(arm: Arm, limits: JointLimits, postures: FloatArray, shape: AlphaShape) -> float:
-    """Standard deviation of the measure from those of limits and dimensions."""
+    """Return the standard deviation of the measure from those of limits and dimensions."""
     facets = shape.boundary()
     used, corner = np.unique(facets, return_inverse=True)
     share = (postures[used] - limits.lower) / (limits.upper - limits.lower)

@@ -10,8 +10,8 @@ missing under the feet, and one of three rules finds the contact:
 - ``weight``: the chair is released when the feet carry 72 % of the standing weight. In simulated trials the chair
   still carries up to a quarter of the weight at that instant.
 - ``knee``: there is no contact while the knee is straighter than 0.8 rad, as in the thesis (6.4.2). This excludes a
-  third of the usable samples, including the most exciting ones. The rule needs no plate. It is the fallback if
-  plate readings are missing while standing, whose weight the other rules need, or in all low phases.
+  third of the usable samples, including the most exciting ones. The rule needs no plate. It replaces
+  the other rules if there are no plate readings while the person stands, or none while the hips are low.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def standing_weight(posture: Posture, vertical: FloatArray) -> float:
 
 
 def uses_chair(posture: Posture, vertical: FloatArray, weight: float) -> bool | None:
-    """Return whether a chair relieves the feet of weight in the low phases, as it never does in a squat.
+    """Return whether a chair carries weight in the low phases, which it never does in a squat.
 
-    None if this is unknown: without the standing weight, or without a plate reading in any low phase.
+    The result is None without the standing weight, or without a plate reading in any low phase.
 
     Parameters
     ----------

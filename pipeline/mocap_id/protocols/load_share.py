@@ -96,7 +96,7 @@ def _released(repetition: Repetition) -> float:
 
 
 def _until(repetition: Repetition, after: float) -> float:
-    """Return the latest end of standing, s; for a squat, the start of the next repetition."""
+    """Return the latest possible end of standing, s; for a squat, the start of the next repetition."""
     if repetition.end > repetition.stand:
         return repetition.end
     return after if not np.isnan(after) else np.inf

@@ -112,8 +112,9 @@ def _contact_reasons(contact: Contact, requested: ContactRule) -> tuple[Reason, 
     if contact.chair is None:
         reason = Reason(
             "contact-unknown",
-            "chair contact is unknown: the plates have no reading while the person stands, or none in any low phase. "
-            "Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair were used",
+            "chair contact is unknown: the plates have no reading while the person stands, or none while the hips "
+            "are low. Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair "
+            "were used",
         )
     elif not contact.chair:
         reason = Reason(

@@ -60,7 +60,7 @@ def surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_centre_of_pressure(channels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Type 1 measures force, point of application and free moment."""
+    """Return force and moment of a type 1 plate, from force, point of application and free moment."""
     force = channels[:, :3]
     point = np.column_stack([channels[:, 3:5], np.zeros(len(channels))])
     moment = np.cross(point, force)
@@ -69,7 +69,7 @@ def _from_centre_of_pressure(channels: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _from_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Type 3 is a piezoelectric plate with a three-component sensor near each corner.
+    """Return force and moment of a type 3 plate, which has a three-component sensor near each corner.
 
     The sensors 1 (+x+y), 2 (-x+y), 3 (-x-y) and 4 (+x-y) are at ±a along x and ±b along y.
     """

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import parse_axis
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.model import Recording
-from mocap_id.recording.text_reader import HEAD_BYTES, find_parser, read_text_markers
+from mocap_id.recording.text_reader import HEAD_BYTES, Parser, find_parser, read_text_markers
 from mocap_id.recording.text_tables import open_recording
 from mocap_id.recording.trc_table import parse_trc
 
@@ -67,20 +68,13 @@ def read(
     markers, forces = Path(markers), None if forces is None else Path(forces)
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
-        parse = find_parser(stream.read(HEAD_BYTES))
-        if parse is None and markers.suffix.lower() == ".trc":
-            parse = parse_trc  # it says what is wrong
+        parse = _parser(markers, stream)
         if parse is None:
-            _check_c3d(markers, forces)
+            if forces is not None:
+                raise ConfigError(f"{forces}: a C3D file contains its own force plates; `forces` belongs to a TRC file")
             return read_c3d(markers, stream, units, axis, plate_units, unit_required=unit_required)
     return read_text_markers(
-        markers,
-        parse,
-        forces,
-        units=units,
-        vertical=axis,
-        force_units=plate_units,
-        unit_required=unit_required,
+        markers, parse, forces, units=units, vertical=axis, force_units=plate_units, unit_required=unit_required
     )
 
 
@@ -96,15 +90,17 @@ def is_marker_text(path: Path) -> bool:
         return find_parser(stream.read(HEAD_BYTES)) is not None
 
 
-def _check_c3d(markers: Path, forces: Path | None) -> None:
-    """Refuse a text file of unknown format, and a separate file of forces."""
-    if markers.suffix.lower() in _TEXTS:
+def _parser(path: Path, stream: BinaryIO) -> Parser | None:
+    """Return the parser of a text file from its first bytes; None for a C3D file."""
+    parse = find_parser(stream.read(HEAD_BYTES))
+    if parse is None and path.suffix.lower() == ".trc":
+        return parse_trc  # it says what is wrong
+    if parse is None and path.suffix.lower() in _TEXTS:
         raise RecordingError(
-            f"{markers}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
+            f"{path}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
             "header, or as C3D or TRC"
         )
-    if forces is not None:
-        raise ConfigError(f"{forces}: a C3D file contains its own force plates; `forces` belongs to a TRC file")
+    return parse
 
 
 def _check_kinds(markers: Path, forces: Path | None) -> None:

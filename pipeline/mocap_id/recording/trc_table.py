@@ -1,4 +1,4 @@
-"""Text of TRC files, with headers that contradict each other or the rows."""
+"""Parser of the text of TRC files, whose header may contradict itself or the rows."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _header(path: Path, lines: Sequence[str]) -> _Header:
 
 
 def _values(names: str, following: Sequence[str]) -> dict[str, str]:
-    """Return the values of the header by lower-case name; they contain no white space, unless tabs say otherwise."""
+    """Return the values of the header by lower-case name; a value has no white space, except between tabs."""
     separator = "," if "," in names and "\t" not in names else "\t"
     keys = [key.lower() for key in names.replace(separator, " ").split()]
     line = following[0] if following else ""
@@ -100,7 +100,7 @@ def _values(names: str, following: Sequence[str]) -> dict[str, str]:
 
 
 def _row_separator(row: str, separator: str | None) -> str | None:
-    """Return the separator of the rows; None for white space, which then joins no blank cells."""
+    """Return the separator of the rows; None if white space separates them, so that no cell can be blank."""
     separator = separator if separator == "," else "\t"
     if separator in row and len(row.split(separator, 1)[0].split()) == 1:
         return separator

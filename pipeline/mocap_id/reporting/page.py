@@ -79,7 +79,7 @@ def environment() -> Environment:
 
 
 def explained(reason: ReasonEntry) -> ExplainedReason:
-    """Add the explanation of its code to a reason."""
+    """Return a reason together with the explanation of its code."""
     explained = EXPLANATIONS.get(reason.code)
     return ExplainedReason(
         level=reason.level,

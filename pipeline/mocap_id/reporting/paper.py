@@ -83,7 +83,7 @@ _RC: dict[Any, object] = {
 
 @contextmanager
 def paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
-    """Context with our matplotlib settings."""
+    """Return a context with our matplotlib settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)

@@ -197,7 +197,7 @@ def _identification(data: ReportData) -> tables.Grid:
 
 
 def _segmentation(data: ReportData) -> tables.Grid:
-    shown = {"names", "joint_names", *segment_tables.SHOWN}
+    shown = {"names", "joint_names", "bad_stretches", *segment_tables.SHOWN}  # the reasons list the stretches
     return tables.facts("Segmentation", _without(data.facts("segments.parquet"), shown))
 
 

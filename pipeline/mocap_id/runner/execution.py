@@ -107,12 +107,12 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
 
 
 def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run the stages up to a given one, as far as they are not up to date; later outputs are not changed.
+    """Run the stages up to a given one that are not up to date; later outputs are not changed.
 
     Raises
     ------
     ConfigError, RecordingError, NumericalError, StoreError
-        As for :func:`run`, also with regard to refusals.
+        As for :func:`run`. A refusal is returned in the outcome.
     """
     last = next(k for k, stage in enumerate(stages) if stage.name == name)
     with _run(trial, stages, progress) as this:
@@ -121,7 +121,7 @@ def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: 
 
 @contextmanager
 def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[_Run]:
-    """Start a run and lock its folder. User files are read first, so that an error in them leaves no trace."""
+    """Start a run and lock its folder."""
     this = _Run(trial, stages, progress)
     outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
     files = {role: path for stage in stages for role, path in user_files(trial, stage).items()}
@@ -284,7 +284,7 @@ class _Run:
             raise StoreError(f"{stage.name}: {why}. Run `{first}` first, or all with `mocap-id run {self.trial.file}`")
 
     def stale(self, stage: Stage) -> bool:
-        """Whether a stage's outputs, which all exist, are out of date; StoreError if one is damaged."""
+        """Return whether a stage's outputs, which all exist, are out of date; StoreError if one is damaged."""
         self.folder.origin(stage.name, stage.outputs)
         return self.current(stage, self.hashes(stage)) is None
 

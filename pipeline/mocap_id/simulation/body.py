@@ -73,7 +73,7 @@ class Link:
 
     @property
     def inertial_parameters(self) -> dict[str, float]:
-        """Inertial parameters by their names in the truth."""
+        """Inertial parameters by name, as in truth.json."""
         (cx, cy), m = self.com, self.mass
         return {"m": m, "mx": m * cx, "my": m * cy, "Izz": self.about_origin, "cx": cx, "cy": cy, "Ic": self.inertia}
 

@@ -212,7 +212,7 @@ def _stretch(rng: np.random.Generator, frames: int, count: float) -> tuple[int, 
 
 
 def _filtered(points: FloatArray, cut_off: float, rate: float) -> FloatArray:
-    """Zero-phase Butterworth low-pass of what is seen; gaps are bridged by lines for it and stay gaps."""
+    """Return the visible samples after a zero-phase Butterworth low-pass; gaps are bridged for it and stay gaps."""
     from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  loads scipy.stats
 
     seen, time = np.isfinite(points), np.arange(len(points))
@@ -227,7 +227,7 @@ def _filtered(points: FloatArray, cut_off: float, rate: float) -> FloatArray:
 
 
 def _about(axis: FloatArray, angle: float) -> FloatArray:
-    """Rotation matrix (3, 3) about a unit axis."""
+    """Return the rotation matrix (3, 3) about a unit axis."""
     x, y, z = axis
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)

@@ -223,7 +223,9 @@ def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
     for pair in filter(None, (part.strip() for part in text.split(","))):
         name, _, number = (part.strip() for part in pair.partition("="))
         if name not in names or name in values:
-            raise ConfigError(f"simulate: {option}: {pair!r} is not expected; expected each once: {', '.join(names)}")
+            raise ConfigError(
+                f"simulate: {option}: {pair!r} is unknown or repeated; expected each at most once: {', '.join(names)}"
+            )
         try:
             values[name] = float(number)
         except ValueError:

@@ -214,7 +214,7 @@ def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -
 
 @dataclass(frozen=True)
 class _Performance:
-    """A motion with its chair, its entries of the truth, and the person's separate bodies if any."""
+    """A motion with its chair, its entries in truth.json, and the separate bodies of a person that has them."""
 
     motion: JointMotion
     chair: Chair | None = None

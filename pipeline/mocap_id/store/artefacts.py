@@ -101,7 +101,7 @@ class Table:
         return np.stack([self.columns[name] for name in names], axis=1).astype(np.float64, copy=False)
 
     def column(self, name: str, rows: slice = slice(None)) -> Values:
-        """A column, or some rows of it."""
+        """Return a column, or some rows of it."""
         return self.columns[name][rows]
 
     def having(self, **columns: Values) -> Table:
@@ -149,7 +149,7 @@ class LongTable:
         return ["frame", "time", "marker", *self.values]
 
     def column(self, name: str, rows: slice = slice(None)) -> Values:
-        """A column, or some rows of it."""
+        """Return a column, or some rows of it."""
         if name == "marker":
             return np.array(self.labels, dtype=object)[self.codes(rows)]
         if name in self.values:
@@ -238,7 +238,7 @@ class Tree:
         return tuple(map(str, self.array(path).reshape(-1))) if self.has(path) else ()
 
     def has(self, path: str) -> bool:
-        """Whether the tree has a node at ``group/name``."""
+        """Return whether the tree has a node at ``group/name``."""
         node: Any = self.data
         for name in path.split("/"):
             if not isinstance(node, Mapping) or name not in node:

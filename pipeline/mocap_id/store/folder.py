@@ -78,7 +78,7 @@ class Folder:
             lock.release()
 
     def there(self) -> bool:
-        """Whether the folder exists; StoreError where its permissions hide it."""
+        """Return whether the folder exists; StoreError where its permissions hide it."""
         try:
             (self.path / _HIDDEN / LOCK).exists()
             return self.path.is_dir()
@@ -119,7 +119,7 @@ class Folder:
         return self.provenance(file).origin.key if record is None else record.origin.key
 
     def exists(self, file: str) -> bool:
-        """Whether the file exists, damaged or not."""
+        """Return whether the file exists, damaged or not."""
         return file in self._read or (self.path / file).is_file()
 
     def keep(self, outputs: Iterable[Artefact | Document], origin: Origin) -> list[Artefact | Document]:
@@ -262,7 +262,7 @@ class Folder:
         return self._verified.get(file)
 
     def _verify(self, file: str, record: Record) -> bool:
-        """Whether a record lists an existing artefact; StoreError as for :meth:`_record_of`."""
+        """Return whether a record lists an existing artefact; StoreError where the artefact is damaged."""
         if file in self._verified:
             return True
         checksum = record.artefacts.get(file)
@@ -306,7 +306,7 @@ class Folder:
         return record if sound else None
 
     def _may_be_document(self, file: str) -> bool:
-        """Whether a name may be a document: in this folder, and neither an artefact nor a record."""
+        """Return whether a name may be a document: in this folder, and neither an artefact nor a record."""
         path = within(self.path, file)
         return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 

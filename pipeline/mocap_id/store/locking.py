@@ -31,7 +31,7 @@ def lock_in(own: Path) -> BaseFileLock:
 
 
 def _can_be_locked(place: Path) -> bool:
-    """Whether the disk supports locks; some network disks do not."""
+    """Return whether the disk supports locks; some network disks do not."""
     if fcntl is None:
         return True
     descriptor = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)

@@ -115,9 +115,10 @@ class IdentifiedTrial:
     @cached_property
     def planar(self) -> Trajectories:
         """The markers in the plane."""
-        artefact = Folder(self.folder).read("planar.parquet")
+        artefact, segments = (Folder(self.folder).read(f"{name}.parquet") for name in ("planar", "segments"))
         assert isinstance(artefact, LongTable)
-        return Trajectories(artefact)
+        assert isinstance(segments, Table)
+        return Trajectories(artefact, segments.facts.get("bad_stretches", ()))
 
     def in_band(self, signal: FloatArray) -> FloatArray:
         """Return a signal (T, ...) filtered as for the trial's comparison of model and plate.

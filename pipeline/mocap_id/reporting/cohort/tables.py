@@ -138,7 +138,7 @@ def _model(row: Mapping[str, Any]) -> str:
 
 
 def _titles(codes: str) -> str:
-    """The titles of the codes' explanations."""
+    """Return the titles of the codes' explanations."""
     return "; ".join(EXPLANATIONS[code].title if code in EXPLANATIONS else code for code in codes.split(", "))
 
 

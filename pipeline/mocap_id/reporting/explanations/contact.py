@@ -40,7 +40,7 @@ CONTACT: Mapping[str, Explanation] = {
         "would spread their errors. The remaining samples are too few.",
         "Make a longer recording, with fewer gaps or longer standing phases.",
         "identify-dim",
-        "Time off the chair and outside the filter's reach of gaps, s.",
+        "Time without chair contact and beyond the filter's reach around gaps, s.",
     ),
     "contact-rule": Explanation(
         ("caution",),
@@ -55,12 +55,12 @@ CONTACT: Mapping[str, Explanation] = {
     "contact-unknown": Explanation(
         ("caution",),
         "Chair contact is unknown",
-        "The plates have no reading while the person stands, or none in the low phases. It is therefore not known "
+        "The plates have no reading while the person stands, or none while the hips are low. It is therefore not known "
         "whether a chair carries part of the body. Only samples with a straight knee were used. This is safe, but "
         "excludes the most informative part of the movement.",
         "Record with plate readings throughout, or choose a `window:` that has them.",
         "identify-dim",
-        "No plate reading while the person stands, or none in a low phase.",
+        "No plate reading while the person stands, or none while the hips are low.",
     ),
     "contact-unsettled": Explanation(
         ("caution",),
@@ -172,7 +172,7 @@ CONTACT: Mapping[str, Explanation] = {
         "The chair's own weight is unknown",
         "The chair's weight is normally taken from its plate while the person stands; here nobody stands. Unless the "
         "plate was zeroed with the chair on it, the identified mass includes the chair.",
-        "Record some standing. If the plate was zeroed with the chair on it, set `planarise: {seat_zero: none}`.",
+        "Record some quiet standing. If the plate was zeroed with the chair on it, set `planarise: {seat_zero: none}`.",
         "planarise",
         "Nobody stands for 0.2 s, so the chair's plate has no unloaded reading.",
     ),

@@ -24,7 +24,8 @@ PARAMETERS: Mapping[str, Explanation] = {
         "parameters. No parameters are given, because any values would be a guess.",
         "Record a movement of every joint, or reduce the number of segments with `segment: {count: …}`.",
         "identify-dim",
-        "The regressor off the chair has a lower rank than that of the chain; the value is the known mass, kg.",
+        "On samples without chair contact, the regressor has a lower rank than for a moving chain. The value is the "
+        "known mass, kg.",
     ),
     "clock-offset-unknown": Explanation(
         ("caution",),
@@ -153,7 +154,7 @@ PARAMETERS: Mapping[str, Explanation] = {
         "one body of the measured poses, as between pelvis and trunk, has no torque for any choice of components.",
         "Fit at least Fy and tauz: they give all torques except those within a body.",
         "identify-dim",
-        "Rows of the regressor outside the row space of `identify-dim: {components}`.",
+        "A row of the regressor is not a linear combination of the rows of `identify-dim: {components}`.",
     ),
     "reference-assumed": Explanation(
         ("ok",),

@@ -33,6 +33,29 @@ RECORDING: Mapping[str, Explanation] = {
         "planarise",
         "The sign that distinguishes front from back is within the noise.",
     ),
+    "base-moved": Explanation(
+        ("caution", "ok"),
+        "The feet changed their place",
+        "The feet slid, were placed elsewhere or turned, usually while the person sat. If both moved alike (note), "
+        "markers, forces and moments are expressed relative to the feet, so that angles, lengths and torques are right. "
+        "x, tauz and the centre of pressure then hold for the feet at their first place. If they did not move alike "
+        "(caution), only their mean displacement was corrected; joints and lengths are less exact.",
+        "Nothing for a note; `planar.parquet` has the times and amounts. For a caution, analyse each part alone with "
+        "`window:`, or record again with the feet at marked places.",
+        "planarise",
+        "Largest horizontal displacement of the markers on the feet between two stretches in which they stand still, m; "
+        "found from 8 mm. A caution if they are more than 5 mm rms from a common motion.",
+    ),
+    "plane-leans": Explanation(
+        ("ok",),
+        "The plane of motion leans sideways",
+        "The motion lies in a plane that is not vertical: the person moves at an angle to the vertical, or the "
+        "cameras' vertical is wrong. Angles and lengths are measured in this plane, forces and moments in the "
+        "vertical plane along it.",
+        "If the person moved upright, calibrate the cameras' vertical again.",
+        "planarise",
+        "Lean of the plane, degrees; from 2.5 to 20, if this plane leaves less than half of the out-of-plane motion.",
+    ),
     "upside-down": Explanation(
         ("caution",),
         "The chain hangs below its base",
@@ -47,12 +70,13 @@ RECORDING: Mapping[str, Explanation] = {
         "Swapped marker labels",
         "Two trajectories exchange places at once, and the distances to the markers around them are preserved only if "
         "the labels are exchanged too. The labels at the start of the file are taken as correct. Of unrepaired swaps "
-        "(caution), the samples of both markers are left out of the segments, the joints and the states; repaired swaps "
-        "(note) are used.",
+        "(caution), the samples of both markers are left out of the segments, the joints and the states; repaired "
+        "swaps (note) are used.",
         "Check the named frames in the camera software and relabel there, or set `planarise: {repair_swaps: true}`. "
         "Your file is never changed.",
         "segment",
-        "Two trajectories jump at once by 8 to 15 mm or more; only their exchange preserves distances to neighbours.",
+        "Two trajectories jump at once by 8 to 15 mm or more; the distances to other markers stay constant only if the "
+        "two labels are exchanged.",
     ),
     "bursts": Explanation(
         ("ok",),
@@ -174,7 +198,7 @@ RECORDING: Mapping[str, Explanation] = {
         ("caution",),
         "The clock or sense of the encoder is uncertain",
         "Both are estimated from the movement that encoder and cameras recorded, which does not determine them well. "
-        "Comparisons between the two, especially of torque, suffer; states from the cameras do not.",
+        "Comparisons between the two, especially of torque, are inexact; the states from the cameras are not affected.",
         "Let the joint rest, then move it far and fast; or synchronise the clocks before the recording.",
         "ukf-smooth",
         "The opposite sense fits nearly as well, or the clock offset is at `ukf-smooth: {encoder_offset_limit_s}`, or "

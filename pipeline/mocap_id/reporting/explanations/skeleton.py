@@ -47,6 +47,17 @@ SKELETON: Mapping[str, Explanation] = {
         "Share of the chain's motion that is out of the plane; limits `segment: {planarity_caution}` and "
         "`segment: {planarity_limit}`.",
     ),
+    "heel-lifts": Explanation(
+        ("caution", "ok"),
+        "The heels lift",
+        "A foot turns about the toes while the person rises, so the ankle is not a fixed point. If the markers show the "
+        "foot as a segment (note), the chain begins at the toes: ground, foot, shank, thigh. Otherwise (caution) the "
+        "ankle's torque is wrong by the weight on the feet times the ankle's displacement, and angles of knee and hip "
+        "may be wrong by some degrees.",
+        "Record again with the heels on the ground, for example from a higher chair.",
+        "segment",
+        "Largest turn of the line between two markers on one foot, degrees; found from 3.5 with a rise of 12 mm.",
+    ),
     "segments-unsure": Explanation(
         ("caution",),
         "The segments are uncertain",
@@ -103,7 +114,7 @@ SKELETON: Mapping[str, Explanation] = {
         "it is a reflection or a passer-by, or the only marker of a limb. It is left out of all results.",
         "Delete it in the camera software, or list it under `planarise: {ignore: …}`.",
         "segment",
-        "The distances from all other moving markers change by 20 to 60 mm or more. The value is the duration, s.",
+        "The distances from all other moving markers change by 20 to 40 mm or more. The value is the duration, s.",
     ),
     "too-few-frames": Explanation(
         ("refused",),
@@ -131,8 +142,8 @@ SKELETON: Mapping[str, Explanation] = {
         "the motion locates the centre well. The standard deviation includes 10 mm in each direction for the distance "
         "of their mean from the joint. In a conventional marker set, the markers at the ankle and the knee are found "
         "by their motion.",
-        "Compare with a run without `joint_markers`; `fit-joints: {lambda_a: …}` sets the weight. Remove them for a "
-        "joint that turns far.",
+        "Compare with a run without `joint_markers`; `fit-joints: {lambda_a: …}` sets the weight. Remove the "
+        "markers of a joint that turns far.",
         "fit-joints",
         "`segment: {joint_markers}` lists markers, or the motion shows them; the value is λ_A.",
     ),
@@ -162,6 +173,41 @@ SKELETON: Mapping[str, Explanation] = {
         "Fill or re-label the missing markers, or exclude the interval with `window:`.",
         "ukf-smooth",
         "Time with a standard deviation of the angle above `ukf-smooth: {angle_sd_limit}`, s.",
+    ),
+    "prefiltered": Explanation(
+        ("caution",),
+        "The markers were filtered before the export",
+        "Camera noise is present at all frequencies up to half the frame rate. Here the residuals of the markers end at "
+        "the frequency in the message: a low-pass filter or resampling removed the rest, and fast movement with it. "
+        "The intervals of the states include the noise that is left. Below 5 Hz the movement itself is changed: peaks of "
+        "velocity and acceleration are too low, by an unknown amount, and the states have no intervals.",
+        "Export the markers without a filter, at the rate of the cameras. The smoother of `ukf-smooth` adapts to the "
+        "noise, so filtered markers never give better states.",
+        "ukf-smooth",
+        "Cut-off frequency of the residuals' spectrum, Hz; limit 12, without intervals below 5.",
+    ),
+    "repeated-frames": Explanation(
+        ("caution", "ok"),
+        "Frames are repeated",
+        "In some frames every marker is exactly where it was in the frame before, although the person moves. This "
+        "happens if frames were lost, or if a recording was resampled to a higher rate. These frames hold old positions "
+        "and are left out of the states, which are bridged there. Below 1 % of the frames this is only a note.",
+        "Export again at the rate of the cameras. If the frames were lost in the recording, check the load of the "
+        "recording computer.",
+        "ukf-smooth",
+        "Share of frames that repeat the one before; limit 0.01.",
+    ),
+    "markers-oscillate": Explanation(
+        ("caution",),
+        "The markers of a segment oscillate together",
+        "All markers of a segment move to and fro together, at one frequency, against the chain. Soft tissue that "
+        "wobbles does this, and so does a loose plate with markers. The angles follow such a motion, which the bones "
+        "do not make. Accelerations suffer most; their intervals include the oscillation.",
+        "Fix the markers to bony places, or tape the plates on firmly. If the movement itself shakes at this frequency, "
+        "check that the segments are rigid.",
+        "ukf-smooth",
+        "Largest rms oscillation of a segment's markers that is left in their residuals, m. The peak of its spectrum, "
+        "from 2 to 15 Hz, is 10 times above both sides.",
     ),
     "states-method": Explanation(
         ("caution",),

@@ -24,10 +24,11 @@ TRANSFER: Mapping[str, Explanation] = {
         ("caution",),
         "The model is no better than a table on its own trial",
         "The body was identified on a trial whose left-out repetitions are predicted as well or better by the table's "
-        "body, for the named quantities. What is individual in the model is there no larger than its errors.",
+        "body, for the named quantities. There, the difference between the model and the table is no "
+        "larger than the model's errors.",
         "See `held-out-worse` on the model's trial, and transfer the model of a better trial.",
         "transfer",
-        "The same ratio on left-out repetitions of the model's own trial; limit 1.",
+        "rms error on left-out repetitions of the model's own trial, divided by that of the table's body; limit 1.",
     ),
     "transfer-not-told-apart": Explanation(
         ("caution",),

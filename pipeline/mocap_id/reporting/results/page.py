@@ -1,4 +1,4 @@
-"""The page of a result: one HTML file that opens anywhere and fetches nothing."""
+"""The page of a result: one HTML file that needs no other file and no network."""
 
 from __future__ import annotations
 

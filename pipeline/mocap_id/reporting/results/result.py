@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Result:
-    """What a command has to write."""
+    """The output of a command: a JSON document, tables and other files."""
 
     kind: str  # such as ``study``; the document's schema is ``mocap-id/<kind>``
     file: str  # name of the JSON document

@@ -13,7 +13,7 @@ from mocap_id.reporting.summary_schema import ReasonEntry
 
 Fate: TypeAlias = Literal["ok", "caution", "refused", "failed"]
 FATES: dict[Fate, str] = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
-"""Each fate in words: the level of the verdict, or that there is none."""
+"""Each way to end, in words: the level of the verdict, or that there is none."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class TrialEntry:
 
     @property
     def headline(self) -> str:
-        """The fate as a heading."""
+        """How the trial ended, as a heading."""
         return "Failed" if self.fate == "failed" else LEVELS[self.fate][0]
 
     @property
     def lead(self) -> Prose:
-        """What the fate means, or why the trial failed."""
+        """Meaning of this end, or why the trial failed."""
         if self.fate != "failed":
             return prose(LEVELS[self.fate][1])
         return prose(sentence(style.printable(self.message)) if self.message else "It could not be computed.")

@@ -66,7 +66,7 @@ def thesis_table(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]
 
 
 def overview(trials: pd.DataFrame) -> Grid:
-    """Return every trial by its cameras: its verdict, and its errors where they are known."""
+    """Return a row for every trial with its states from the cameras: verdict, and errors if known."""
     columns = (
         text("trial", "trial"),
         text("verdict", "verdict"),

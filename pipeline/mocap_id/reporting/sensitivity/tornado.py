@@ -51,7 +51,7 @@ def place(percent: float) -> float:
 
 
 def _order(data: SensitivityData) -> list[str]:
-    """Kinds by their largest change of any parameter, the largest first."""
+    """Return the kinds by their largest change of any parameter, the largest first."""
     counted = {parameter.name for parameter in data.parameters}
     responses = data.tables["responses"]
     worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
@@ -94,7 +94,7 @@ def _panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str
 
 
 def _bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
-    """Bars of one kind for one parameter, the widest first: lowest and highest change in %, opacity and colour.
+    """Return the bars of one kind for one parameter, widest first: lowest and highest change in %, opacity, colour.
 
     There is a bar for each absolute level, from its lowest to its highest change.
     """

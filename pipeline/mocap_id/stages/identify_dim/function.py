@@ -49,7 +49,7 @@ def identify_dim(context: Context) -> Outputs:
 def identification(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:
     """Return the prepared trial, its movement and the identification behind the artefacts.
 
-    All are of the pinned chain; with measured poses, the identification has the chain parameters that follow from them.
+    All three belong to the pinned chain. With measured poses, its parameters are computed from those of the bodies.
     """
     inputs = read_inputs(context)
     if inputs.prepared is None or inputs.obstacle is not None:
@@ -208,7 +208,7 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
             "mass-unchecked",
             "the identified mass could not be compared with the mass of the standing person "
             f"({facts.get('why') or 'the plates do not show it'}) nor with `subject: {{mass: …}}`: if a chair or a "
-            "support carries part of the body, the parameters are wrong without further notice",
+            "support carries part of the body, the parameters are wrong, and no other check shows it",
         )
         reasons = (*reasons, unchecked)
     return reasons

@@ -82,7 +82,7 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
 
 
 def _contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
-    """Whether the samples are shown, not only assumed, to have no unmeasured contact."""
+    """Return whether unmeasured contact is excluded by measurement, not only by assumption."""
     if context.trial.protocol == "robot-joint" or seat_measured:
         return True
     return movement.contact is not None and movement.contact.chair is not None

@@ -98,14 +98,14 @@ def measured_bodies(context: Context, recorded: TrialData) -> tuple[MeasuredBodi
 
 
 def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
-    """Whether a body's pose is known in most of the samples in which the chain's states are known."""
+    """Return whether a body's pose is known in most of the samples in which the chain's states are known."""
     states = known(recorded.ddq)
     visible = table[f"markers_{body + 1}"][states] >= LEAST_MARKERS
     return bool(len(visible)) and float(np.mean(visible)) >= _OFTEN
 
 
 def _shows_pose(body: Mapping[str, Any]) -> bool:
-    """Whether the markers of a body show a pose of its own: two points alone follow the skin, not the segment."""
+    """Return whether a body's markers show its pose: two points alone follow the skin, not the segment."""
     distinct: list[FloatArray] = []
     for place in np.array(list(body["markers"].values())):
         if all(np.hypot(*(place - other)) > _SAME_PLACE for other in distinct):
@@ -114,13 +114,13 @@ def _shows_pose(body: Mapping[str, Any]) -> bool:
 
 
 def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:
-    """Whether a body is a part of another one."""
+    """Return whether a body is a part of another one."""
     own = bodies[body]["segments"]
     return body != whole and bool(own) and set(own) <= set(bodies[whole]["segments"])
 
 
 def _complete(table: Table, recorded: TrialData, used: Sequence[int]) -> bool:
-    """Whether every segment of the chain is in one of the bodies."""
+    """Return whether every segment of the chain is in one of the bodies."""
     segments = {segment for k in used for segment in table.facts["bodies"][k]["segments"]}
     return segments == set(range(len(recorded.centres) + 1))
 

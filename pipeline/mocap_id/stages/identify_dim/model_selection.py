@@ -84,7 +84,7 @@ class RepetitionPredictor:
 
 
 def poses_preferred(predictor: RepetitionPredictor) -> bool:
-    """Whether the pinned chain does not predict left-out repetitions clearly better than measured poses.
+    """Return whether measured poses predict left-out repetitions about as well as the pinned chain, or better.
 
     In doubt the poses are preferred: their intervals are valid whether the joints give way or not.
     """

@@ -25,7 +25,8 @@ def predict_on_chain(
 ) -> tuple[BoolArray, FloatArray, FloatArray] | None:
     """Return left-out repetitions on the pinned chain: samples (T,), filtered model and measurement (T, 3).
 
-    The low-pass is that of the bodies. The samples are predicted on both motions; None if there are none.
+    Both are filtered with the low-pass of the bodies. Only samples that chain and bodies both predict are used; None if
+    there are none.
     """
     on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
     on_bodies = segments.validation.held_out

@@ -11,10 +11,12 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.allometry import TableName
 from mocap_id.dynamics.comparison import compare
 from mocap_id.dynamics.preparation import TrialData
+from mocap_id.protocols.body_names import GROUND
 from mocap_id.protocols.movement import Movement, facing
 from mocap_id.protocols.posture import standing_angles
 from mocap_id.protocols.reference_body import ReferenceBody, no_reference, reference_body
 from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim.trial_data import read_skeleton
 
 
 @dataclass(frozen=True)

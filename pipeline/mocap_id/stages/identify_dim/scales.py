@@ -45,6 +45,7 @@ def check_and_calibrate(
     reference: FloatArray,
     *,
     chain: tuple[BaseSet, ChainMap] | None = None,
+    unsmoothed: PreparedTrial | None = None,
 ) -> Identification:
     """Return the identification with errors of scale in its covariance, and with the result of the check.
 
@@ -60,6 +61,8 @@ def check_and_calibrate(
         Full parameters of the reference body on the chain; without one (NaN), there is no check.
     chain : (BaseSet, ChainMap), optional
         Base parameters of the chain and the map to them, for measured poses.
+    unsmoothed : PreparedTrial, optional
+        The trial with poses that are hardly filtered, for the check: the cut-offs of the fit damp accelerations.
     """
     usual = calibration(context)
     mass = float(found.full[::4].sum())
@@ -76,7 +79,7 @@ def check_and_calibrate(
             usual,
             chain=None if map_ is None else (map_.matrix, map_.constant),
         )
-        scales = check_scales(prepared, movement.free, found, ratios)
+        scales = check_scales(unsmoothed or prepared, movement.free, found, ratios)
     sd = {
         "gain": usual.gain_with(mass, mass_sd) if 1 in prepared.settings.components else usual.gain,
         "moments": usual.moments,
@@ -122,7 +125,7 @@ def scale_reasons(found: Identification, given: float | None) -> tuple[Reason, .
 _ON_TRUST = Reason(
     "scale-on-trust",
     "no mass of the person is given, so nothing in the recording shows an error of the plate's gain that is common to "
-    "all channels: the scale of forces, torques and parameters is taken on trust, within "
+    "all channels: the scale of forces, torques and parameters is assumed to be right, to within "
     "`identify-dim: {plate_gain_sd: …}`. Give `subject: {mass: …}` from a scale to check it",
     level="ok",
 )

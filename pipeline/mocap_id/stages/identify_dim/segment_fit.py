@@ -32,6 +32,7 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 from mocap_id.stages.identify_dim.validation import Validation
 
 _BENT, _BENT_SD = "hip", 0.01  # joint below a bending trunk, and additional standard deviation of its centre, m
+_UNSMOOTHED = (10.0, 10.0, 10.0)  # Hz, cut-offs that leave the movement unchanged
 _CORRELATED = 0.12  # s, correlation time of residuals with measured poses
 
 
@@ -169,7 +170,9 @@ def fit_segments(
     found, centres = _with_effect(found, effect), _centre_covariance(context, bodies)
     usual = reference_deviations(reference, settings.reference_sd)
     chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
-    found = check_and_calibrate(context, ready, movement, found, reference, chain=(prepared.base, chain_map))
+    plain = prepare_bodies(bodies, recorded, prepared.settings, prior, _UNSMOOTHED)
+    on_chain = (prepared.base, chain_map)
+    found = check_and_calibrate(context, ready, movement, found, reference, chain=on_chain, unsmoothed=plain)
     in_chain, share = _in_chain(prepared, pinned, found, chain_map, centres)
     return SegmentFit(
         bodies=bodies,

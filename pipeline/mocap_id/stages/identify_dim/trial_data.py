@@ -55,7 +55,7 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
         wrench=np.where(wrench["plate_ok"][:, None], wrench.stack(WRENCH_COMPONENTS), np.nan),
         centres=chain.centres,
         external=_external_wrenches(context, chain.segments),
-        knee=_thigh(chain.segments) - 1,
+        knee=max(0, _thigh(chain.segments) - 1),
     )
     return replace(recorded, averaged=recording.averaging_width(wrench.facts["analog_rate_hz"], recorded.rate))
 

@@ -1,4 +1,4 @@
-"""ExternalWrenches wrenches on the body other than the ground's: a chair on its own plate, and force sensors."""
+"""External wrenches on the body other than the ground's: a chair on its own plate, and force sensors."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _doubtful(index: int, choice: PlateChoice, why: str) -> Reason:
         advice = "a chair does not do this; its wrench was left out. Are they swapped in `plates: {feet: …, seat: …}`?"
     else:
         advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
-    return Reason("plates-doubtful", f"plate {index + 1}, named as the {choice.uses[index]}'s, {why}: {advice}")
+    return Reason("plates-doubtful", f"plate {index + 1}, named under `{choice.uses[index]}:`, {why}: {advice}")
 
 
 def _zero_unknown() -> Reason:

@@ -85,10 +85,12 @@ def planarise(context: Context) -> Outputs:
     external += measure_sensors(used, context.trial.external, source)
     if base is not None:
         part = replace(part, positions=base.undo_positions(part.positions, part.time))
+    if plane.lean:
+        part = replace(part, positions=plane.straighten(part.positions, find_feet(still.positions)))
     thinned, samples = still, moved_base.undo_in_samples(base, samples, part.time)
     doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    points = _trajectories(part, frame, plane, find_feet(thinned.positions))
+    points = _trajectories(part, frame)
     visible = np.isfinite(points["x"])
     moved = moved_base.describe(base, thinned, part.labels, frame, plane)
     found = {
@@ -167,12 +169,12 @@ def _visible(positions: FloatArray) -> BoolArray:
 def _plane(
     thinned: ThinnedFrames, source: Recording, choice: PlateChoice, settings: PlanariseSettings
 ) -> tuple[PlaneFrame, Facing | None, PlaneFit]:
-    """Return the plane's frame, the facing that gave its sense, and the fit of the motion."""
+    """Return the plane's frame, the facing that determined the direction of its x, and the fit of the motion."""
     lone = find_lone_markers(thinned.positions)
     fit = fit_plane(thinned.positions[:, ~lone] if lone.any() else thinned.positions)
     faced, yaw = None, fit.yaw
     if settings.yaw_deg is not None:
-        yaw = float(np.radians(settings.yaw_deg))
+        yaw, fit = float(np.radians(settings.yaw_deg)), replace(fit, lean=0.0)
     else:
         faced = facing(thinned.positions, np.array([np.cos(yaw), np.sin(yaw)]))
         if faced.forwards != (settings.facing == "+x"):
@@ -183,11 +185,11 @@ def _plane(
     return PlaneFrame(yaw, origin), faced, fit
 
 
-def _trajectories(part: _Part, frame: PlaneFrame, fit: PlaneFit, feet: FloatArray) -> dict[str, FloatArray]:
-    """Return coordinates (F, M) in the plane, m, upright if it leans; NaN where not visible."""
+def _trajectories(part: _Part, frame: PlaneFrame) -> dict[str, FloatArray]:
+    """Return coordinates (F, M) in the plane, m; NaN where not visible."""
     x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
     for some in chunks(len(part.time)):
-        local = frame.to_plane(fit.straighten(part.positions[some], feet))
+        local = frame.to_plane(part.positions[some])
         local[~_visible(local)] = np.nan
         x[some], y[some], z[some] = np.moveaxis(local, 2, 0)
     return {"x": x, "y": y, "z": z}

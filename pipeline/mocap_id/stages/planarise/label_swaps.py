@@ -79,8 +79,8 @@ def _reason(facts: Sequence[dict[str, Any]], repaired: bool) -> Reason:
     outcome = (
         "These frames were corrected in the results; the file was not changed."
         if repaired
-        else "Both are left out of the skeleton in these frames. To use them there, set `planarise: {repair_swaps: true}`, "
-        "or relabel them and export the trial again."
+        else "Both are left out of the skeleton in these frames. To use them there, set "
+        "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
     )
     return Reason(
         "marker-swap",

@@ -13,7 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import PlaneFit
 from mocap_id.kinematics.base_motion import BaseMotion, BaseStretch
-from mocap_id.kinematics.heel_lift import LEAST_TURN, HeelLift, find_heel_lift
+from mocap_id.kinematics.heel_lift import HeelLift, find_heel_lift
 from mocap_id.recording import PlateSamples, ThinnedFrames
 from mocap_id.verdict import Reason
 
@@ -68,8 +68,7 @@ def describe(
         "heel_lift": None if lift is None else _lift_fact(lift, labels),
     }
     moved = () if base is None else (_moved(base),)
-    lifts = () if lift is None else (_lifts(lift, labels),)
-    return Finding(facts, (*moved, *_leans(plane), *lifts))
+    return Finding(facts, (*moved, *_leans(plane)))
 
 
 def without_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
@@ -145,26 +144,13 @@ def _lift_fact(lift: HeelLift, labels: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _lifts(lift: HeelLift, labels: Sequence[str]) -> Reason:
-    turn = float(np.degrees(lift.turn))
-    return Reason(
-        "heel-lifts",
-        f"a foot turns by {turn:.0f}° and {labels[lift.marker]} rises by {1e2 * lift.height:.1f} cm, first at "
-        f"{lift.time:.1f} s: the base of the chain moves, and the ankle with it. The ankle's torque is wrong by the "
-        "weight on the feet times this displacement; angles and accelerations are less exact. If the first moving "
-        "segment is the foot, all segments have the name of the next one. Record again with the heels on the ground, "
-        "for example from a higher chair",
-        turn,
-        float(np.degrees(LEAST_TURN)),
-    )
-
-
 def _leans(plane: PlaneFit) -> tuple[Reason, ...]:
     if plane.lean == 0:
         return ()
     lean = abs(float(np.degrees(plane.lean)))
     text = (
-        f"the plane of motion leans sideways by {lean:.1f}°: the person moves askew, or the cameras' vertical is "
-        "wrong. Angles and lengths are measured in this plane, forces and moments in the vertical plane along it"
+        f"the plane of motion leans sideways by {lean:.1f}°: the person moves at an angle to the vertical, or "
+        "the cameras' vertical is wrong. Angles and lengths are measured in this plane, forces and moments in the "
+        "vertical plane along it"
     )
     return (Reason("plane-leans", text, lean, level="ok"),)

@@ -164,7 +164,7 @@ def _tilted(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason 
 
 
 def _explains(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
-    """Whether the force leans as wrong corners of level plates would make it lean, given normals and loads."""
+    """Return whether wrong corners explain the lean of the force: level plates would give about this lean."""
     total = sum(each.load for each in found)
     expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
     return bool(lean @ expected > 0.5 * (expected @ expected))

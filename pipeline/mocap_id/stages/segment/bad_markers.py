@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Segmentation, frames_over_time
-from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sampled_rows
+from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, sampled_rows
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _ROUNDS = 3
+_CLOSE = 0.1  # s
 _WORDS = {
     "frozen": ("stands still in the laboratory while its segment moves", "its last position was repeated"),
     "moved": ("is at another place on its segment", "it was probably taped on again, or slipped"),
@@ -42,7 +43,7 @@ class SegmentedMarkers:
 
 
 def segment_without_bad(
-    recorded: Trajectories, frames: int, segmented: Callable[[FloatArray], Segmentation]
+    recorded: Trajectories, frames: int, examined: IntArray, segmented: Callable[[FloatArray], Segmentation]
 ) -> SegmentedMarkers:
     """Segment the markers, find their bad stretches, and segment again without them until no more are found.
 
@@ -51,6 +52,8 @@ def segment_without_bad(
     recorded : Trajectories
     frames : int
         Number of frames to segment.
+    examined : int array
+        Columns of the markers that may be bad.
     segmented : callable
         Return the segments of points (f, M, 3), m.
 
@@ -59,32 +62,47 @@ def segment_without_bad(
     Refused
         The markers as recorded make no chain.
     """
-    view = Trajectories(recorded.planar, _swapped(recorded))
-    points = view.at(frames_over_time(view.plane(), frames))
-    done = SegmentedMarkers(segmented(points), view, points)
-    rows = sampled_rows(len(view.frames), view.rate)
+    swapped = Trajectories(recorded.planar, _swapped(recorded))
+    rows = sampled_rows(len(swapped.frames), swapped.rate)
+    markers = RecordedMarkers(swapped.at(rows), rows, swapped.track, swapped.rate)
+    done = _segmented(swapped, frames, segmented)
+    bad: tuple[dict[str, Any], ...] = ()
     for _ in range(_ROUNDS):
         plane = done.points[..., 0] + 1j * done.points[..., 1]
-        markers = RecordedMarkers(done.view.at(rows), rows, done.view.track, view.rate)
-        bad = find_bad_stretches(markers, done.found, plane)
-        if not bad:
-            break
-        facts = [
-            {
-                "marker": view.labels[stretch.marker],
-                "first_s": float(view.time[stretch.first]),
-                "last_s": float(view.time[stretch.last]),
-                "how": stretch.how,
-            }
-            for stretch in bad
-        ]
-        view = Trajectories(recorded.planar, (*view.bad, *facts))
-        points = view.at(frames_over_time(view.plane(), frames))
+        found = tuple(_fact(swapped, stretch) for stretch in find_bad_stretches(markers, done.found, plane, examined))
+        again, bad = _same(found, bad), found
+        view = Trajectories(recorded.planar, (*swapped.bad, *bad))
+        if again:
+            return replace(done, view=view)
         try:
-            done = SegmentedMarkers(segmented(points), view, points)
+            done = _segmented(view, frames, segmented)
         except Refused:  # the rest of the markers shows no chain
             break
     return done
+
+
+def _segmented(view: Trajectories, frames: int, segmented: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:
+    points = view.at(frames_over_time(view.plane(), frames))
+    return SegmentedMarkers(segmented(points), view, points)
+
+
+def _fact(view: Trajectories, stretch: BadStretch) -> dict[str, Any]:
+    return {
+        "marker": view.labels[stretch.marker],
+        "first_s": float(view.time[stretch.first]),
+        "last_s": float(view.time[stretch.last]),
+        "how": stretch.how,
+    }
+
+
+def _same(found: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether two searches found the same stretches, to a tenth of a second."""
+    return len(found) == len(before) and all(
+        one["marker"] == other["marker"]
+        and abs(one["first_s"] - other["first_s"]) < _CLOSE
+        and abs(one["last_s"] - other["last_s"]) < _CLOSE
+        for one, other in zip(found, before, strict=True)
+    )
 
 
 def _swapped(view: Trajectories) -> tuple[dict[str, Any], ...]:

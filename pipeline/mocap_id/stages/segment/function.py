@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,13 @@ from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.bad_markers import bad_marker_notes, left_out_words, segment_without_bad
+from mocap_id.stages.segment.bad_markers import (
+    SegmentedMarkers,
+    bad_marker_notes,
+    left_out_words,
+    segment_without_bad,
+)
+from mocap_id.stages.segment.lifted_heel import foot_moves, lift_reasons, with_foot
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
@@ -41,16 +48,25 @@ def segment(context: Context) -> Outputs:
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
     constraints = _constraints(labels, settings)
 
-    def segmented(points: FloatArray) -> Segmentation:
-        return _sorted(_plane(points, out), _lateral(points), rules, constraints, settings)
+    def segmented(count: int | None) -> SegmentedMarkers:
+        counted = replace(rules, count=count, longest=max(count or 0, longest))
+        return segment_without_bad(
+            recorded,
+            settings.frames,
+            np.setdiff1d(np.arange(len(labels)), out),
+            lambda points: _sorted(_plane(points, out), _lateral(points), counted, constraints, settings),
+        )
 
-    done = segment_without_bad(recorded, settings.frames, segmented)
+    done, lift = segmented(settings.count), recorded.planar.facts.get("heel_lift")
+    if settings.count is None:
+        done = with_foot(done, lift, labels, segmented)
     found, view, points = done.found, done.view, done.points
     plane, lateral = _plane(points, out), _lateral(points)
     asymmetries = np.degrees(asymmetry(plane, lateral, found.segment))
     planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
-    names, joint_names = body_names(trial.protocol, found.count)
+    foot = foot_moves(lift, labels, found)
+    names, joint_names = body_names(trial.protocol, found.count, foot_turns=foot)
     if settings.names is not None:
         names = _given_names(settings.names, found.count)
     sorted_markers = {
@@ -87,7 +103,7 @@ def segment(context: Context) -> Outputs:
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
     doubts += _upside_down(points, found.segment)
-    reasons = (*_bursts(recorded), *bad_marker_notes(view.bad), *not_planar, *doubts)
+    reasons = (*_bursts(recorded), *bad_marker_notes(view.bad), *lift_reasons(lift, moves=foot), *not_planar, *doubts)
     return (Table(SEGMENTS, sorted_markers, facts, reasons),)
 
 

@@ -12,14 +12,23 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
+from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
+from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spectrum
 from mocap_id.kinematics import SkinModel
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
 from mocap_id.stages.ukf_smooth.measured_poses import measured_poses
+from mocap_id.stages.ukf_smooth.noise_reasons import (
+    LOST_HZ,
+    filter_reason,
+    find_repeated_frames,
+    oscillation_reason,
+    repeated_reason,
+)
 from mocap_id.stages.ukf_smooth.predicted_markers import predicted_markers
 from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, assumed_skin, known_skin, lasting_errors
 from mocap_id.store import LongTable, Table, Tree
@@ -40,10 +49,11 @@ def ukf_smooth(context: Context) -> Outputs:
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0
-    states, observed = _states(view, columns[moves], chain, settings)
+    states, observed, repeated = _states(view, columns[moves], chain, settings)
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = known_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
-    states, sd_holds = _with_sd(states, observed, skin, camera, rate=view.rate, settings=settings)
+    spectrum = residual_spectrum(ChainResiduals(states, observed, view.rate))
+    states, sd_holds = _with_sd(states, observed, skin, camera, spectrum=spectrum, settings=settings)
     poses = measured_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     del observed
     slips = _skin_tree(tree, skeleton, states, skin, camera)
@@ -51,8 +61,15 @@ def ukf_smooth(context: Context) -> Outputs:
     if settings.method == "encoder":
         states, sd_holds = by_encoder(states, encoder), ENCODER_NOISE
     markers = predicted_markers(states, view, columns, chain)
-    reasons = _gaps(states, view.time, skeleton.joints, settings) + _for_comparison(settings)
-    facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds}
+    markers["residual"][repeated] = np.nan
+    reasons = (
+        _gaps(states, view.time, skeleton.joints, settings)
+        + _for_comparison(settings)
+        + repeated_reason(repeated)
+        + filter_reason(spectrum.cut_off)
+        + oscillation_reason(spectrum.oscillations, skeleton.segments)
+    )
+    facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
     return (
         Table(STATES, _state_columns(states, view.time), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
@@ -64,8 +81,10 @@ def ukf_smooth(context: Context) -> Outputs:
 
 def _states(
     view: Trajectories, columns: IntArray, chain: MarkerChain, settings: UkfSmoothSettings
-) -> tuple[States, FloatArray]:
-    """Return the states from the markers of the moving segments, and the samples used (F, M, 2), m, else NaN.
+) -> tuple[States, FloatArray, BoolArray]:
+    """Return the states from the markers of the moving segments, the samples used, and the repeated frames (F,).
+
+    The samples (F, M, 2) are in m; NaN where they are not used.
 
     Parameters
     ----------
@@ -74,6 +93,8 @@ def _states(
     """
     moves = chain.segment > 0
     observed = view.without_bursts(columns)
+    repeated = find_repeated_frames(observed)
+    observed[repeated] = np.nan
     states = smooth(
         observed,
         view.rate,
@@ -84,7 +105,7 @@ def _states(
         overwrite=True,
     )
     observed[~states.used] = np.nan  # in place: a copy would double the memory
-    return states, observed
+    return states, observed, repeated
 
 
 def _of_cameras(settings: UkfSmoothSettings) -> FilterSettings:
@@ -99,16 +120,18 @@ def _with_sd(
     skin: SkinModel | None,
     camera: float,
     *,
-    rate: float,
+    spectrum: ResidualSpectrum,
     settings: UkfSmoothSettings,
 ) -> tuple[States, str]:
     """Return the states with standard deviations that include known skin motion, and what these include."""
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
+    if spectrum.cut_off is not None and spectrum.cut_off < LOST_HZ:
+        return replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     if skin is None or settings.method == "two-filter":
         return states, NOISE
-    errors = lasting_errors(states, observed, skin, camera, rate)
-    return replace(states, sd=add_lasting_errors(states, rate, errors)), SKIN
+    errors = lasting_errors(states, observed, skin, camera, spectrum)
+    return replace(states, sd=add_lasting_errors(states, spectrum.rate, errors)), SKIN
 
 
 def _skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel | None, camera: float) -> Tree:

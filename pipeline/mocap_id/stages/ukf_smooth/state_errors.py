@@ -10,6 +10,7 @@ from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.coloured_errors import coloured_variance
 from mocap_id.estimation.lasting_errors import LastingErrors
 from mocap_id.estimation.missing_markers import variance_growth
+from mocap_id.estimation.residual_spectrum import ResidualSpectrum
 from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
 
 _LEAST = 50  # smallest number of frames showing every joint for an estimate of skin motion
@@ -60,7 +61,9 @@ def assumed_skin(states: States, residual: FloatArray, centre_covariance: FloatA
     return skin_from_residuals(_state(states, every), states.chain.segment, residual, centre_covariance)
 
 
-def lasting_errors(states: States, rested: FloatArray, skin: SkinModel, camera: float, rate: float) -> LastingErrors:
+def lasting_errors(
+    states: States, rested: FloatArray, skin: SkinModel, camera: float, spectrum: ResidualSpectrum
+) -> LastingErrors:
     """Return errors of the states that average out slowly or not at all.
 
     Parameters
@@ -71,14 +74,13 @@ def lasting_errors(states: States, rested: FloatArray, skin: SkinModel, camera: 
     skin : SkinModel
     camera : float
         m.
-    rate : float
-        Frames per second.
+    spectrum : ResidualSpectrum
     """
-    angles = _filled(states.mean[..., 0])
+    angles, rate = _filled(states.mean[..., 0]), spectrum.rate
     frames, variance = angle_errors(skin, angles, rate)
     variance *= variance_growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
     coloured = coloured_variance(ChainResiduals(states, rested, rate), angles, frames, camera)
-    variance = np.maximum(variance, coloured)
+    variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
     return LastingErrors(camera, frames, variance)
 
 

@@ -112,12 +112,12 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
 
 
 def joint_names(chain: Tree) -> tuple[str, ...]:
-    """Of the joints of chain.h5, by number where they have no names."""
+    """Return the names of the joints in chain.h5; numbers where they have no names."""
     return Skeleton.from_tree(chain).joint_names
 
 
 def _context(path: Path) -> Context:
-    """The inputs and settings of identify-dim when it wrote the folder."""
+    """Return the inputs and settings of identify-dim when it wrote the folder."""
     folder = Folder(path)
     parameters = folder.provenance("dynamics.h5").origin.parameters
     stage = next(stage for stage in STAGES if stage.name == STAGE.name)
@@ -128,7 +128,7 @@ def _context(path: Path) -> Context:
 
 
 def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
-    """A function that predicts the errors of the chain when it is found from other postures."""
+    """Return a function that predicts the chain's errors if it is found from other postures."""
     tree = context.tree("skin.h5")
     skin, camera = skin_artefact.from_tree(tree), float(tree.facts["camera_sd_m"])
     frames = context.table("states.parquet").length
@@ -142,7 +142,7 @@ def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
 
 
 def _widen(options: AdviceOptions, context: Context) -> float:
-    """How far every joint may go beyond its observed range, rad."""
+    """Return how far every joint may go beyond its observed range, rad."""
     degrees = _WIDEN.get(context.trial.protocol, _WIDEN_ELSE) if options.widen is None else options.widen
     return float(np.radians(degrees))
 

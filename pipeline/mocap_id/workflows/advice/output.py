@@ -67,7 +67,7 @@ def _limits(advised: Advice) -> str:
 
 
 def _worth(advised: Advice, proposal: Proposal) -> str:
-    """How much the standard deviations decrease, the largest first, and the condition number."""
+    """Return the benefit of a movement in words: standard deviations that decrease, and the condition number."""
     found = advised.design
     before, after = found.now.sd / found.size, proposal.predicted.sd / found.size
     gains = [i for i in np.argsort(-before) if after[i] < _CLOSER * before[i]]

@@ -63,7 +63,7 @@ class _SharedFolder(ConfigError):
 
 
 def _files(name: str) -> Iterator[tuple[Path, Source | None]]:
-    """Absolute paths of the matching files, with the content of those that had to be read."""
+    """Return the absolute paths of the matching files, with the content of those that had to be read."""
     path = Path(name).expanduser()
     found: Mapping[Path, Source | None]
     if path.is_dir():
@@ -81,7 +81,7 @@ def _files(name: str) -> Iterator[tuple[Path, Source | None]]:
 
 
 def _if_a_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
-    """A file in a folder with its content, if it is a trial's file; other YAML files are ignored."""
+    """Return a file in a folder with its content if it is a trial's file; other YAML files are ignored."""
     try:
         source = read(file)
     except ConfigError:

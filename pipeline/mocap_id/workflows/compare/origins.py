@@ -37,7 +37,7 @@ def _keys(run: RunFolder) -> dict[str, Value]:
 
 
 def _same(one: Artefact, other: Artefact) -> bool:
-    """Whether two artefacts have the same data, facts and reasons."""
+    """Return whether two artefacts have the same data, facts and reasons."""
     return (one.facts, one.reasons) == (other.facts, other.reasons) and _equal(_data(one), _data(other))
 
 

@@ -76,7 +76,7 @@ def export(
     makers = [make for name in FORMATS if name in formats for make in FORMATS[name]]
     made = sum((make(run) for make in makers), ExportFiles())
     if not made.files:
-        raise StoreError(f"{run.path} holds nothing for {', '.join(formats)}: {'; '.join(made.notes)}")
+        raise StoreError(f"{run.path} has no data for the formats {', '.join(formats)}: {'; '.join(made.notes)}")
     existing = [folder / name for name in made.files if (folder / name).exists()]
     if existing and not force:
         raise StoreError(f"{existing[0]} exists already: choose another folder with --out, or overwrite with --force")

@@ -101,7 +101,7 @@ def _body(  # noqa: PLR0917
     gravity: float,
     why: str = "",
 ) -> AssistedBody:
-    """The body, with the limits of the configuration in place of those of the trial."""
+    """Return the body, with the limits of the configuration in place of those of the trial."""
     wishes = config.wishes
     observed = subject.limits if subject is not None else None
     lower, upper = np.empty(len(names)), np.empty(len(names))
@@ -122,7 +122,7 @@ def _body(  # noqa: PLR0917
 
 
 def _largest(weights: ChainMasses, limits: JointLimits) -> FloatArray:
-    """Largest moment of gravity about each joint within the limits of the others, (n,) N·m."""
+    """Return the largest moment of gravity about each joint within the limits of the others, (n,) N·m."""
     q = limits.lower + sobol(2048, limits.dimension, 0) * (limits.upper - limits.lower)
     if limits.dimension == 1:
         return np.array([weights.one_joint(0, np.zeros(1), (0.0, 1.0), (-1.0, 1.0)).weight])

@@ -29,7 +29,7 @@ class Timed:
 
 @dataclass(frozen=True)
 class PrescriptionResult:
-    """The result of a prescription; None for what was not configured, or is not possible."""
+    """The result of a prescription; a part that was not configured, or is not possible, is None."""
 
     config: PrescriptionConfig
     body: AssistedBody

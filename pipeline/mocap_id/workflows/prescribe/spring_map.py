@@ -82,7 +82,7 @@ def map_springs(
 def _one(
     joint: OneJoint, inertia: float, stiffness: float, rest: float, grid: SearchGrid
 ) -> tuple[float | None, float]:
-    """Width of the range that is reached and held, and of the range that is held, rad."""
+    """Return the width of the reached and held range, and of the held range alone, rad."""
     dynamics = JointDynamics(joint, inertia, stiffness, rest)
     static = float(sum(high - low for low, high in joint.held(stiffness, rest)))
     if dynamics.equilibrium() is None:

@@ -82,7 +82,7 @@ def _tip_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, free:
 
 
 def _points(task: Task) -> FloatArray:
-    """Points (P, 2) of a task: its point, or a grid over its box."""
+    """Return the points (P, 2) of a task: its point, or a grid over its box."""
     if task.point_m is not None:
         return np.array([task.point_m])
     assert task.box_m is not None

@@ -109,7 +109,7 @@ def update(
 
 
 def exceeds_tolerance(one: Change) -> bool:
-    """Whether a result changed by more than its tolerance."""
+    """Return whether a result changed by more than its tolerance."""
     return tolerance_used(one) > 1.0
 
 

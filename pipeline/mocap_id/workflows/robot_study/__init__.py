@@ -1,4 +1,4 @@
-"""The thesis's robot study (ch. 5): trials of one joint each, through every method for the states."""
+"""The thesis's robot study (ch. 5): trials of one joint each, evaluated by every method for the states."""
 
 from mocap_id.workflows.robot_study.study import RobotStudyResult, validate_robot
 

@@ -44,7 +44,7 @@ def recovery(trial: RobotTrialResult) -> Recovery:
 
 
 def state_traces(trial: RobotTrialResult) -> StateTraces:
-    """Return the joint states over time by cameras and by differences, in the robot's frame."""
+    """Return the joint states over time from the cameras and from finite differences, in the robot's frame."""
     first = trial.by_method[CAMERAS.name]
     zero = np.array([first.frame.zero, 0.0, 0.0])
     curves = {
@@ -73,7 +73,7 @@ def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
 
 
 def _models(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
-    """Wrench (T, 3) of every model, by its label in the thesis."""
+    """Return the wrench (T, 3) of every model, by its label in the thesis."""
     found = {
         method.thesis: _wrench(trial.by_method[method.name].identified.dynamics, "_model")
         for method in (ENCODER, CAMERAS)
@@ -88,7 +88,7 @@ def _wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
 
 
 def _cut(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
-    """One repetition (P, 3), with the robot's direction of x."""
+    """Return the wrench of one repetition at each phase (P, 3), with x in the robot's direction."""
     at = start + _PHASE / 100 * (end - start)
     direction = np.array([result.frame.sign, 1.0, result.frame.sign])
     return np.asarray(np.column_stack([np.interp(at, result.time, column) for column in wrench.T]) * direction)

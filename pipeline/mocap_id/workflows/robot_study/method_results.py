@@ -140,7 +140,7 @@ def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool)
 
 
 def _robot_frame(folder: Folder, truth: Truth | None) -> RobotFrame:
-    """The robot's frame by its encoder, or else by the truth."""
+    """Return the robot's frame by its encoder, or else by the truth."""
     encoder = folder.read("encoder.parquet").facts
     if encoder.get("sign") is not None:
         return RobotFrame(int(encoder["sign"]), float(encoder["zero_rad"]), known=True)
@@ -156,7 +156,7 @@ def _robot_frame(folder: Folder, truth: Truth | None) -> RobotFrame:
 def _state_errors(
     folder: Folder, trial: IdentifiedTrial, frame: RobotFrame, truth: Truth | None, *, by_encoder: bool
 ) -> tuple[dict[str, SeriesErrors], str]:
-    """Errors of the states, without the mean error of the angle, whose zero depends on the frame."""
+    """Return the states' errors; the mean error of the angle is removed, since its zero depends on the frame."""
     found = np.column_stack([trial.q[:, 0], trial.dq[:, 0], trial.ddq[:, 0]])
     encoder = folder.table("encoder.parquet")
     if truth is not None:

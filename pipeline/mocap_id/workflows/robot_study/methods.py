@@ -76,7 +76,7 @@ def with_method(trial: Trial, method: Method) -> Trial:
 
 
 def _share(source: Path, target: Path) -> None:
-    """Link, or else copy, the artefacts that no method changes into a method's folder."""
+    """Link or copy into a method's folder the artefacts that no method changes."""
     before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
     with explained(target):
         for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):

@@ -105,13 +105,14 @@ def validate_robot(
 
 
 def _simulated(out: Path, wanted: RobotSet) -> Path:
-    """The file of the simulated set in the study's folder, made if it does not exist; ConfigError if it differs."""
+    """Return the file of the simulated set in the study's folder, made if missing; ConfigError if it differs."""
     folder = out / "trials"
     if not (folder / FILE).exists():
         return simulate_robot_set(folder, wanted)
     if (folder / FILE).read_text("utf-8") != robot_set_yaml(wanted):
         raise ConfigError(
-            f"{folder} holds a set of another seed or number of trials: ask for that one, or choose another `--out`"
+            f"{folder} contains a set with another seed or number of trials: give the options of that set, "
+            "or choose another `--out`"
         )
     return folder / FILE
 

@@ -131,7 +131,7 @@ def make_tables(trials: Sequence[RobotTrialResult]) -> dict[str, ResultTable]:
 
 
 def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table: every cell that has trials, followed by the thesis's row of the same cell."""
+    """Return a table's rows: every cell that has trials, followed by the thesis's row of the same cell."""
     passed = trials[trials["method"].isin(list(table.methods)) & (trials["verdict"] != "failed")]
     keys = ["joint", "speed"] + (["orientation"] if table.by_orientation else [])
     rows: list[dict[str, Any]] = []

@@ -1,6 +1,7 @@
 """The thesis's tables 5.1 to 5.6, from ``thesis_tables.csv``: mean and standard deviation of every quantity.
 
-The units are the thesis's. Empty is what the thesis does not give, or what cannot be read in the copy at hand.
+The units are the thesis's. A cell is empty if the thesis does not give the value, or if our copy is
+illegible there.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ def _kinematics(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]
 
 
 def _marker_errors(result: MethodResult) -> dict[str, float]:
-    """Mean and standard deviation of the moving markers' distances from their prediction, m."""
+    """Return the mean and standard deviation of the moving markers' distances from their prediction, m."""
     markers, skeleton = result.folder.long_table("markers.parquet"), result.identified.skeleton
     moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
     own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
@@ -143,7 +143,7 @@ def _named(name: str, errors: SeriesErrors) -> dict[str, float]:
 
 
 def _reference_numbers(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
-    """Errors of wrench and torque of the reference parameters on the same states."""
+    """Return the errors of wrench and torque of the reference parameters on the same states."""
     wrench, torque = reference_series(trial, result)
     row: dict[str, Any] = {name: trial.reference[name] for name in PARAMETERS}
     row |= {f"{name}_reference": trial.reference[name] for name in PARAMETERS}
@@ -156,7 +156,7 @@ def _reference_numbers(trial: RobotTrialResult, result: MethodResult) -> dict[st
 
 
 def _torque_errors(trial: RobotTrialResult, result: MethodResult, torque: FloatArray) -> SeriesErrors:
-    """Errors of a torque (T,) in the plane against the encoder's, at the encoder's own times."""
+    """Return the errors of a torque (T,) in the plane against the encoder's, at the encoder's own times."""
     file, matched = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
     log = None if file is None else recording.read_encoder(file)
     if log is None or log.torque is None or matched.get("sign") is None:

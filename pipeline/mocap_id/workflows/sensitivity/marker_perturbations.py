@@ -110,7 +110,7 @@ def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def _averaged(table: Table, every: int) -> Table:
-    """Means over ``every`` rows about every ``every``-th row; an even number takes half of the outer two."""
+    """Return means over ``every`` rows about every ``every``-th row; an even number takes half of the outer two."""
     weight = np.ones(every) if every % 2 else np.r_[0.5, np.ones(every - 1), 0.5]
     reach = len(weight) // 2
     columns = {}
@@ -128,13 +128,13 @@ def _time(trial: TrialInputs) -> FloatArray:
 
 
 def _columns(trial: TrialInputs, labels: list[str]) -> IntArray:
-    """Columns of markers in planar.parquet."""
+    """Return the columns of markers in planar.parquet."""
     known = trial.long(PLANAR).labels
     return np.array([known.index(label) for label in labels], dtype=np.int64)
 
 
 def _segment(trial: TrialInputs) -> IntArray:
-    """Segment of every marker of planar.parquet, -1 = none."""
+    """Return the segment of every marker of planar.parquet; -1 for none."""
     table = trial.table(SEGMENTS)
     found = np.full(len(trial.long(PLANAR).labels), -1)
     found[_columns(trial, list(table["marker"]))] = table["segment"]
@@ -146,7 +146,7 @@ def _moving(trial: TrialInputs) -> IntArray:
 
 
 def _whole(angles: FloatArray) -> FloatArray:
-    """Angles (T, n) with gaps interpolated."""
+    """Return the angles (T, n) with gaps interpolated."""
     found = angles.copy()
     for column in found.T:
         known = np.isfinite(column)
@@ -156,7 +156,7 @@ def _whole(angles: FloatArray) -> FloatArray:
 
 
 def _shifted(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
-    """The trial with some markers shifted by (F, m, 2), m."""
+    """Return the trial with some markers shifted by (F, m, 2), m."""
     table = trial.long(PLANAR)
     moved = dict(table.values)
     for axis, name in enumerate("xy"):
@@ -166,6 +166,6 @@ def _shifted(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialI
 
 
 def _without(table: LongTable, missing: BoolArray) -> LongTable:
-    """planar.parquet without some samples (F, M)."""
+    """Return planar.parquet without some samples (F, M)."""
     seen = {name: np.where(missing, np.nan, table.values[name]) for name in ("x", "y", "z")}
     return replace(table, values={**seen, "visible": table.values["visible"].astype(np.bool_) & ~missing})

@@ -78,7 +78,7 @@ def _names(entry: _Entry) -> tuple[str, ...]:
 
 
 def _mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
-    """Messages about mistakes that the types do not show."""
+    """Return messages about mistakes that the types do not show."""
     place = ("perturbations", number)
     kind = KINDS.get(entry.kind)
     if kind is None:

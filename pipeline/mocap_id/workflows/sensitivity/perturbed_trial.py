@@ -58,7 +58,7 @@ def run_from(entry: str, trial: TrialInputs) -> TrialInputs:
 
 
 def _aligned(chain: Tree, own: Tree) -> Artefact:
-    """The chain with the last segment's frame aligned with the unperturbed one, by the common markers.
+    """Return the chain whose last frame is aligned with the unperturbed one by the common markers.
 
     The frame points at the centroid of the markers. With other markers it has another direction, which changes angle
     and first moments although the body is the same.
@@ -79,6 +79,6 @@ def _aligned(chain: Tree, own: Tree) -> Artefact:
 
 
 def _last_segment(chain: Tree) -> dict[str, tuple[float, float]]:
-    """Local coordinates of the last segment's markers by label, m."""
+    """Return the local coordinates of the last segment's markers by label, m."""
     names, segment, local = (chain.array(f"markers/{name}") for name in ("name", "segment", "local"))
     return {str(names[k]): (local[k, 0], local[k, 1]) for k in np.flatnonzero(segment == segment.max())}

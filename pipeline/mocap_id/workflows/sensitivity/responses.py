@@ -108,7 +108,7 @@ def _times(trial: TrialInputs) -> FloatArray:
 
 
 def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
-    """r² of each column; NaN for a column without common samples, or that is constant."""
+    """Return r² of each column; NaN for a constant column or one without common samples."""
     both = np.isfinite(own) & np.isfinite(changed)
     counted = np.maximum(both.sum(axis=0), 1)
     mean = np.where(both, own, 0.0).sum(axis=0) / counted
@@ -118,7 +118,7 @@ def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
 
 
 def _rms(off: FloatArray) -> FloatArray:
-    """Root mean square of each column over its known samples; NaN if none is known."""
+    """Return the root mean square of each column over its known samples; NaN if none is known."""
     known = np.isfinite(off)
     squares = np.where(known, off**2, 0.0).sum(axis=0)
     return np.where(known.any(axis=0), np.sqrt(squares / np.maximum(known.sum(axis=0), 1)), np.nan)
@@ -135,12 +135,12 @@ def _base(trial: TrialInputs) -> list[Parameter]:
 
 
 def _size(value: float, sd: float, relative: float) -> float:
-    """Size of a parameter: the quantity that its relative standard deviation refers to."""
+    """Return the size of a parameter, which its relative standard deviation refers to."""
     return float(sd / relative) if relative > 0 and math.isfinite(sd) else abs(float(value))
 
 
 def _lengths(trial: TrialInputs) -> list[Parameter]:
-    """The known segment lengths."""
+    """Return the known segment lengths."""
     names, length, sd = (trial.tree("chain.h5").array(f"segments/{name}") for name in ("name", "length", "length_sd"))
     return [
         Parameter(f"length of {name}", "m", float(value), float(spread), float(value))
@@ -154,7 +154,7 @@ def _number(value: object) -> float:
 
 
 def tolerance_ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> float:
-    """Return the change of a parameter over the tolerated change.
+    """Return the change of a parameter divided by the tolerated change.
 
     The tolerated change is a share of the parameter's size, or its standard deviation if that is larger. The ratio is
     NaN if the unperturbed parameter is not known, and infinite if the perturbed one is not.

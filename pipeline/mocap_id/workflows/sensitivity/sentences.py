@@ -44,7 +44,7 @@ def sentence(one: Tolerance) -> str:
 
 
 def _torques(one: Tolerance) -> str:
-    """Changes of the joint torques at tolerated levels: noise that averages out in the parameters affects torques."""
+    """Describe how the joint torques change at tolerated levels: noise changes them more than the parameters."""
     known = [point for point in one.points if point.within and point.torque > _MUCH]
     if not known:
         return ""

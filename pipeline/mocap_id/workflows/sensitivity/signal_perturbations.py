@@ -53,7 +53,7 @@ def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInput
 
 
 def _later(table: Table, delay: float) -> Table:
-    """wrench.parquet whose row at t is the former row at t + delay, s; sensors with their own clock do not change."""
+    """Return wrench.parquet delayed by ``delay`` s; sensors with their own clock do not change."""
     if delay == 0:
         return table
     time = table["time"]
@@ -80,7 +80,7 @@ def wrench_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def _added(trial: TrialInputs, change: Perturbation, error: float | FloatArray) -> TrialInputs:
-    """The trial with an error in a component, and with the quantities that planarise derives from it."""
+    """Return the trial with an error in a component, and with the quantities that planarise derives from it."""
     table = trial.table(WRENCH)
     table = table.having(**{change.target: table[change.target] + error})
     facts = dict(table.facts)

@@ -113,7 +113,7 @@ def sensitivity(
 
 
 def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
-    """The selections that are possible on a trial, and a note on what is left out."""
+    """Return the selections that are possible on a trial, and a note on what is left out."""
     if trial.has_plate:
         facts = trial.tree("dynamics.h5").facts
         note = (

@@ -94,7 +94,7 @@ RESPONSES = TableSchema(
         number(
             "ratio",
             "1",
-            "absolute change over the tolerated change; infinite if the parameter is lost",
+            "absolute change divided by the tolerated change; infinite if the parameter is lost",
             lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
         ),
         text(
@@ -114,7 +114,7 @@ PERTURBATIONS = TableSchema(
         text("verdict", "ok or caution; refused or failed if there is no result"),
         text("raised", "codes that are new in the perturbed verdict"),
         text("fallen", "codes of the unperturbed verdict that no longer occur"),
-        number("ratio", "1", "largest change of a parameter over the tolerated change"),
+        number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
         text("parameter", "the parameter with this change"),
         Column("tolerated", "bool", "", "whether the ratio is at most 1"),
         whole("samples", "number of samples of the fit"),

@@ -1,4 +1,4 @@
-"""How much of each kind of error a trial tolerates, and whether the verdict shows when it is too much.
+"""How much of each kind of error a trial tolerates, and whether the verdict shows larger errors.
 
 A perturbation is tolerated if no base parameter changes by more than a share of its size (5 % by default), or by its
 own stated standard deviation if that is larger: a smaller change is within the uncertainty of the trial. Between the
@@ -21,7 +21,7 @@ class Point:
     """A level of one kind on one target; of a level that was tried with both signs, the worse one."""
 
     level: float  # absolute level
-    ratio: float  # largest change of a parameter over the tolerated change; infinite if the parameters are lost
+    ratio: float  # largest change of a parameter / tolerated change; infinite if the parameters are lost
     parameter: str  # the parameter with this change
     percent: float  # the change, % of the parameter's size
     noticed: bool  # the verdict has a new caution, or there is no result
@@ -47,7 +47,7 @@ class Tolerance:
 
     @property
     def broken(self) -> Point | None:
-        """The mildest level that is too much; the worst one for a kind that gets worse in both directions."""
+        """The mildest level that is not tolerated; the level of most change if both directions make it worse."""
         beyond = [point for point in self.points if not point.within]
         if self.kind.worse == "either":
             return max(beyond, key=lambda point: point.ratio, default=None)
@@ -55,7 +55,7 @@ class Tolerance:
 
     @property
     def silent(self) -> tuple[float, ...]:
-        """Levels that are too much without a new caution in the verdict."""
+        """Levels that are not tolerated although the verdict has no new caution."""
         return tuple(point.level for point in self.points if not (point.within or point.noticed))
 
 
@@ -109,7 +109,7 @@ def _tolerance(kind: Kind, target: str, points: Iterable[Point]) -> Tolerance:
 
 
 def _up_to(kind: Kind, points: Sequence[Point]) -> float:
-    """The worst level of which it and all milder levels are tolerated."""
+    """Return the worst level that is tolerated together with all milder levels; NaN if there is none."""
     mild = None
     for point in points:
         if not point.within:
@@ -119,7 +119,7 @@ def _up_to(kind: Kind, points: Sequence[Point]) -> float:
 
 
 def _crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
-    """The limit between a tolerated level and the next, which is not tolerated."""
+    """Return the limit between a tolerated level and the next, which is not tolerated."""
     if kind.counted:
         return math.nan if mild is None else mild.level
     if mild is None or mild.level == 0:  # without a perturbation nothing changes
@@ -128,7 +128,7 @@ def _crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
 
 
 def _between(within: Point, beyond: Point) -> float:
-    """The level of ratio 1 by a power law; the tolerated level if one of the ratios is zero or infinite."""
+    """Return the level of ratio 1 by a power law; the tolerated level if a ratio is zero or infinite."""
     if not math.isfinite(beyond.ratio) or within.ratio <= 0:
         return within.level
     share = math.log(1 / within.ratio) / math.log(beyond.ratio / within.ratio)
@@ -136,7 +136,7 @@ def _between(within: Point, beyond: Point) -> float:
 
 
 def _either(points: Sequence[Point]) -> tuple[float, float]:
-    """Ends of the tolerated range around the level of least change."""
+    """Return both ends of the tolerated range around the level of least change."""
     if not any(point.within for point in points):
         return math.nan, math.nan
     best = min(range(len(points)), key=lambda k: points[k].ratio)

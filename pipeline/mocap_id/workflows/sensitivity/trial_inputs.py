@@ -110,7 +110,7 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
 
 
 def _of_folder(path: Path) -> TrialSource:
-    """The trial of a run folder, with the settings that its artefacts were made with."""
+    """Return the trial of a run folder, with the settings that its artefacts were made with."""
     folder, settings, parameters = Folder(path), {}, dict[str, Any]()
     for stage in repeated_stages():
         origin = folder.provenance(stage.outputs[0]).origin

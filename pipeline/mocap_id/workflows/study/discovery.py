@@ -102,7 +102,7 @@ def discover(
 
 
 def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
-    """Files that may be trials, and files that are certainly not."""
+    """Return files that may be trials, and files that are certainly not."""
     found, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
     for path in files:
@@ -119,7 +119,7 @@ def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
 
 
 def _forces(markers: Path, files: Iterable[Path]) -> Path | None:
-    """The MOT file of a text file with markers."""
+    """Return the MOT file that belongs to a text file with markers."""
     if markers.suffix.lower() == ".c3d":
         return None
     stems = [f"{markers.stem}{extra}".casefold() for extra in _FORCES]
@@ -129,7 +129,7 @@ def _forces(markers: Path, files: Iterable[Path]) -> Path | None:
 
 
 def _ids(names: Iterable[str], keep: bool, known: Mapping[str, str]) -> dict[str, str]:
-    """Ids by name."""
+    """Return the ids by name."""
     ordered = sorted(dict.fromkeys(names), key=_natural)
     if keep:
         ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in ordered}

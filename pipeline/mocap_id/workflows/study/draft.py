@@ -1,4 +1,4 @@
-"""A first version of a study's file, and the list of who is who beside it."""
+"""A first version of a study's file, and the list of names and ids beside it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def draft(found: Discovery, file: Path) -> str:
 
 
 def write(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
-    """Write the study's file and, unless the ids are names, the list of who is who.
+    """Write the study's file and, unless the ids are names, the list of names and ids.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A YAML scalar that is always read as text."""
+    """Return a YAML scalar that is always read as text."""
     plain = set(text) <= _PLAIN and text[:1].isalpha() and text.lower() not in ("yes", "no", "true", "false", "null")
     return text if plain else json.dumps(text, ensure_ascii=False)
 

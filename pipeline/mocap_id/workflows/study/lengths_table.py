@@ -59,7 +59,7 @@ def _why(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Mean and spread over the people, for each segment, reference and method."""
+    """Return mean and spread over the people, for each segment, reference and method."""
     known = [row for row in own if not row["why"]]
     for rows in group_by(known, lambda row: tuple(row[name] for name in _GROUP)).values():
         yield {

@@ -26,7 +26,7 @@ def model_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
 
 
 def _action(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Every model on one trial."""
+    """Yield the rows of every model on one trial."""
     for body in action.bodies:
         yield _row(action, body.name, action.name if body.name in _OWN else "", body)
     for model in same_person:
@@ -35,7 +35,7 @@ def _action(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator
 
 
 def _transferred(action: TrialResult, model: TrialResult) -> dict[str, Any]:
-    """The body of another trial, or why it cannot be transferred."""
+    """Return the row of another trial's body on this trial, or of why it cannot be transferred."""
     assert action.identified is not None and model.identified is not None
     name, source = model.strategy, model.name
     if not np.isfinite(model.identified.parameters).all():
@@ -82,7 +82,7 @@ def _bias_sd(name: str, error: Agreement | None) -> dict[str, float]:
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Every model on every strategy over all people: pooled errors; mean and spread of the condition numbers."""
+    """Return rows of every model on every strategy over all people: pooled errors, and condition numbers."""
     known = [row for row in own if math.isfinite(row.get("Fy_mean", math.nan))]
     torques = {name.removesuffix("_mean") for row in own for name in row if name.startswith("tau_")}
     series = [*SERIES, *sorted(name for name in torques if not name.endswith("_sd"))]
@@ -106,7 +106,7 @@ def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def _order(known: Sequence[Mapping[str, Any]]) -> Any:
-    """Sort key: strategies as they come; for each the table, the own model, then other trials by their strategies."""
+    """Return a sort key: strategy; then allometric body, own model, other trials by their strategies."""
     actions = list(dict.fromkeys(row["action"] for row in known))
 
     def place(row: Mapping[str, Any]) -> tuple[int, int, int]:

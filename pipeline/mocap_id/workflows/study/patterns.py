@@ -89,7 +89,7 @@ class Pattern:
 
 
 def default(paths: Sequence[PurePosixPath]) -> Pattern:
-    """Return the common pattern that fits most paths, of equal ones the first."""
+    """Return the common pattern that fits most paths; the first if several fit equally many."""
     patterns = [Pattern(text) for text in DEFAULTS]
     scored = [(_fit(pattern, paths), -k, pattern) for k, pattern in enumerate(patterns)]
     return max(scored, key=lambda one: one[:2])[2]
@@ -113,7 +113,7 @@ def _is_strategy(text: str) -> bool:
 
 
 def _words(text: str, subject: str) -> str:
-    """A strategy as plain words joined by hyphens, without the person's name and the trial's number."""
+    """Return a strategy as plain words joined by hyphens, without the person's name and the trial's number."""
     if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
         text = text[len(subject) :]
     words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]

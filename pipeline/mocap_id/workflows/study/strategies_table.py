@@ -44,7 +44,7 @@ def _person(trials: Sequence[TrialResult]) -> dict[str, Any]:
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Mean and spread over the people; landmarks and stature are not mixed."""
+    """Return mean and spread over the people; landmarks and stature are not mixed."""
     for rows in group_by(own, lambda row: (row["strategy"], row["reference"])).values():
         row: dict[str, Any] = {
             "subject": COHORT,

@@ -145,7 +145,7 @@ def _trial_document(trial: TrialResult) -> dict[str, Any]:
 
 
 def _key(study: Study, runs: Sequence[TrialRun]) -> str:
-    """A hash of everything that tables and page depend on: the trials' reports, the people and the file's entries."""
+    """Return a hash of everything that tables and page depend on: trials' reports, people, the file's entries."""
     trials = [
         [one.name, one.subject, one.strategy, run.exit_code, run.published, run.key]
         for one, run in zip(study.trials, runs, strict=True)
@@ -155,7 +155,7 @@ def _key(study: Study, runs: Sequence[TrialRun]) -> str:
 
 
 def _up_to_date(folder: Path, key: str) -> Mapping[str, Any] | None:
-    """study.json, if it has this key and every file that it names is unchanged."""
+    """Return study.json if it has this key and every file that it names is unchanged, else None."""
     try:
         document: Mapping[str, Any] = json.loads((folder / DOCUMENT).read_text("utf-8"))
         unchanged = all(hash_file(folder / file) == content for file, content in document["files"].items())

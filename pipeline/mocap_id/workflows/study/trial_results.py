@@ -54,7 +54,7 @@ class TrialResult(TrialOutcome):
     trial: StudyTrial
     reference: LengthReference
     identified: IdentifiedTrial | None  # None for a trial that failed or was refused
-    # errors of the trial's own model, of the same on left-out repetitions, and of the allometric body
+    # errors of the trial's own model, in the fit and on left-out repetitions, and of the allometric body
     bodies: tuple[BodyErrors, ...]
     parameters: BaseParameters | None  # None if no parameter was identified
 

@@ -1,11 +1,11 @@
 """`variation`: how much base and modified base parameters vary over a person's trials (thesis figure 6.8).
 
 A segment's frame turns a little from trial to trial, which mixes mx and my. The modified parameters do not depend on
-it: a segment of which both are known has, instead of the two,
+it. If both mx and my of a segment are known, they are replaced by
 
     mr = |(mx, my)|
 
-with everything that is regrouped into mx and my. Of the base only mx is a base parameter, and is kept.
+where mx and my include everything that is regrouped into them. The base segment has only mx, which is kept.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _length(mx: ParameterValue, my: ParameterValue) -> ParameterValue:
 
 
 def _person(subject: str, trials: Sequence[BaseParameters]) -> Iterator[dict[str, Any]]:
-    """Variation over the trials whose chains have the most common number of segments."""
+    """Return the variation over the trials whose chains have the most common number of segments."""
     if not trials:
         return
     segments = Counter(trial.segments for trial in trials).most_common(1)[0][0]
@@ -106,14 +106,14 @@ def _person(subject: str, trials: Sequence[BaseParameters]) -> Iterator[dict[str
 
 
 def _variation(prefix: str, values: FloatArray) -> dict[str, float]:
-    """Mean, standard deviation and coefficient of variation, which a value that is zero but for rounding lacks."""
+    """Return mean, standard deviation and coefficient of variation; no coefficient for a value that is zero."""
     mean, sd = mean_sd(values.tolist())
     cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
     return {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
 
 
 def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Mean and spread of the people's coefficients of variation."""
+    """Return mean and spread of the people's coefficients of variation."""
     known = [row for row in own if row["trials"] > 1]
     for rows in group_by(known, lambda row: tuple(row[name] for name in _GROUP)).values():
         cv, reference = mean_sd(row["cv"] for row in rows), mean_sd(row["reference_cv"] for row in rows)

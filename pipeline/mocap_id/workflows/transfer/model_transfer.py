@@ -202,7 +202,7 @@ def _samples(target: IdentifiedTrial) -> BoolArray:
 
 
 def _bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
-    """Errors of the own model, the same on left-out repetitions, the transferred body and the allometric body."""
+    """Return the errors of the own model (fit, left-out repetitions), transferred body and allometric body."""
     yield from _own(target, samples)
     yield _full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
     table = _table(target, samples)
@@ -220,13 +220,13 @@ def _own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyErrors]:
 
 
 def _table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
-    """Errors of the allometric body, on the bodies of the trial's own model."""
+    """Return the errors of the allometric body, on the bodies of the trial's own model."""
     name = target.facts.get("reference_table")
     return None if name is None else _full(target, str(name), target.bodies, target.reference, samples)
 
 
 def _full(target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray) -> BodyErrors:
-    """Errors of a body with full parameters (4K,), and its torques less those of the trial's own model."""
+    """Return the errors of a body with full parameters (4K,), and its torques less those of the trial's own model."""
     torques = target.dynamics[[f"tau_{j + 1}" for j in range(target.q.shape[1])]].to_numpy(dtype=np.float64)
     own = target.bodies.torque_regressor @ target.parameters
     pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(torques), own, np.nan).T, strict=True)
@@ -238,7 +238,7 @@ def _full(target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatA
 
 
 def _measured(target: IdentifiedTrial) -> FloatArray:
-    """Measured :data:`SERIES`, (T, 4)."""
+    """Return the measured :data:`SERIES`, (T, 4)."""
     return series(target, target.dynamics[["Fx", "Fy", "tauz"]].to_numpy(dtype=np.float64))
 
 
@@ -254,7 +254,7 @@ def _root_mean_square(values: FloatArray) -> float:
 def _reasons(
     source: IdentifiedTrial, target: IdentifiedTrial, found: Registration, bodies: Sequence[BodyErrors]
 ) -> Iterator[Reason]:
-    """Reasons not to rely on the transferred body's errors."""
+    """Return reasons not to rely on the transferred body's errors."""
     if not target.dynamics["in_fit"].any():
         yield Reason(
             "transfer-nothing",

@@ -47,7 +47,7 @@ class TransferredBody:
 
     @classmethod
     def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
-        """Return the source's model on bodies that its own bodies were registered to."""
+        """Return the source's model transferred to other bodies, to which its own bodies were registered."""
         parameters = transfer_parameters(source.parameters, registration)
         return cls(bodies, registration, parameters, transfer_covariance(source.covariance, registration))
 
@@ -148,7 +148,7 @@ def predicted(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatAr
 
 
 def _parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
-    """Standard deviation (T, 4) of the prediction from the covariance of the parameters."""
+    """Return the standard deviation (T, 4) of the prediction from the covariance of the parameters."""
     rows = target.in_band(transferred.bodies.regressor)
     pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
     each = np.concatenate([rows, pressure[:, None]], axis=1)
@@ -209,7 +209,7 @@ def _too_similar(found: Support) -> Iterator[Reason]:
 
 
 def _residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
-    """Rms errors (4,) of a model on left-out repetitions of its trial, or over the fit if none could be left out."""
+    """Return rms errors (4,) of a model on left-out repetitions of its trial, or of the fit if there are none."""
     held_out = facts.get("held_out") or {}
     errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
     if errors is None:
@@ -224,7 +224,7 @@ def _at_home(held_out: Mapping[str, Any] | None) -> dict[str, float]:
 
 
 def _error(errors: Mapping[str, Any] | None, name: str) -> float:
-    """Root mean square of an error in the facts; NaN if unknown."""
+    """Return the root mean square of an error in the facts; NaN if unknown."""
     one = None if errors is None else errors.get(name)
     return float("nan") if one is None else float(np.hypot(one["bias"], one["sd"]))
 

@@ -1,4 +1,4 @@
-"""The files of a workspace: a JSON document, its edge as CSV, and figures."""
+"""The files of a workspace: a JSON document, the edge of the workspace as CSV, and figures."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _one(reach: Reach) -> dict[str, Any]:
 
 
 def _edge(reach: Reach) -> Iterator[str]:
-    """Lines of the edge: two points for each facet in the plane, three in space."""
+    """Return the lines of the edge: two points for each facet in the plane, three in space."""
     shape = reach.workspace.shape
     yield ",".join(["facet", "corner", *(f"{axis}_m" for axis in "xyz"[: shape.points.shape[1]])])
     for k, facet in enumerate(shape.boundary().tolist()):

@@ -1,4 +1,4 @@
-"""What the figures over people share: a row for each person, and within it a place for each trial."""
+"""Common parts of the figures over people: a row for each person, and within it a place for each trial."""
 
 from __future__ import annotations
 

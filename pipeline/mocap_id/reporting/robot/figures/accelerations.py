@@ -1,4 +1,4 @@
-"""One trial's acceleration by the smoother and by differences (figure 5.6)."""
+"""One trial's acceleration from the smoother and from finite differences (figure 5.6)."""
 
 from __future__ import annotations
 

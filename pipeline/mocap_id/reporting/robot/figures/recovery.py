@@ -46,7 +46,7 @@ def _segment(one: Recovery) -> Panel:
 
 
 def _states(one: Recovery, order: int) -> Panel:
-    """Angle, velocity or acceleration by every method, the smoother's on top."""
+    """Return the angle, velocity or acceleration by every method, the smoother's on top."""
     curves = one.traces.curves
     items = tuple(
         Line(*envelope(one.traces.time, curves[name][:, order], 150), colour, name, width=width)

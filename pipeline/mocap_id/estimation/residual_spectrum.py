@@ -1,0 +1,189 @@
+"""What the spectrum of the residuals shows: a low-pass filter, and segments whose markers oscillate together.
+
+**Filter.** The cameras' noise is white. If the residuals fall steeply above a frequency and stay there, the recording
+was filtered or resampled. The product S(f) f^4 has its maximum at the cut-off of two passes of a second-order
+Butterworth filter. Skin and movement fall less steeply than this.
+
+**Oscillation.** If all markers of a segment move alike, as on wobbling tissue, the chain turns instead, and less is left
+in the residuals. A rigid displacement does not turn the segment, however, so the turn of its markers against the
+chain is the error of the chain's angle. Only a narrow peak counts: broad ones are found in every real movement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, as_complex
+from mocap_id.estimation.chain_residuals import ChainResiduals
+from mocap_id.estimation.process_model import ORDER
+
+_WINDOW = 4.0  # s
+_MOST = 200  # windows of the median spectrum
+_LOWEST = 1.0  # Hz; least cut-off that is searched for
+_DROP = 50.0  # least ratio of the power at the cut-off to that an octave and more above it
+_FLATTEST = 0.75  # of the highest frequency; above, nothing shows a filter
+_MOST_NOISE = 2e-3  # m, of a coordinate before the filter; more is movement that the chain does not follow
+_STEEPEST = 25.0  # largest ratio of the power an octave below the cut-off to that at the cut-off
+_PEAK = 10.0  # least ratio of a peak to the power beside it
+_HALF_WIDTH = 1.3  # ratio of frequencies within a peak
+_RANGE = (2.0, 15.0)  # Hz, of oscillations
+_LEAST_SPREAD = 0.02  # m, rms distance of a segment's markers from their centroid
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A narrow peak in the common motion of a segment's markers.
+
+    Parameters
+    ----------
+    segment : int
+        1 … n.
+    frequency : float
+        Hz.
+    size : float
+        rms displacement that is left in the residuals, m.
+    """
+
+    segment: int
+    frequency: float
+    size: float
+
+
+@dataclass(frozen=True)
+class ResidualSpectrum:
+    """Spectrum of the residuals, and the motion of each segment's markers against the chain.
+
+    Parameters
+    ----------
+    rate : float
+        Hz.
+    frequency, power : (P,) arrays
+        Hz, and the median of the markers' power spectra, m²/Hz; empty if no window is complete.
+    shift : (F, n) complex array
+        Displacement of each segment's markers, m.
+    turn : (F, n) array
+        Their turn, rad; 0 for a segment whose markers are too close together.
+    """
+
+    rate: float
+    frequency: FloatArray
+    power: FloatArray
+    shift: ComplexArray
+    turn: FloatArray
+
+    @cached_property
+    def cut_off(self) -> float | None:
+        """Return the cut-off of a low-pass filter, Hz; None if there is none."""
+        f, power = self.frequency, _smoothed(self.power)
+        if not len(f):
+            return None
+        highest = np.maximum.accumulate(power[::-1])[::-1]  # of all frequencies from here on
+        above = np.searchsorted(f, 2 * f)
+        inside = (f >= _LOWEST) & (above < len(f))
+        fallen = np.flatnonzero(inside & (power > _DROP * highest[np.minimum(above, len(f) - 1)]))
+        if not len(fallen):
+            return None
+        octave = slice(fallen[0], above[fallen[0]] + 1)
+        found = float(f[octave][np.argmax(power[octave] * f[octave] ** 4)])
+        below, at = np.interp((found / 2, found), f, power)
+        before = np.sqrt(4 * at * self.rate / 2)  # the filter passes a quarter of the power at its cut-off
+        is_noise = before < _MOST_NOISE and below < _STEEPEST * at
+        return found if is_noise and found < _FLATTEST * f[-1] else None
+
+    @cached_property
+    def oscillations(self) -> tuple[Oscillation, ...]:
+        """Return the clearest oscillation of each segment that has one."""
+        found = []
+        for k in range(self.shift.shape[1]):
+            windows = list(_spectra(self.shift[:, k], self.rate, None))
+            if not windows:
+                continue
+            f, power = _frequencies(len(self.shift), self.rate), np.mean(windows, axis=0)
+            peak = _clearest(f, power)
+            if peak is not None:
+                near = (f > peak / _HALF_WIDTH) & (f < peak * _HALF_WIDTH)
+                found.append(Oscillation(k + 1, peak, float(np.sqrt(2 * np.sum(power[near]) * (f[1] - f[0])))))
+        return tuple(found)
+
+    def oscillating_variance(self, frames: IntArray) -> FloatArray:
+        """Return the variances (T, n, 4) of the states from oscillations, constant over the frames (T,)."""
+        count, n = self.turn.shape
+        if not self.oscillations:
+            return np.zeros((len(frames), n, ORDER))
+        twice = np.concatenate([self.turn, self.turn[::-1]])
+        f = np.fft.rfftfreq(2 * count, 1 / self.rate)
+        inside = np.zeros(len(f), dtype=np.bool_)
+        for each in self.oscillations:
+            inside |= (f > each.frequency / _HALF_WIDTH) & (f < each.frequency * _HALF_WIDTH)
+        power = 2 * np.abs(np.fft.rfft(np.diff(twice, axis=1, prepend=0.0), axis=0)[inside]) ** 2 / (2 * count) ** 2
+        turning = 2 * np.pi * f[inside, None]
+        variance = [np.sum(turning ** (2 * order) * power, axis=0) for order in range(ORDER)]
+        return np.broadcast_to(np.stack(variance, axis=1), (len(frames), n, ORDER))
+
+
+def residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
+    """Return the spectrum of the residuals, and the motion of each segment's markers against the chain."""
+    chain, count = residuals.states.chain, len(residuals.used_markers)
+    n, local = len(chain.centres), as_complex(chain.local)
+    shift, turn = np.zeros((count, n), dtype=np.complex128), np.zeros((count, n))
+    windows, each = list[FloatArray](), max(_MOST // len(local), 1)
+    for k, off, seen in residuals.columns():
+        own = chain.segment == chain.segment[k]
+        j, from_centre = chain.segment[k] - 1, local[own] - local[own].mean()
+        square = float(np.sum(np.abs(from_centre) ** 2))
+        shift[:, j] += off / len(from_centre)
+        if square > _LEAST_SPREAD**2 * len(from_centre):
+            turn[:, j] += (np.conj(local[k] - local[own].mean()) * off).imag / square
+        whole = list(_spectra(off, residuals.rate, seen, each))
+        windows += whole
+    frequency = _frequencies(count, residuals.rate) if windows else np.empty(0)
+    power = np.median(windows, axis=0) if windows else np.empty(0)
+    return ResidualSpectrum(residuals.rate, frequency, power, shift, turn)
+
+
+def _clearest(f: FloatArray, power: FloatArray) -> float | None:
+    """Return the frequency, Hz, of the clearest narrow peak."""
+    best, found = _PEAK, None
+    for k in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
+        ratio = f / f[k]
+        beside = [power[(ratio > 1 / 2) & (ratio < 1 / 1.4)], power[(ratio > 1.4) & (ratio < 2)]]
+        if all(len(side) for side in beside):
+            clear = power[k] / max(float(np.mean(side)) for side in beside)
+            if clear > best:
+                best, found = clear, float(f[k])
+    return found
+
+
+def _smoothed(power: FloatArray) -> FloatArray:
+    """Return a spectrum averaged over five neighbouring frequencies, near the ends over fewer."""
+    ones = np.ones(5)
+    return np.convolve(power, ones, "same") / np.convolve(np.ones_like(power), ones, "same") if len(power) >= 5 else power
+
+
+def _spectra(series: ComplexArray, rate: float, seen: BoolArray | None, most: int | None = None) -> Iterator[FloatArray]:
+    """Yield power spectra (P,) of a coordinate of a series (F,), in windows without a frame that is not seen."""
+    size = _window(len(series), rate)
+    taper = np.hanning(size)
+    taper /= np.sqrt(2 * rate * np.sum(taper**2))
+    starts = np.arange(0, len(series) - size + 1, max(size // 2, 1))
+    if seen is not None:
+        starts = starts[[bool(seen[k : k + size].all()) for k in starts]]
+    if most is not None and len(starts) > most:
+        starts = starts[np.linspace(0, len(starts) - 1, most).round().astype(np.int64)]
+    for start in starts:
+        part = series[start : start + size]
+        power = np.abs(np.fft.fft((part - part.mean()) * taper)) ** 2
+        yield power[1 : size // 2] + power[-1 : -(size // 2) : -1]
+
+
+def _frequencies(count: int, rate: float) -> FloatArray:
+    size = _window(count, rate)
+    return np.arange(1, size // 2) * rate / size
+
+
+def _window(count: int, rate: float) -> int:
+    return max(min(round(_WINDOW * rate), count) // 2 * 2, 4)
