@@ -12,7 +12,7 @@ import typer
 from mocap_id_cli.console import AsJson, print_json
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.explain import Entry
+    from mocap_id.workflows.code_lookup import Entry
 
 _WIDTH = 100
 
@@ -33,7 +33,7 @@ def explain(
 
     The explanation has the meaning, the criterion and what to do.
     """
-    from mocap_id.workflows import explain as workflow  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows import code_lookup as workflow  # noqa: PLC0415  no other command has to wait for it
 
     found = list(workflow.entries().values()) if code is None else [workflow.explain(code)]
     if as_json:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from mocap_id import recording
 from mocap_id.recording.c3d_package import package_differences
-from mocap_id.workflows.inspect import describe
+from mocap_id.workflows.recording_summary import describe
 from mocap_id_cli.console import AsJson, print_json
 
 

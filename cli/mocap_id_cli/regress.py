@@ -12,7 +12,7 @@ import typer
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, Change, Regression, update
 from mocap_id.workflows.regress import regress as compare
-from mocap_id.workflows.regress.regress import tolerance_used
+from mocap_id.workflows.regress.regression_check import tolerance_used
 from mocap_id_cli import progress
 from mocap_id_cli.console import (
     Quiet,

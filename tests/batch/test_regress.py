@@ -15,7 +15,7 @@ from mocap_id.errors import RecordingError
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, regress, update
 from mocap_id.workflows.regress.quantities import INTERVAL, Quantity, quantities
-from mocap_id.workflows.regress.regress import tolerance_used
+from mocap_id.workflows.regress.regression_check import tolerance_used
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mocap_id.workflows.doctor import Finding, checks, machine
-from mocap_id.workflows.doctor.dependencies import dependencies, package
 from mocap_id.workflows.doctor.finding import release
+from mocap_id.workflows.doctor.packages import dependencies, package
 
 
 def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
-from mocap_id.workflows.inspect import describe
+from mocap_id.workflows.recording_summary import describe
 
 SHARES = {"c3d": 38, "trc": 12, "mot": 10, "csv": 10, "trial": 9, "study": 4, "stored": 12, "record": 4, "run": 1}
 """How often each is tried, of a hundred."""

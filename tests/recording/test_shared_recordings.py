@@ -15,7 +15,7 @@ from mocap_id import plates, recording
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.recording.lab_plates import centre_of_pressure
-from mocap_id.workflows.inspect import describe
+from mocap_id.workflows.recording_summary import describe
 
 pytestmark = pytest.mark.recordings
 

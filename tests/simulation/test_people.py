@@ -12,7 +12,7 @@ from mocap_id.geometry import planar
 from mocap_id.simulation import Options, PersonOptions, generate
 from mocap_id.simulation.body import draw_person
 from mocap_id.simulation.forces import true_state
-from mocap_id.simulation.loose_body import divide_body
+from mocap_id.simulation.multibody import divide_body
 from mocap_id.simulation.scene import draw_scene, streams
 
 ALL = PersonOptions(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)

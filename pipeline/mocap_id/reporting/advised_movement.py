@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 
 from mocap_id.design.movement_limits import MovementLimits
 from mocap_id.design.trajectory import Trajectory
-from mocap_id.reporting import paper, style
+from mocap_id.reporting import paper_figures, style
 
 _PANEL = 1.25  # inches
 _DETAIL = 8.0  # s
 
 
 def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> Figure:
-    """Draw the movement, inside :func:`mocap_id.reporting.paper.paper_style`.
+    """Draw the movement, inside :func:`mocap_id.reporting.paper_figures.paper_style`.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, word
     words : str
         Instruction, as the title of the figure.
     """
-    drawing = paper.new_figure(0.9 + _PANEL * len(joints))
+    drawing = paper_figures.new_figure(0.9 + _PANEL * len(joints))
     panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])
     time = course.time - course.time[0]
     start = max(0.0, (time[-1] - _DETAIL) / 2)

@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.prescription.level_set import JointDynamics, ReachableSet
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.one_spring import Prescription
-from mocap_id.reporting import paper, style
+from mocap_id.reporting import paper_figures, style
 
 
 def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
@@ -20,7 +20,7 @@ def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
 
     On the dial, 0 points downwards, where gravity pulls with the sine of the angle.
     """
-    figure = paper.new_figure(3.0)
+    figure = paper_figures.new_figure(3.0)
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 2))
     dial: Any = figure.add_subplot(grid[0, 0], projection="polar")
     dial.set_theta_zero_location("S")
@@ -46,7 +46,7 @@ def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
         axes.axhline(limit, color=style.INK, ls="--", lw=0.8)
     spring = f"{found.stiffness:.3g} N·m/rad, rest {np.degrees(found.rest):.1f}°" if found.helps else "no spring helps"
     axes.set(title=spring, xlabel="angle (°)", ylabel="holding torque (N·m)")
-    paper.legend_above(figure, [dial])
+    paper_figures.legend_above(figure, [dial])
     return figure
 
 
@@ -62,7 +62,7 @@ def draw_holdable_postures(tips: FloatArray, without: BoolArray, held: BoolArray
     joint : (2,) array
         Position of the first joint, m.
     """
-    figure = paper.new_figure(3.4)
+    figure = paper_figures.new_figure(3.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     kinds = (("without springs", without, style.VERMILLION), ("with springs", held, style.GREEN))
     for axes, (title, which, colour) in zip(panels, kinds, strict=True):
@@ -87,10 +87,12 @@ def draw_spring_map(stiffness: FloatArray, rest: FloatArray, width: FloatArray, 
     horizon : float
         s.
     """
-    figure = paper.new_figure(3.6)
+    figure = paper_figures.new_figure(3.6)
     axes = figure.subplots()
     ranges = np.ma.masked_invalid(np.degrees(width))
-    cells = axes.pcolormesh(np.degrees(rest), stiffness, ranges, cmap=paper.HEAT, shading="nearest", rasterized=True)
+    cells = axes.pcolormesh(
+        np.degrees(rest), stiffness, ranges, cmap=paper_figures.HEAT, shading="nearest", rasterized=True
+    )
     figure.colorbar(cells, ax=axes, label="range (°)")
     title = f"range reached within {horizon:g} s and held"
     axes.set(xlabel="rest angle (°)", ylabel="stiffness (N·m/rad)", title=title)
@@ -102,13 +104,13 @@ def draw_level_sets(
     reached: ReachableSet, bounds: Sequence[tuple[float, float] | None], dynamics: JointDynamics
 ) -> Figure:
     """Draw the arrival time over angle and velocity, the reachable sets, and the held range (figure 7.9, right)."""
-    figure = paper.new_figure(3.6)
+    figure = paper_figures.new_figure(3.6)
     axes = figure.subplots()
     grid = reached.grid
     angle = np.degrees(grid.angle)
     arrival = np.where(np.isfinite(reached.arrival), reached.arrival, np.nan)
-    levels = np.linspace(0.0, reached.times[-1], paper.SHADES + 1)
-    shades = axes.contourf(angle, grid.velocity, arrival.T, levels=levels, cmap=paper.HEAT)
+    levels = np.linspace(0.0, reached.times[-1], paper_figures.SHADES + 1)
+    shades = axes.contourf(angle, grid.velocity, arrival.T, levels=levels, cmap=paper_figures.HEAT)
     figure.colorbar(shades, ax=axes, label="arrival time (s)")
     for values in reached.values:
         axes.contour(angle, grid.velocity, values.T, levels=[0.0], colors=style.INK, linewidths=0.7)

@@ -16,9 +16,9 @@ def documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFonts = 
     summary = summarise(data)
     contents = {SUMMARY_FILE: to_json(summary), PAGE_FILE: page(data, summary, drawings(data))}
     if figures:
-        from mocap_id.reporting import paper  # noqa: PLC0415  loads matplotlib
+        from mocap_id.reporting import paper_figures  # noqa: PLC0415  loads matplotlib
 
-        contents |= paper.figure_files(
+        contents |= paper_figures.figure_files(
             read_figures(contents[PAGE_FILE].decode("utf-8")), pdf_fonts
         )  # as `mocap-id figures` does
     return tuple(Document(file, content) for file, content in contents.items())

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from mocap_id.reporting import motion_section, repetition_tables, segment_tables, tables
 from mocap_id.reporting.dynamics_schema import BaseEntry
-from mocap_id.reporting.encoder import encoder_table
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.robot_joint_summary import encoder_table
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Facts
 

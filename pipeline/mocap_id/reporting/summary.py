@@ -10,9 +10,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry
-from mocap_id.reporting.encoder import base_length, channels, encoder
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.robot_joint_summary import base_length, channels, encoder
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 from mocap_id.reporting.summary_motion import held_out, motion, pins
 from mocap_id.reporting.summary_repetitions import attempts, five_times, load_share, repetitions

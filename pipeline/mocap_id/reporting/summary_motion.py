@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from mocap_id.reporting.dynamics_schema import GapEntry, HeldOutEntry, MotionEntry, PinsEntry, PredictedEntry
-from mocap_id.reporting.encoder import channels
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.robot_joint_summary import channels
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 
 _PINNED = "the dynamics use the pinned chain"

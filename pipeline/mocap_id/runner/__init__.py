@@ -2,7 +2,7 @@
 
 from mocap_id.runner.execution import LOG_FILE, Outcome, Progress, Step, run, run_stage, run_to
 from mocap_id.runner.log import RUN_LOG
-from mocap_id.runner.rules import make_rules
+from mocap_id.runner.make_rules import make_rules
 from mocap_id.runner.status import StageStatus, TrialStatus, clean, status
 
 __all__ = [

@@ -16,10 +16,10 @@ from mocap_id.simulation.body import GRAVITY, SimulatedBody, draw_person, draw_r
 from mocap_id.simulation.faults import Displacement
 from mocap_id.simulation.forces import TrueState, true_state
 from mocap_id.simulation.joint_motion import JointMotion, Swing
-from mocap_id.simulation.loose_body import LooseBody, divide_body
-from mocap_id.simulation.loose_forces import LoosePerson, perform_loose, true_loose_state
-from mocap_id.simulation.loose_motion import Looseness, draw_habit, draw_trial_variation
 from mocap_id.simulation.markers import MarkerSet, knee_to_shank, place_markers
+from mocap_id.simulation.multibody import LooseBody, divide_body
+from mocap_id.simulation.multibody_forces import LoosePerson, perform_loose, true_loose_state
+from mocap_id.simulation.multibody_motion import Looseness, draw_habit, draw_trial_variation
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.plate import SimulatedPlate, draw_plate
 from mocap_id.simulation.schedule import Schedule
@@ -107,11 +107,17 @@ class Scene:
         force, moment = displacement.load(*self._in_plane(state.wrench), GRAVITY * self.body.mass, com)
         return force @ self.plane.axes, moment @ self.plane.axes
 
-    def load_on_seat_plate(self, state: TrueState) -> tuple[FloatArray, FloatArray]:
+    def load_on_seat_plate(
+        self, state: TrueState, displacement: Displacement | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the load as :meth:`load_on_plate` for the plate under the chair, including the chair's weight."""
         assert self.seat_plate is not None
         (x, y), (fx, fy) = state.chair_point.T, state.chair_force.T
-        force, moment = self._in_laboratory(np.column_stack([fx, fy, x * fy - y * fx]))
+        wrench = np.column_stack([fx, fy, x * fy - y * fx])
+        force, moment = self._in_laboratory(wrench)
+        if displacement is not None:
+            force, moment = displacement.load(*self._in_plane(wrench), 0.0, np.zeros((len(wrench), 3)))
+            force, moment = force @ self.plane.axes, moment @ self.plane.axes
         moment = moment - np.cross(self.seat_plate.centre - self.plane.origin, force)
         return force + np.array([0.0, 0.0, self.chair_weight]), moment
 

@@ -93,8 +93,8 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
         rng["cameras"], positions + jump_displacements(scene.markers, jumps, frames), options.marker_noise, visible
     )
     labels, points, fault_truth = camera_faults(rng["faults"], faults, scene, points, options.rate)
-    load = scene.load_on_plate(loaded, draw_displacement(seed, faults, schedule, loaded.time))
-    signals = measure(rng["channels"], scene.plate, *load, options.analog_rate)
+    displacement = draw_displacement(seed, faults, schedule, loaded.time)
+    signals = measure(rng["channels"], scene.plate, *scene.load_on_plate(loaded, displacement), options.analog_rate)
     return SimulatedTrial(
         scene=scene,
         state=state,
@@ -106,7 +106,12 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
         signals=plate_faults(faults, signals, scene.plane.axes[0]),
         seat_signals=None
         if scene.seat_plate is None
-        else measure(rng["seat channels"], scene.seat_plate, *scene.load_on_seat_plate(loaded), options.analog_rate),
+        else measure(
+            rng["seat channels"],
+            scene.seat_plate,
+            *scene.load_on_seat_plate(loaded, displacement),
+            options.analog_rate,
+        ),
         labels=labels,
         fault_truth=fault_truth,
     )

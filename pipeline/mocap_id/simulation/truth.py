@@ -9,8 +9,8 @@ import numpy as np
 
 from mocap_id.simulation.body import GRAVITY, SimulatedBody
 from mocap_id.simulation.cameras import Jump
-from mocap_id.simulation.loose_truth import bodies_arrays, bodies_document
 from mocap_id.simulation.markers import MarkerSet
+from mocap_id.simulation.multibody_truth import bodies_arrays, bodies_document
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.plate import FORCE_NOISE, MOMENT_NOISE, SIZE, SimulatedPlate
 from mocap_id.simulation.scene import Scene

@@ -40,11 +40,11 @@ def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3
     StoreError
         The page holds no figures, or the folder cannot be written.
     """
-    from mocap_id.reporting import paper  # noqa: PLC0415  imports matplotlib
+    from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
     page = _page(source)
     try:
-        files = paper.figure_files(read_figures(plain_files.read(page).decode("utf-8", "replace")), pdf_fonts)
+        files = paper_figures.figure_files(read_figures(plain_files.read(page).decode("utf-8", "replace")), pdf_fonts)
     except OSError as error:
         raise StoreError(f"{page} cannot be read: {error.strerror}") from error
     except _UNREADABLE as error:

@@ -117,6 +117,39 @@ PARAMETERS: Mapping[str, Explanation] = {
         "Number of base parameters with a standard deviation above 20 % of their size. Above 100 % a parameter is not "
         "identifiable.",
     ),
+    "scale-error": Explanation(
+        ("caution",),
+        "An instrument has a wrong scale",
+        "Gravity and inertia act on the same masses, forces and moments belong to one wrench, and some ratios of the "
+        "parameters are almost the same in all people. In this recording they contradict each other, and one cause "
+        "explains it better than all others: a wrong frame rate, plate gain, zero or position, camera scale or tilt. "
+        "Every quantity that depends on it is wrong by this amount; the standard deviations of parameters and torques "
+        "contain it.",
+        "Check what the reason names, correct it, and run the trial again.",
+        "identify-dim",
+        "Size of the error, relative, N, m or rad; limit 2.58 of its standard deviations, and a decrease of χ² by 6.6 "
+        "more than by any other cause.",
+    ),
+    "scales-contradict": Explanation(
+        ("caution",),
+        "Scales of plate, cameras and clocks contradict each other",
+        "As for `scale-error`, but several causes explain the contradiction about equally well, so the data do not "
+        "name one. The standard deviations of parameters and torques contain all of them.",
+        "Check the causes in the order in which the reason lists them. `subject: {mass: …}` from a scale, a faster "
+        "movement or more repetitions separate them better.",
+        "identify-dim",
+        "Size of the likeliest error; another cause is within 6.6 of its decrease of χ².",
+    ),
+    "scale-on-trust": Explanation(
+        ("ok",),
+        "Nothing shows the gain of the plate",
+        "If all channels of the plate are wrong by the same factor, all masses and torques are wrong by this factor, "
+        "and everything else fits. Only a known mass shows it. The standard deviations contain "
+        "`identify-dim: {plate_gain_sd: …}`.",
+        "Give `subject: {mass: …}` from a scale, or test the plate with a known weight.",
+        "identify-dim",
+        "No `subject: {mass}`.",
+    ),
     "mass-contradiction": Explanation(
         ("caution",),
         "Two masses disagree",

@@ -54,7 +54,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=8,
+    version=9,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("protocol",),

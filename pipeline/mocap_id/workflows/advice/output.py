@@ -15,7 +15,7 @@ from mocap_id.design.trajectory import Trajectory
 from mocap_id.dynamics.excitation import classify
 from mocap_id.reporting.advised_movement import draw
 from mocap_id.reporting.numbers import show
-from mocap_id.reporting.paper import render
+from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.workflows.advice.advice import Advice

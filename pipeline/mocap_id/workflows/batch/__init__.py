@@ -4,7 +4,7 @@
 """
 
 from mocap_id.workflows.batch.batch import Batch, run_batch
+from mocap_id.workflows.batch.named_trials import find_trials
 from mocap_id.workflows.batch.table import BATCH
-from mocap_id.workflows.batch.trial_files import find_trials
 
 __all__ = ["BATCH", "Batch", "find_trials", "run_batch"]

@@ -10,8 +10,8 @@ from typing import Any
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import write_files
 from mocap_id.store.atomic import explained
+from mocap_id.workflows.batch.named_trials import find_trials
 from mocap_id.workflows.batch.table import BATCH, read_trial, row, unreadable_trial
-from mocap_id.workflows.batch.trial_files import find_trials
 from mocap_id.workflows.parallel import Backend, LocalBackend, OnError, TrialRun, run_trials
 
 
@@ -45,7 +45,7 @@ def run_batch(
     Parameters
     ----------
     named : sequence of str
-        As for :func:`mocap_id.workflows.batch.trial_files.find_trials`.
+        As for :func:`mocap_id.workflows.batch.named_trials.find_trials`.
     table : Path
         Parquet file of the table.
     backend : Backend, optional

@@ -11,7 +11,7 @@ from mocap_id.config import Trial
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import count, number, text, whole
 from mocap_id.store import TableSchema
-from mocap_id.workflows.batch.trial_files import UnreadableFile
+from mocap_id.workflows.batch.named_trials import UnreadableFile
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
 

@@ -13,9 +13,9 @@ from mocap_id import runner
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError
 from mocap_id.simulation import Options, simulate
-from mocap_id.workflows.doctor.dependencies import dependencies
 from mocap_id.workflows.doctor.finding import Finding
 from mocap_id.workflows.doctor.machine import machine
+from mocap_id.workflows.doctor.packages import dependencies
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPENSIM = "MOCAP_ID_OPENSIM_PYTHON"

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from mocap_id import __version__
 from mocap_id.prescription.several_springs import holdable_postures
 from mocap_id.prescription.sub_workspaces import Graph
-from mocap_id.reporting.paper import render
+from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.prescription_figures import (
     draw_holdable_postures,
     draw_level_sets,

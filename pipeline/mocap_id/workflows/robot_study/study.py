@@ -135,7 +135,7 @@ def _readable(page: Path) -> str:
 
 def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
     """Write the tables between the page's marks, and the figures into a folder of the page's name."""
-    from mocap_id.reporting import paper  # noqa: PLC0415  it loads matplotlib
+    from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
     from mocap_id.reporting.robot.figures import robot_figures  # noqa: PLC0415
     from mocap_id.reporting.robot.page import markdown  # noqa: PLC0415
 
@@ -143,7 +143,7 @@ def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
     shown = {one.title: f"{page.stem}/{one.name}.svg" for one in found.all if not one.missing}
     head, rest = text.split(_BEGIN, 1)
     tail = rest.split(_END, 1)[1]
-    drawn = paper.figure_files(found)
+    drawn = paper_figures.figure_files(found)
     figures = {f"{page.stem}/{one.name}.svg": drawn[f"figures/{one.name}.svg"] for one in found.all if not one.missing}
     content = f"{head}{_BEGIN}\n\n{markdown(data, shown)}\n{_END}{tail}"
     write_files(page.parent, {**figures, page.name: content.encode()})

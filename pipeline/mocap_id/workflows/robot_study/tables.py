@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting.results.columns import ResultTable, number
 from mocap_id.reporting.robot.tables import Quantity
 from mocap_id.store import TableSchema
-from mocap_id.workflows.robot_study import thesis_tables
+from mocap_id.workflows.robot_study import published_values
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult
 from mocap_id.workflows.robot_study.trials_table import (
     CELL,
@@ -45,9 +45,9 @@ class ThesisTable:
     by_orientation: bool = False  # orientations have rows of their own
 
     @cached_property
-    def published(self) -> Mapping[thesis_tables.Cell, thesis_tables.Row]:
+    def published(self) -> Mapping[published_values.Cell, published_values.Row]:
         """The thesis's rows."""
-        return thesis_tables.published(self.name)
+        return published_values.published(self.name)
 
     @property
     def schema(self) -> TableSchema:

@@ -11,8 +11,8 @@ from mocap_id.geometry import inverse_dynamics, link_motion, planar
 from mocap_id.simulation.body import SimulatedBody
 from mocap_id.simulation.forces import UP, BodiesState, SegmentPlacement, TrueState, share_load, true_state
 from mocap_id.simulation.joint_motion import JointMotion
-from mocap_id.simulation.loose_body import LINKS, SLIDE, LooseBody
-from mocap_id.simulation.loose_motion import Looseness
+from mocap_id.simulation.multibody import LINKS, SLIDE, LooseBody
+from mocap_id.simulation.multibody_motion import Looseness
 from mocap_id.simulation.sit_to_stand import Performance, Plan, balance
 from mocap_id.simulation.supports import Chair, Rail
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mocap_id.simulation.forces import BodiesState
-from mocap_id.simulation.loose_body import LooseBody
 from mocap_id.simulation.markers import MarkerSet
+from mocap_id.simulation.multibody import LooseBody
 from mocap_id.simulation.options import PersonOptions
 
 CONVENTIONS = """\
