@@ -93,7 +93,7 @@ def starts(part: Part) -> str:
         ["the same, noise estimated", f"{filters['noise too']:.2f} s", f"{run / filters['noise too']:.1f}"],
     ]
     return (
-        f"Medians of {part['repeats']}, in turns; runs of {part['recording']}, compiled code available.\n\n"
+        f"Medians of {part['repeats']}, measured alternately; runs of {part['recording']}, compiled code available.\n\n"
         + markdown(["process", "wall", "processor", "memory", "relative to bare Python"], rows)
         + f"\n\n`run` takes {run / floor_of(part):.1f} times the floor, and a second run with nothing to do "
         f"{spent[RUN_AGAIN]['wall'] / floor_of(part):.1f} times. `run` relative to other programs, which do a part of "

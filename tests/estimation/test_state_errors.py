@@ -12,8 +12,10 @@ from simulated_chains import Moving, measured, swinging
 from test_ukf_smooth_stage import chain, planar
 
 from mocap_id.estimation import States
+from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import LastingErrors, add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.process_model import noise_shape, transition
+from mocap_id.estimation.residual_spectrum import residual_spectrum
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE, state_errors
 
@@ -101,7 +103,8 @@ def told(states: States, moving: Moving) -> LastingErrors | None:
     skin = state_errors.known_skin(states, rested, camera(states, moving))
     if skin is None:
         return None
-    return state_errors.lasting_errors(states, rested, skin, camera(states, moving), moving.rate)
+    spectrum = residual_spectrum(ChainResiduals(states, rested, moving.rate))
+    return state_errors.lasting_errors(states, rested, skin, camera(states, moving), spectrum)
 
 
 def test_skin_widens_the_angles() -> None:

@@ -25,7 +25,7 @@ class MovementLimits:
     low, high : (n,) arrays
         Joint angles, rad.
     speed, acceleration : (n,) arrays
-        Of each joint, rad/s and rad/s².
+        Limits of each joint, rad/s and rad/s².
     support : (float, float) or None
         Range that the centre of pressure must not leave, m; None for a base that is bolted down.
     """
@@ -70,7 +70,7 @@ class MovementLimits:
 
 
 def _support_usage(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
-    """Return the largest distance of the centre of pressure from the middle of the support over half its width."""
+    """Return the largest distance of the centre of pressure from the support's middle, in half widths of it."""
     if np.any(wrench[:, 1] <= 0.0):
         return np.inf
     low, high = support

@@ -30,7 +30,7 @@ class WaveMovement:
     frequency : (n,) array
         Frequency of each joint's wave, Hz.
     amplitude, phase : (n, 2) arrays
-        Of the wave and its first overtone, rad.
+        Values of the wave and of its first overtone, rad.
     balanced : bool
         The first row describes the centre of pressure of the posture, m, and not a joint.
     """

@@ -139,18 +139,23 @@ def calibration_effect(
         ``position`` (m), ``lengths`` (relative), ``tilt`` (rad). Errors that are not named are zero.
     """
     samples, components = found.samples, list(prepared.settings.components)
-    motion, gravity, kept = prepared.motion.at(samples), prepared.settings.gravity, prepared.base.kept
-    regressor = prepared.regressor[samples][:, :, kept]
-    wrench = regressor @ base
+    gravity, kept = prepared.settings.gravity, prepared.base.kept
+    plain, wrench = prepared.rows @ base, prepared.filtered[samples] @ base
+
+    def filtered(motion: PlanarMotion, g: float = gravity) -> FloatArray:
+        return prepared.lowpass(wrench_regressor(motion, g)[:, :, kept] @ base - plain)[samples]
+
     column = np.zeros((len(samples), 3, 7))
     column[:, 2, 0] = wrench[:, 2] * sd.get("moments", 0.0)
     column[:, 1, 1] = wrench[:, 1] * sd.get("vertical gain", 0.0)
     column[:, 1, 2] = sd.get("vertical force", 0.0)
     column[:, 2, 3] = wrench[:, 1] * sd.get("position", 0.0)
-    column[:, :, 4] = (wrench_regressor(motion, 0.0)[:, :, kept] @ base) * sd.get("inertia", 0.0)
-    for place, moved, name in ((5, motion.scaled(1 + _STEP), "lengths"), (6, motion.tilted(_STEP), "tilt")):
-        changed = wrench_regressor(moved, gravity)[:, :, kept] @ base
-        column[:, :, place] = -(changed - wrench) / _STEP * sd.get(name, 0.0)
+    if "inertia" in sd:
+        column[:, :, 4] = (filtered(prepared.motion, 0.0) + wrench) * sd["inertia"]
+    if "lengths" in sd:
+        column[:, :, 5] = -filtered(prepared.motion.scaled(1 + _STEP)) / _STEP * sd["lengths"]
+    if "tilt" in sd:
+        column[:, :, 6] = -filtered(prepared.motion.tilted(_STEP)) / _STEP * sd["tilt"]
     response = found.response(column[:, components] * found.weights[:, None])[: len(base)]
     gain = (sd.get("gain", 0.0) * base)[:, None]
     return CalibrationEffect(np.concatenate([gain, response], axis=1), sd.get("lengths", 0.0), sd.get("tilt", 0.0))

@@ -28,7 +28,7 @@ _FAR = 10.0  # m: without a box, masses are searched up to this distance
 
 @dataclass(frozen=True)
 class ConeBodies:
-    """Possible links; the full parameters are the numbers of :class:`~mocap_id.dynamics.optimality.BodyCone`.
+    """Possible links. Their full parameters are the numbers of :class:`~mocap_id.dynamics.optimality.BodyCone`.
 
     Parameters
     ----------

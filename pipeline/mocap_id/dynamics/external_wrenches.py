@@ -61,9 +61,9 @@ def external_effect(
     Returns
     -------
     ground : (..., c) array
-        To subtract from Y φ.
+        Wrench to subtract from Y φ.
     torque : (..., N) array
-        To subtract from the joint torques.
+        Torques to subtract from the joint torques.
     """
     return wrenches.sum(axis=-1), through_joints(jacobian, joint, wrenches, segment).sum(axis=-1)
 

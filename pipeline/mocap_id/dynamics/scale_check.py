@@ -35,7 +35,7 @@ _SURE = 2.58  # standard deviations, 99 %
 _ROUNDS = 3
 _STEP = 1e-4  # relative, or rad
 _LEAST_MODE = 0.1  # squared norm of a mode of the geometry's error, in standard deviations of the residual
-_RIGID, _RIGID_POSES = np.array([5.0, 3.0]), np.array([2.0, 2.0])  # N rms of Fx and Fy, up to which segments are rigid
+_RIGID = np.array([2.5, 2.0])  # N rms of Fx and Fy, up to which the segments are rigid
 _OF_RIGID = 0.25  # share of the spread between people for rigid segments that are not pinned
 
 
@@ -203,7 +203,10 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
         extra = extra[:, :, 1:]
     of_model = {name: lowpass(each[:, :, kept])[rows] for name, each in moved.items()}
     effect = wrench_effect(prepared, base, found.error, samples)
-    weights, residual = _weights(np.concatenate([model[rows], extra], axis=-1), target, time, prepared)
+    columns = np.concatenate([model[rows], extra], axis=-1)
+    weights = _weights(columns, target, time, prepared)
+    every = np.stack([*(each @ base for each in of_model.values()), *_of_data(target).values()], axis=-1)
+    residual = _residual(np.concatenate([columns, every], axis=-1), target, weights, prepared)
     effect = _fewer_modes(effect * weights[:, None]) / weights[:, None]
     own, rms = np.concatenate([extra, -effect], axis=-1), np.sqrt(np.mean(residual[:, :2] ** 2, axis=0))
     prior, prior_target = _prior_rows(prepared, ratios, own.shape[-1])
@@ -219,7 +222,7 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
         prior_target=prior_target,
         start=base,
         pinned=prepared.prior is None,
-        rigid=bool(np.all(rms < (_RIGID if prepared.prior is None else _RIGID_POSES))),
+        rigid=bool(np.all(rms < _RIGID)),
     )
 
 
@@ -257,25 +260,26 @@ def _prior_rows(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> t
     return np.concatenate([own, rows]), np.concatenate([its_aim, aim])
 
 
-def _weights(
-    columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial
-) -> tuple[FloatArray, FloatArray]:
-    """Return the weights (3,) of the components and residual (R, 3) of a fit without causes.
+def _residual(columns: FloatArray, target: FloatArray, weights: FloatArray, prepared: PreparedTrial) -> FloatArray:
+    """Residual (R, 3) of a fit of columns (R, 3, k), with the trial's own prior."""
+    prior, aim = np.zeros((0, columns.shape[-1])), np.zeros(0)
+    if prepared.prior is not None:
+        prior, aim = prepared.prior.rows(columns.shape[-1])
+    rows = np.concatenate([(columns * weights[:, None]).reshape(-1, columns.shape[-1]), prior])
+    scale = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    x = np.linalg.lstsq(rows / scale, np.concatenate([(target * weights).reshape(-1), aim]), rcond=None)[0] / scale
+    return np.asarray(target - columns @ x)
+
+
+def _weights(columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial) -> FloatArray:
+    """Weights (3,) of the components, from the residual of a fit without causes.
 
     A residual that is correlated in time counts as fewer samples: the squared sums over blocks of each column times the
     residual, relative to the sums of squares.
     """
-    prior = np.zeros((0, columns.shape[-1]))
-    aim = np.zeros(0)
-    if prepared.prior is not None:
-        prior, aim = prepared.prior.rows(columns.shape[-1])
-    weights = np.full(3, 1.0)
-    residual = target
+    weights, residual = np.ones(3), target
     for _ in range(_ROUNDS):
-        rows = np.concatenate([(columns * weights[:, None]).reshape(-1, columns.shape[-1]), prior])
-        scale = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
-        x = np.linalg.lstsq(rows / scale, np.concatenate([(target * weights).reshape(-1), aim]), rcond=None)[0] / scale
-        residual = target - columns @ x
+        residual = _residual(columns, target, weights, prepared)
         weights = 1.0 / np.maximum(residual.std(axis=0), 1e-4 * np.sqrt(np.mean(target**2, axis=0)) + 1e-9)
     block = time_blocks(time, prepared.settings.block)
     scores = columns * residual[..., None]
@@ -284,4 +288,4 @@ def _weights(
     squares = np.sum(scores**2, axis=0)
     grown = np.sum(sums**2, axis=0) / np.where(squares > 0.0, squares, np.inf)
     used = np.maximum(np.count_nonzero(squares > 0.0, axis=1), 1)
-    return np.asarray(weights / np.sqrt(np.maximum(np.sum(grown, axis=1) / used, 1.0))), residual
+    return np.asarray(weights / np.sqrt(np.maximum(np.sum(grown, axis=1) / used, 1.0)))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, as_complex
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, as_complex, as_xy
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import segment_poses
 
@@ -35,7 +35,7 @@ class ChainResiduals:
 
     @cached_property
     def _posture(self) -> FloatArray:
-        """Quadratic functions (F, P) of the angles; zero where an angle is not given."""
+        """Return the quadratic functions (F, P) of the angles; zero where an angle is not given."""
         angles = self.states.mean[..., 0]
         centred = angles - np.nanmean(angles, axis=0)
         products = [centred[:, i] * centred[:, j] for i in range(centred.shape[1]) for j in range(i, centred.shape[1])]
@@ -46,8 +46,8 @@ class ChainResiduals:
     def columns(self) -> Iterator[tuple[int, ComplexArray, BoolArray]]:
         """Yield each marker with enough samples: its number, its residual (F,) in m, and where it is used (F,).
 
-        The residual is interpolated in gaps. A part that is a quadratic function of the joint angles is removed: sliding
-        skin accounts for it (:mod:`mocap_id.kinematics.skin_slides`).
+        The residual is interpolated in gaps. A part that is a quadratic function of the joint angles is removed,
+        because sliding skin accounts for it (:mod:`mocap_id.kinematics.skin_slides`).
         """
         chain, basis = self.states.chain, self._posture
         turn, origin = segment_poses(self.states.mean[..., 0], chain.centres)
@@ -62,7 +62,7 @@ class ChainResiduals:
                 lost = np.flatnonzero(~seen)
                 off[lost] = 0
                 square = whole - basis[lost].T @ basis[lost] + _RIDGE * len(basis) * np.eye(basis.shape[1])
-                off -= basis @ np.linalg.solve(square, basis.T @ off)
+                off -= as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
                 if lost.size:
                     off[lost] = np.interp(lost, every[seen], off[seen])
                 yield int(k), off, seen

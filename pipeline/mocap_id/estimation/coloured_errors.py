@@ -52,7 +52,7 @@ def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: Int
     beyond = np.zeros((n, len(_DERIVATIVES), 2 * bins))
     for k, off, _ in residuals.columns():
         passed = np.fft.ifft(passing * np.fft.fft(np.concatenate([off, off[::-1]]))[kept])
-        beyond += gains[:, None, :, k] * (np.abs(passed) ** 2 / 2 - white[..., None])
+        beyond += gains[k][:, None] * (np.abs(passed) ** 2 / 2 - white[..., None])
     around = np.exp(-0.5 * (2 * np.pi * np.fft.rfftfreq(2 * bins, count / bins / rate) * _MEMORY) ** 2)
     local = np.fft.irfft(np.fft.rfft(beyond) * around, 2 * bins)
     found = np.zeros((len(frames), n, ORDER))
@@ -63,7 +63,7 @@ def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: Int
 
 
 def _gains(residuals: ChainResiduals, angles: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the squared gains a_jk (n, T, M), rad²/m², at times (T,) in frames.
+    """Return the squared gains a_jk (M, n, T), rad²/m², at times (T,) in frames.
 
     They are larger because a residual lacks the part of a marker's error that the angles follow.
     """
@@ -77,4 +77,4 @@ def _gains(residuals: ChainResiduals, angles: FloatArray, times: FloatArray) -> 
     squared = np.sum(gain**2, axis=3) * often / np.maximum(1 - own, _LEAST_LEFT)  # (n, f, M)
     at = np.searchsorted(some, times).clip(1, len(some) - 1)
     share = ((times - some[at - 1]) / (some[at] - some[at - 1])).clip(0, 1)[:, None]
-    return np.asarray(squared[:, at - 1] * (1 - share) + squared[:, at] * share)
+    return np.ascontiguousarray((squared[:, at - 1] * (1 - share) + squared[:, at] * share).transpose(2, 0, 1))

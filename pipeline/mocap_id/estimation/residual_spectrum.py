@@ -1,11 +1,11 @@
-"""What the spectrum of the residuals shows: a low-pass filter, and segments whose markers oscillate together.
+"""Spectrum of the residuals: evidence of a low-pass filter, and of segments whose markers oscillate together.
 
 **Filter.** The cameras' noise is white. If the residuals fall steeply above a frequency and stay there, the recording
 was filtered or resampled. The product S(f) f^4 has its maximum at the cut-off of two passes of a second-order
 Butterworth filter. Skin and movement fall less steeply than this.
 
-**Oscillation.** If all markers of a segment move alike, as on wobbling tissue, the chain turns instead, and less is left
-in the residuals. A rigid displacement does not turn the segment, however, so the turn of its markers against the
+**Oscillation.** If all markers of a segment move alike, as on wobbling tissue, the chain turns instead, and less is
+left in the residuals. A rigid displacement does not turn the segment, however, so the turn of its markers against the
 chain is the error of the chain's angle. Only a narrow peak counts: broad ones are found in every real movement.
 """
 
@@ -22,11 +22,12 @@ from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.process_model import ORDER
 
 _WINDOW = 4.0  # s
-_MOST = 200  # windows of the median spectrum
+_MOST = 150  # windows of the median spectrum
+_NEIGHBOURS = 5  # frequencies of an average
 _LOWEST = 1.0  # Hz; least cut-off that is searched for
 _DROP = 50.0  # least ratio of the power at the cut-off to that an octave and more above it
 _FLATTEST = 0.75  # of the highest frequency; above, nothing shows a filter
-_MOST_NOISE = 2e-3  # m, of a coordinate before the filter; more is movement that the chain does not follow
+_NOISE = (5e-5, 2e-3)  # m, of a coordinate before the filter; less is no camera's, more is movement off the chain
 _STEEPEST = 25.0  # largest ratio of the power an octave below the cut-off to that at the cut-off
 _PEAK = 10.0  # least ratio of a peak to the power beside it
 _HALF_WIDTH = 1.3  # ratio of frequencies within a peak
@@ -91,7 +92,7 @@ class ResidualSpectrum:
         found = float(f[octave][np.argmax(power[octave] * f[octave] ** 4)])
         below, at = np.interp((found / 2, found), f, power)
         before = np.sqrt(4 * at * self.rate / 2)  # the filter passes a quarter of the power at its cut-off
-        is_noise = before < _MOST_NOISE and below < _STEEPEST * at
+        is_noise = _NOISE[0] < before < _NOISE[1] and below < _STEEPEST * at
         return found if is_noise and found < _FLATTEST * f[-1] else None
 
     @cached_property
@@ -132,14 +133,12 @@ def residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
     shift, turn = np.zeros((count, n), dtype=np.complex128), np.zeros((count, n))
     windows, each = list[FloatArray](), max(_MOST // len(local), 1)
     for k, off, seen in residuals.columns():
-        own = chain.segment == chain.segment[k]
-        j, from_centre = chain.segment[k] - 1, local[own] - local[own].mean()
-        square = float(np.sum(np.abs(from_centre) ** 2))
-        shift[:, j] += off / len(from_centre)
-        if square > _LEAST_SPREAD**2 * len(from_centre):
-            turn[:, j] += (np.conj(local[k] - local[own].mean()) * off).imag / square
-        whole = list(_spectra(off, residuals.rate, seen, each))
-        windows += whole
+        own = local[chain.segment == chain.segment[k]]
+        j, square = chain.segment[k] - 1, float(np.sum(np.abs(own - own.mean()) ** 2))
+        shift[:, j] += off / len(own)
+        if square > _LEAST_SPREAD**2 * len(own):
+            turn[:, j] += (np.conj(local[k] - own.mean()) * off).imag / square
+        windows += _spectra(off, residuals.rate, seen, each)
     frequency = _frequencies(count, residuals.rate) if windows else np.empty(0)
     power = np.median(windows, axis=0) if windows else np.empty(0)
     return ResidualSpectrum(residuals.rate, frequency, power, shift, turn)
@@ -159,12 +158,16 @@ def _clearest(f: FloatArray, power: FloatArray) -> float | None:
 
 
 def _smoothed(power: FloatArray) -> FloatArray:
-    """Return a spectrum averaged over five neighbouring frequencies, near the ends over fewer."""
-    ones = np.ones(5)
-    return np.convolve(power, ones, "same") / np.convolve(np.ones_like(power), ones, "same") if len(power) >= 5 else power
+    """Return a spectrum averaged over neighbouring frequencies."""
+    if len(power) < _NEIGHBOURS:
+        return power
+    ones = np.ones(_NEIGHBOURS)
+    return np.asarray(np.convolve(power, ones, "same") / np.convolve(np.ones_like(power), ones, "same"))
 
 
-def _spectra(series: ComplexArray, rate: float, seen: BoolArray | None, most: int | None = None) -> Iterator[FloatArray]:
+def _spectra(
+    series: ComplexArray, rate: float, seen: BoolArray | None, most: int | None = None
+) -> Iterator[FloatArray]:
     """Yield power spectra (P,) of a coordinate of a series (F,), in windows without a frame that is not seen."""
     size = _window(len(series), rate)
     taper = np.hanning(size)

@@ -25,8 +25,8 @@ class AxisMarkers:
     residual : dict
         For each reassigned marker (its column), the rms distance from its place on segment 1, m.
     margin : float
-        How close the closest decision was: the ratio of the residuals on segment 1 and on the base, divided by the ratio
-        at which the marker changes sides, or the inverse. At least 1; inf without a candidate.
+        How close the closest decision was: the ratio of the residuals on segment 1 and on the base, divided by the
+        ratio at which the marker changes sides, or the inverse. At least 1; inf without a candidate.
     """
 
     residual: dict[int, float]

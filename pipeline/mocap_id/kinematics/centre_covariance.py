@@ -55,7 +55,7 @@ def _slip(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatAr
 def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
     """Return the variance (K,) of each marker's slide in one coordinate, m^2.
 
-    It is the part of the residual that persists to the next frame, divided by the share left by the pose of the segment.
+    It is the part of the residual that persists to the next frame, divided by the share that the segment's pose leaves.
     """
     seen = problem.weights > 0
     off = np.where(seen, residuals(problem, state), 0)

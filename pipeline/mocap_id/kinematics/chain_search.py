@@ -69,7 +69,7 @@ def _bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
 
 
 def _of_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
-    """Yield the best chain of a level, cut to the allowed length, then the best of every other allowed length."""
+    """Yield the best chain of a level, shortened if too long, then the best of every other allowed length."""
     rules = problem.rules
     found = _best_chains(problem, bodies)
     if not found:

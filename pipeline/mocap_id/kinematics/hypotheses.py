@@ -144,7 +144,7 @@ class Hypothesis:
             f"leaves out {_count(len(out), 'marker')} of the chosen segments": self._worse(best, out),
             f"carries {_count(len(extra), 'marker')} more": self._worse(best, extra),
             f"fits {'the others' if len(out) + len(extra) else 'the markers'} {'worse' if fit > 0 else 'better'}": fit,
-            "lost to a longer chain that was cut afterwards": self.cut,
+            "lost to a longer chain that was shortened afterwards": self.cut,
         }
         more = len(self.chain) - len(best.chain)
         price = self.cost - best.cost - sum(terms.values())  # split_gain times the difference in the number of segments

@@ -40,7 +40,7 @@ _SAME_PLACE = 0.03  # m
 _STEPS = 20
 _SETTLED = 1e-4  # relative fall of the cost
 _FRAMES_A_SEGMENT = 15
-_SHORTEST = 0.03  # m; a link shorter than this is none
+_SHORTEST = 0.03  # m; a shorter link is not accepted
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Pin:
     unit : int array
         Columns of the markers.
     track : (F,) complex array
-        Where they put the joint, m.
+        Position of the joint by these markers, m.
     weight : float
-        Of one frame against a marker's.
+        Weight of one frame of the joint relative to one frame of a marker.
     """
 
     joint: int

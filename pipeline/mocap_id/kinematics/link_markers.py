@@ -88,7 +88,7 @@ class _Search:
         self._centres: dict[tuple[int, int], list[complex]] = {}
 
     def paths(self) -> Iterator[Path]:
-        """Yield the paths to all bodies by depth-first search, without a marker twice; body 0 is the ground."""
+        """Yield the paths to all bodies by depth-first search, each marker at most once; body 0 is the ground."""
         edges = [list(self._edges(index)) for index in range(len(self.bodies))]
         longest = self.problem.rules.longest - 1
 

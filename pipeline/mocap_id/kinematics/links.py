@@ -126,7 +126,7 @@ def chain_angles(
     local : (M,) complex array
         Coordinates in the segments' frames, m.
     joint_markers : mapping of int to (F,) complex array
-        Where markers put a joint (1 … n), m.
+        Position of a joint (1 … n) by its markers, m.
     """
     joints = len(centres)
     angles = np.full((len(points), joints), np.nan)

@@ -185,7 +185,7 @@ def fit_response(
 def skin_from_residuals(
     state: ChainState, segment: IntArray, residual: FloatArray, centre_covariance: FloatArray
 ) -> SkinModel:
-    """Return a model for an unknown joint fit, or for residuals of unknown persistence.
+    """Return a skin model if the response of the joint fit, or the persistence of the residuals, is unknown.
 
     The whole residual counts as skin, and the errors of the centres follow their covariance, independent of the skin.
 
@@ -231,7 +231,7 @@ def scaled_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -
 def _sizes(
     points: ComplexArray, segment: IntArray, state: ChainState, relative: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return variances of the lasting residual and of its share without shapes, the inverse weight, the share seen.
+    """Return for each marker: two variances of the slide, inverse weight, and share of frames in which it is seen.
 
     All are (K,), the variances in m^2 per coordinate. The part of a residual that persists to the next frame is not
     camera noise.

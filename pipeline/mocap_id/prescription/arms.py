@@ -30,7 +30,7 @@ class Arm(Protocol):
         ...
 
     def deviations(self) -> list[tuple[Arm, Arm]]:
-        """Return for each uncertain dimension two arms, with it one standard deviation larger and smaller."""
+        """Return two arms for each uncertain dimension: one standard deviation larger, and smaller."""
         ...
 
 

@@ -44,7 +44,8 @@ def refine_spring(  # noqa: PLR0917
     Returns
     -------
     stiffness, rest : float
-        Of the optimum, or of the start if none was found. The caller must check whether the range is wider.
+        Stiffness and rest angle of the optimum, or of the start if none was found. The caller must check whether the
+        range is wider.
     """
     low, high, stiffness, at = start
     weight = joint.weight

@@ -56,7 +56,7 @@ PUBLISHED: tuple[Published, ...] = (
     Published(
         16.0,
         "80 people with Parkinson's disease",
-        "told fallers from non-fallers",
+        "distinguished people who fall from others",
         "not said",
         _DUNCAN,
     ),

@@ -75,8 +75,8 @@ def _cut(repetitions: Sequence[Repetition], posture: Posture) -> Reason | None:
         return None
     return Reason(
         "repetition-cut",
-        f"{'; '.join(dict.fromkeys(whats))}: events outside the recording are unknown, and so are the quantities of "
-        "whole repetitions",
+        f"{'; '.join(dict.fromkeys(whats))}: events outside the recording, and quantities of whole repetitions, are "
+        "unknown",
         level="ok",
     )
 

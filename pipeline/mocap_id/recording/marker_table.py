@@ -39,7 +39,7 @@ class MarkerTable:
     up : str
         Upward axis that is usual for the format.
     usual : str
-        Where this axis is usual, for a note.
+        Programs in which this axis is usual, for a note.
     outputs : sequence of str
         Labels that the file declares as computed.
     """

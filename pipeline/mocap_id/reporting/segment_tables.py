@@ -20,6 +20,8 @@ AGAINST: Mapping[str, str] = {
     "first-joint": "the first joint is not a fixed point of both bodies to within 8 mm",
     "base": "the still markers are hardly stiller than the moving ones",
     "runner-up": "another number of segments fits the markers almost as well",
+    "links": "a segment has a single marker, and no marker is at either of its joints",
+    "ankle": "joint 1 turns little, and no marker is at it",
 }
 """Text for each piece of evidence in :class:`mocap_id.kinematics.confidence.Confidence`."""
 

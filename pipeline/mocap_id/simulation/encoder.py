@@ -30,7 +30,7 @@ class Encoder:
     torque_sd: float = 0.3
 
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON values for the truth."""
+        """Return JSON values for truth.json."""
         note = "the row at time_s is the state at the markers' time time_s + clock_offset_s; the torque has no friction"
         return {
             "rate_hz": RATE,

@@ -167,16 +167,7 @@ def camera_faults(
             "first_frame": first,
             "n_frames": last - first,
         }
-    ghosts = []
-    if faults.ghost_walks:
-        start, end = rng.uniform(-1.5, 1.5, 3), rng.uniform(-1.5, 1.5, 3)
-        start[2], end[2] = rng.uniform(0.2, 1.8, 2)
-        ghosts.append(np.linspace(start, end, frames) + rng.normal(0, 5e-4, (frames, 3)))
-    if faults.ghost_reflects:
-        marker, normal = _moving(rng, markers), rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        mirror = np.nanmean(points[:, marker], axis=0) + rng.uniform(0.1, 0.4) * normal
-        ghosts.append(points[:, marker] - 2 * ((points[:, marker] - mirror) @ normal)[:, None] * normal)
+    ghosts = _ghosts(rng, faults, markers, points)
     if ghosts:
         points = np.concatenate([points, np.stack(ghosts, axis=1)], axis=1)
         labels = (*labels, *(f"{GHOST}{k + 1}" for k in range(len(ghosts))))
@@ -190,6 +181,23 @@ def camera_faults(
     if faults.tilt_deg:
         points = points @ _about(scene.plane.axes[2], np.radians(faults.tilt_deg)).T
     return labels, points, truth
+
+
+def _ghosts(
+    rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, points: FloatArray
+) -> list[FloatArray]:
+    """Return trajectories (T, 3) that are no markers, m."""
+    ghosts = []
+    if faults.ghost_walks:
+        start, end = rng.uniform(-1.5, 1.5, 3), rng.uniform(-1.5, 1.5, 3)
+        start[2], end[2] = rng.uniform(0.2, 1.8, 2)
+        ghosts.append(np.linspace(start, end, len(points)) + rng.normal(0, 5e-4, (len(points), 3)))
+    if faults.ghost_reflects:
+        marker, normal = _moving(rng, markers), rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        mirror = np.nanmean(points[:, marker], axis=0) + rng.uniform(0.1, 0.4) * normal
+        ghosts.append(points[:, marker] - 2 * ((points[:, marker] - mirror) @ normal)[:, None] * normal)
+    return ghosts
 
 
 def plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:

@@ -212,7 +212,7 @@ def _sides(site: _Site) -> tuple[_Site, ...]:
 
 
 def _local(body: SimulatedBody, site: _Site) -> tuple[float, float, float]:
-    """Return coordinates in the link's frame; x of the base's markers counts from the first joint."""
+    """Return coordinates in the link's frame; x of the base's markers is measured from the first joint."""
     link = body.links[site.link]
     start = body.links[1].centre[0] if site.link == 0 else 0.0
     return start + site.x, site.y * link.length, site.z

@@ -46,7 +46,7 @@ LOADED_ORDER = 4  # the chair's force has three continuous derivatives
 
 @dataclass(frozen=True)
 class Repetition:
-    """Times of one repetition, s, named as in the truth."""
+    """Times of one repetition, s, named as in truth.json."""
 
     rise_start: float
     seat_off: float

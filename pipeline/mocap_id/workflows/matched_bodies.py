@@ -83,7 +83,7 @@ def _pose(
 
 
 def _with_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTrial) -> tuple[PlanarMotion, FloatArray]:
-    """Return the motion with the target's joints, and the wanted joints' centres in the previous body, (n, 2) m."""
+    """Return the motion with the target's joints, and each joint's centre in the body before it, (n, 2) m."""
     joint = target.bodies.motion.joint  # (T, n', 2)
     beyond = _beyond(frames, target)
     shared, centres = np.zeros(joint.shape[1], dtype=bool), np.full(frames.centres.shape, np.nan)

@@ -177,10 +177,10 @@ SKELETON: Mapping[str, Explanation] = {
     "prefiltered": Explanation(
         ("caution",),
         "The markers were filtered before the export",
-        "Camera noise is present at all frequencies up to half the frame rate. Here the residuals of the markers end at "
-        "the frequency in the message: a low-pass filter or resampling removed the rest, and fast movement with it. "
-        "The intervals of the states include the noise that is left. Below 5 Hz the movement itself is changed: peaks of "
-        "velocity and acceleration are too low, by an unknown amount, and the states have no intervals.",
+        "Camera noise is present at all frequencies up to half the frame rate. Here the residuals of the markers end "
+        "at the frequency in the message: a low-pass filter or resampling removed the rest, and fast movement with it. "
+        "The intervals of the states include the noise that is left. Below 5 Hz the movement itself is changed: peaks "
+        "of velocity and acceleration are too low, by an unknown amount, and the states have no intervals.",
         "Export the markers without a filter, at the rate of the cameras. The smoother of `ukf-smooth` adapts to the "
         "noise, so filtered markers never give better states.",
         "ukf-smooth",
@@ -190,8 +190,8 @@ SKELETON: Mapping[str, Explanation] = {
         ("caution", "ok"),
         "Frames are repeated",
         "In some frames every marker is exactly where it was in the frame before, although the person moves. This "
-        "happens if frames were lost, or if a recording was resampled to a higher rate. These frames hold old positions "
-        "and are left out of the states, which are bridged there. Below 1 % of the frames this is only a note.",
+        "happens if frames were lost, or if a recording was resampled to a higher rate. These frames hold old "
+        "positions and are left out of the states, which are bridged there. Below 1 % of the frames this is only a note.",
         "Export again at the rate of the cameras. If the frames were lost in the recording, check the load of the "
         "recording computer.",
         "ukf-smooth",
@@ -203,8 +203,8 @@ SKELETON: Mapping[str, Explanation] = {
         "All markers of a segment move to and fro together, at one frequency, against the chain. Soft tissue that "
         "wobbles does this, and so does a loose plate with markers. The angles follow such a motion, which the bones "
         "do not make. Accelerations suffer most; their intervals include the oscillation.",
-        "Fix the markers to bony places, or tape the plates on firmly. If the movement itself shakes at this frequency, "
-        "check that the segments are rigid.",
+        "Fix the markers to bony places, or tape the plates on firmly. If the movement itself shakes at this "
+        "frequency, check that the segments are rigid.",
         "ukf-smooth",
         "Largest rms oscillation of a segment's markers that is left in their residuals, m. The peak of its spectrum, "
         "from 2 to 15 Hz, is 10 times above both sides.",

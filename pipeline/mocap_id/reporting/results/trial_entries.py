@@ -44,7 +44,7 @@ class TrialEntry:
 
     @property
     def lead(self) -> Prose:
-        """Meaning of this end, or why the trial failed."""
+        """What this outcome means, or why the trial failed."""
         if self.fate != "failed":
             return prose(LEVELS[self.fate][1])
         return prose(sentence(style.printable(self.message)) if self.message else "It could not be computed.")

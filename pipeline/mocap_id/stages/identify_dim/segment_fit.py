@@ -193,7 +193,7 @@ def fit_segments(
 
 
 def _of_bodies(tables: ReferenceBodies, mean: Callable[[ReferenceBody], FloatArray]) -> ReferenceBodies:
-    """Return reference bodies as parameters of the bodies; NaN if none applies."""
+    """Return the reference bodies with parameters of the measured bodies; NaN if none applies."""
     every = tuple(replace(each, parameters=mean(each)) for each in tables.every)
     chosen = mean(tables.chosen)
     known = np.isfinite(tables.chosen.parameters).all()

@@ -114,7 +114,7 @@ def _moved(base: BaseMotion) -> Reason:
             "base-moved",
             f"the feet changed their place: {listed}{rest}. They did not move alike: their markers differ by "
             f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
-            "displacement was corrected, which blurs the joints: analyse each part alone with `window:`",
+            "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`",
             farthest,
         )
     return Reason(

@@ -15,6 +15,7 @@ from mocap_id.verdict import Reason
 
 _ROUNDS = 3
 _CLOSE = 0.1  # s
+_UNSURE = 0.5
 _WORDS = {
     "frozen": ("stands still in the laboratory while its segment moves", "its last position was repeated"),
     "moved": ("is at another place on its segment", "it was probably taped on again, or slipped"),
@@ -62,22 +63,27 @@ def segment_without_bad(
     Refused
         The markers as recorded make no chain.
     """
-    swapped = Trajectories(recorded.planar, _swapped(recorded))
-    rows = sampled_rows(len(swapped.frames), swapped.rate)
-    markers = RecordedMarkers(swapped.at(rows), rows, swapped.track, swapped.rate)
-    done = _segmented(swapped, frames, segmented)
+    swapped = _swapped(recorded)
+    rows = sampled_rows(len(recorded.frames), recorded.rate)
+    markers = RecordedMarkers(recorded.at(rows), rows, recorded.track, recorded.rate)
+    done = _segmented(Trajectories(recorded.planar, swapped), frames, segmented)
     bad: tuple[dict[str, Any], ...] = ()
     for _ in range(_ROUNDS):
         plane = done.points[..., 0] + 1j * done.points[..., 1]
-        found = tuple(_fact(swapped, stretch) for stretch in find_bad_stretches(markers, done.found, plane, examined))
+        found = tuple(_fact(recorded, stretch) for stretch in find_bad_stretches(markers, done.found, plane, examined))
         again, bad = _same(found, bad), found
-        view = Trajectories(recorded.planar, (*swapped.bad, *bad))
+        named = {each["marker"] for each in bad}  # with times that are surer than those of the swaps
+        others = (each for each in swapped if each["marker"] not in named)
+        view = Trajectories(recorded.planar, (*others, *bad))
         if again:
             return replace(done, view=view)
         try:
-            done = _segmented(view, frames, segmented)
+            other = _segmented(view, frames, segmented)
         except Refused:  # the rest of the markers shows no chain
             break
+        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # the bad samples did less harm
+            return replace(done, view=view, points=other.points)
+        done = other
     return done
 
 

@@ -21,7 +21,7 @@ from mocap_id.stages.segment.bad_markers import (
     left_out_words,
     segment_without_bad,
 )
-from mocap_id.stages.segment.lifted_heel import foot_moves, lift_reasons, with_foot
+from mocap_id.stages.segment.lifted_heel import foot_moves, lift_of_good_markers, lift_reasons, with_foot
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
@@ -57,7 +57,8 @@ def segment(context: Context) -> Outputs:
             lambda points: _sorted(_plane(points, out), _lateral(points), counted, constraints, settings),
         )
 
-    done, lift = segmented(settings.count), recorded.planar.facts.get("heel_lift")
+    done = segmented(settings.count)
+    lift = lift_of_good_markers(recorded.planar.facts.get("heel_lift"), done.view.bad)
     if settings.count is None:
         done = with_foot(done, lift, labels, segmented)
     found, view, points = done.found, done.view, done.points

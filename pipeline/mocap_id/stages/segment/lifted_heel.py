@@ -11,6 +11,13 @@ from mocap_id.stages.segment.bad_markers import SegmentedMarkers
 from mocap_id.verdict import Reason
 
 
+def lift_of_good_markers(lift: Mapping[str, Any] | None, bad: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the fact ``heel_lift`` of planar.parquet, or None if one of its markers is ``bad`` for some time."""
+    if lift is None or {each["marker"] for each in bad} & {lift["marker"], lift["about"]}:
+        return None
+    return lift
+
+
 def foot_moves(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
     """Return whether the first moving segment is the foot, given the fact ``heel_lift`` of planar.parquet.
 

@@ -24,6 +24,7 @@ from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_came
 from mocap_id.stages.ukf_smooth.measured_poses import measured_poses
 from mocap_id.stages.ukf_smooth.noise_reasons import (
     LOST_HZ,
+    bridge_repeated,
     filter_reason,
     find_repeated_frames,
     oscillation_reason,
@@ -57,6 +58,7 @@ def ukf_smooth(context: Context) -> Outputs:
     poses = measured_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     del observed
     slips = _skin_tree(tree, skeleton, states, skin, camera)
+    states = replace(states, observed=bridge_repeated(states.observed, repeated, view.rate))
     encoder = beside_cameras(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
         states, sd_holds = by_encoder(states, encoder), ENCODER_NOISE

@@ -1,4 +1,4 @@
-"""Repeated frames, low-pass filters and oscillating skin: what is found in the markers and said in the verdict."""
+"""Reasons about the markers' noise: repeated frames, low-pass filters and oscillating skin."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ LOST_HZ = 5.0
 
 _SAME = 1e-9  # m
 _MOVED = 2e-5  # m; median step after a repeated frame. A recording without noise repeats frames at rest.
+_SHORT = 0.1  # s; within it the smoother bridges without loss
 _MANY = 0.01  # share of repeated frames for a caution
 
 
@@ -33,6 +34,15 @@ def find_repeated_frames(observed: FloatArray) -> BoolArray:
         if not np.any(np.isfinite(after)) or np.nanmedian(np.abs(after)) < _MOVED:
             repeated[run] = False
     return np.asarray(repeated)
+
+
+def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> BoolArray:
+    """Return which angles (F, n) are observed if short runs of repeated frames (F,) count as those beside them."""
+    found = observed.copy()
+    for run in find_runs(repeated):
+        if run.stop - run.start <= _SHORT * rate and run.start > 0 and run.stop < len(found):
+            found[run] = found[run.start - 1] & found[run.stop]
+    return found
 
 
 def repeated_reason(repeated: BoolArray) -> tuple[Reason, ...]:

@@ -29,7 +29,7 @@ def task_graph(tasks: Sequence[Task], found: PrescriptionResult) -> tuple[Graph 
     Raises
     ------
     ValueError
-        A task is outside the joint's limits, or outside every reach.
+        A task is outside the joint's limits, or cannot be reached.
     """
     if not tasks:
         return None, None

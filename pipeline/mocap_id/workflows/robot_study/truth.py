@@ -72,7 +72,7 @@ def read_truth(recording: Path) -> Truth | None:
 
 
 def labels_of(truth: Truth | None) -> Labels:
-    """Return the labels that the truth gives."""
+    """Return the labels in truth.json."""
     if truth is None:
         return Labels()
     frequency = truth.document.get("freq_hz")

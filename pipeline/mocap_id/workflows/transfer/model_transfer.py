@@ -192,7 +192,7 @@ def _registered(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFram
 
 
 def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
-    """Return the errors of the own model, of the same on left-out repetitions, and of the allometric body."""
+    """Return the errors of the own model, in the fit and on left-out repetitions, and of the allometric body."""
     samples = _samples(target)
     return tuple(body for body in (*_own(target, samples), _table(target, samples)) if body is not None)
 

@@ -31,7 +31,7 @@ TOLD_APART = ("tauz", "cop_x")
 """Series in which it must differ from the allometric body; in Fy it differs by the mass, which any plate shows."""
 _TIMES = 2.0  # least difference from the allometric body's prediction, standard deviations
 _JOINTS = 0.03  # m: joints that bend enough agree within a few millimetres, under moving skin within two centimetres
-_ELSEWHERE = 1.4  # factor on the error at home: measured on twenty pairs of real trials
+_ELSEWHERE = 1.4  # factor on the error on the model's own trial: measured on twenty pairs of real trials
 _NORMAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _INSIDE = 0.8  # least share of the samples in the 95 % intervals
 
@@ -141,7 +141,7 @@ def series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
 
 
 def predicted(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
-    """Return :data:`SERIES`, (T, 4), that bodies with parameters (4K,) need, less the wrench of chair and sensors."""
+    """Return the predicted :data:`SERIES`, (T, 4), for parameters (4K,), without the wrench of chair and sensors."""
     columns = [f"{name}_external" for name in WRENCH_COMPONENTS]
     external = target.dynamics[columns].to_numpy(dtype=np.float64) if columns[0] in target.dynamics else 0.0
     return series(target, bodies.regressor @ parameters - external)

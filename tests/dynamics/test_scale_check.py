@@ -1,0 +1,150 @@
+"""Errors of scale: their effect on the parameters, and which of them a recording names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dynamics_cases import BODY, CENTRES, moving_body
+
+from mocap_id.config import load
+from mocap_id.dynamics.body_ratios import body_ratios
+from mocap_id.dynamics.calibration import Calibration, ScaleCheck, calibration_effect, calibration_torque_variance
+from mocap_id.dynamics.identification import Identification, identify
+from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
+from mocap_id.dynamics.scale_check import check_scales
+from mocap_id.runner import run_stage
+from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.options import FaultOptions
+from mocap_id.store import Folder
+
+GRID = segment_grid(
+    CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
+)
+MASS = float(BODY[:, 0].sum())
+NOISE = (1.0, 1.0, 0.3)
+STAGES = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")
+
+
+def identified(recorded: TrialData) -> tuple[PreparedTrial, Identification]:
+    prepared = prepare(recorded, FitSettings(apply_offset=False))
+    everything = np.ones(len(recorded.time), dtype=bool)
+    return prepared, identify(prepared, everything, GRID, np.full(16, np.nan), KinematicError.none(3))
+
+
+def with_wrench(gain: tuple[float, float, float] = (1, 1, 1), force: float = 0.0, position: float = 0.0) -> TrialData:
+    """A recording whose plate has these gains, constant vertical force (N) and displacement (m)."""
+    recorded = moving_body(24.0, noise=NOISE)
+    wrench = recorded.wrench * gain
+    wrench[:, 2] += position * recorded.wrench[:, 1]
+    wrench[:, 1] += force
+    return replace(recorded, wrench=wrench)
+
+
+def with_rate(error: float) -> TrialData:
+    """A recording whose file has a wrong rate: velocities and accelerations are computed with it."""
+    recorded = moving_body(24.0, noise=NOISE)
+    factor = 1 + error
+    return replace(recorded, time=recorded.time / factor, dq=recorded.dq * factor, ddq=recorded.ddq * factor**2)
+
+
+def with_cameras(scale: float = 1.0, tilt: float = 0.0) -> TrialData:
+    """A recording with wrong lengths, or with a frame that is tilted by an angle (rad)."""
+    recorded = moving_body(24.0, noise=NOISE)
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+    centres, q = scale * CENTRES, recorded.q.copy()
+    centres[0] = turn @ centres[0]
+    q[:, 0] += tilt
+    return replace(recorded, centres=centres, q=q)
+
+
+def checked(recorded: TrialData, mass: float | None = None) -> ScaleCheck:
+    prepared, found = identified(recorded)
+    ratios = body_ratios(prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), Calibration(mass=mass))
+    scales = check_scales(prepared, np.ones(len(recorded.time), dtype=bool), found, ratios)
+    assert scales is not None
+    return scales
+
+
+@pytest.mark.parametrize(
+    ("recorded", "cause", "size"),
+    [
+        (with_rate(0.05), "inertia", 1.05**-2 - 1),
+        (with_rate(-0.2), "inertia", 0.8**-2 - 1),
+        (with_wrench((1, 1, 1.05)), "moments", 0.05),
+        (with_wrench((1, 0.95, 1)), "vertical gain", -0.05),
+        (with_wrench(force=40.0), "vertical force", 40.0),
+        (with_wrench(position=0.03), "position", 0.03),
+        (with_cameras(scale=1.04), "lengths", 0.04),
+        (with_cameras(tilt=0.026), "tilt", 0.026),
+    ],
+)
+def test_a_wrong_scale_is_named_with_its_size(recorded: TrialData, cause: str, size: float) -> None:
+    scales = checked(recorded, MASS)
+    assert scales.suspects == (cause,)
+    assert scales.causes[cause].value == pytest.approx(size, rel=0.25)
+
+
+@pytest.mark.parametrize("mass", [None, MASS])
+def test_a_good_recording_raises_no_alarm(mass: float | None) -> None:
+    assert checked(with_wrench(), mass).suspects == ()
+
+
+def test_only_a_known_mass_shows_a_common_gain() -> None:
+    spoiled = with_wrench((1.1, 1.1, 1.1))
+    assert checked(spoiled).suspects == ()
+    assert "gain" not in checked(spoiled).causes
+    assert checked(spoiled, MASS).suspects == ("gain",)
+
+
+@pytest.mark.parametrize(
+    ("mode", "name", "spoiled"),
+    [
+        (0, "gain", with_wrench((1.01, 1.01, 1.01))),
+        (1, "moments", with_wrench((1, 1, 1.01))),
+        (4, "position", with_wrench(position=0.01)),
+        (6, "lengths", with_cameras(scale=1.01)),
+        (7, "tilt", with_cameras(tilt=0.01)),
+    ],
+)
+def test_a_mode_is_the_change_of_the_fit(mode: int, name: str, spoiled: TrialData) -> None:
+    prepared, found = identified(with_wrench())
+    effect = calibration_effect(prepared, found.fit, found.base, {name: 0.01})
+    _, after = identified(spoiled)
+    moved = (after.fit.problem.free_solution() - found.fit.problem.free_solution())[: len(found.base)]
+    assert moved == pytest.approx(effect.parameters[:, mode], abs=0.1 * np.max(np.abs(effect.parameters[:, mode])))
+    others = np.delete(effect.parameters, mode, axis=1)
+    assert not others.any()
+    rows = found.calibrated(effect, None)
+    assert np.trace(rows.covariance) > np.trace(found.covariance)
+
+
+def test_a_gain_changes_every_torque_in_proportion() -> None:
+    prepared, found = identified(with_wrench())
+    effect = calibration_effect(prepared, found.fit, found.base, {"gain": 0.02})
+    sd = np.sqrt(calibration_torque_variance(prepared, found.base, effect))
+    rows = (np.swapaxes(prepared.motion.jacobian, 1, 2) @ prepared.regressor)[:, 0]
+    moving = rows * np.repeat(prepared.motion.beyond[0], 4)
+    torque = moving[:, prepared.base.kept] @ found.base
+    assert sd[::10, 0] == pytest.approx(0.02 * np.abs(torque[::10]), abs=1e-6)
+
+
+def test_a_weighed_person_limits_the_gain() -> None:
+    assert Calibration().gain_with(70.0, 0.5) == 0.01
+    weighed = Calibration(mass=70.0, mass_sd=0.1).gain_with(70.0, 0.1)
+    assert weighed == pytest.approx(0.002, rel=0.03)
+
+
+@pytest.mark.parametrize(("faults", "code"), [(FaultOptions(), None), (FaultOptions(gain_fz=0.1), "scale-error")])
+def test_a_simulated_trial_reports_it(tmp_path: Path, faults: FaultOptions, code: str | None) -> None:
+    options = Options(seed=31002, repetitions=2, analog_rate=100, faults=faults)
+    trial = load(simulate("sit-to-stand", tmp_path / "trial", options))
+    for stage in STAGES:
+        run_stage(trial, stage)
+    tree = Folder(trial.out).read("dynamics.h5")
+    said = {reason.code for reason in tree.reasons}
+    assert said & {"scale-error", "scales-contradict"} == ({code} if code else set())
