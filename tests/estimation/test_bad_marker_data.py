@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_chains import Moving, measured, rms, swinging
-from test_ukf_smooth_stage import STAGE, Context, Files, Path, TrialKeys, chain, planar
+from test_ukf_smooth_stage import NO_SEGMENTS, STAGE, Context, Files, Path, TrialKeys, chain, planar
 
 from mocap_id.estimation import States
+from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
+from mocap_id.estimation.residual_spectrum import residual_spectrum
 from mocap_id.stages.ukf_smooth.state_errors import known_skin, lasting_errors
 from mocap_id.store.parquet import conform
 
@@ -24,7 +26,8 @@ def deviations(states: States, moving: Moving) -> np.ndarray:
     camera = estimate_camera_sd(rested, states, FLOOR)
     skin = known_skin(states, rested, camera)
     assert skin is not None
-    return add_lasting_errors(states, moving.rate, lasting_errors(states, rested, skin, camera, moving.rate))
+    spectrum = residual_spectrum(ChainResiduals(states, rested, moving.rate))
+    return add_lasting_errors(states, moving.rate, lasting_errors(states, rested, skin, camera, spectrum))
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
@@ -58,7 +61,7 @@ def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
     markers = moving.markers.copy()
     markers[0] = np.nan
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
-    inputs = {"planar.parquet": planar(moving, markers), "chain.h5": chain(moving)}
+    inputs = {"planar.parquet": planar(moving, markers), "chain.h5": chain(moving), "segments.parquet": NO_SEGMENTS}
     states, predicted, *_ = STAGE.function(Context(trial, STAGE.settings(), inputs))
     conform(states)
     conform(predicted)
@@ -71,7 +74,11 @@ def memory(moving: Moving, frames: int) -> int:
     """Return the peak memory of the stage above the input for the first frames, bytes."""
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     fitted = replace(chain(moving), facts={"estimator": "bundle"})
-    inputs = {"planar.parquet": planar(moving, moving.markers[:frames]), "chain.h5": fitted}
+    inputs = {
+        "planar.parquet": planar(moving, moving.markers[:frames]),
+        "chain.h5": fitted,
+        "segments.parquet": NO_SEGMENTS,
+    }
     context = Context(trial, STAGE.settings(), inputs)
     tracemalloc.start()
     STAGE.function(context)

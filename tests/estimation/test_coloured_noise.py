@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from simulated_chains import Moving, swinging
 from test_state_errors import camera, told
-from test_ukf_smooth_stage import chain, planar
+from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.chain_residuals import ChainResiduals
@@ -20,8 +20,6 @@ from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spe
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames
-from mocap_id.store import Table
-from mocap_id.store.schemas import SEGMENTS
 
 
 def seen(moving: Moving) -> ResidualSpectrum:
@@ -73,7 +71,8 @@ def coverage(moving: Moving) -> FloatArray:
     assert errors is not None
     off = states.mean - moving.truth
     off[..., 0] -= np.median(off[..., 0], axis=0)
-    return np.mean(np.abs(off) <= 1.96 * add_lasting_errors(states, moving.rate, errors), axis=(0, 1))[:3]
+    inside = np.abs(off) <= 1.96 * add_lasting_errors(states, moving.rate, errors)
+    return np.asarray(np.mean(inside, axis=(0, 1))[:3])
 
 
 @pytest.mark.parametrize("fault", [lambda m: filtered(m, 8.0), lambda m: wobbling(m, 1e-3)], ids=["filter", "wobble"])
@@ -91,7 +90,7 @@ def test_camera_noise_is_small_in_filtered_markers() -> None:
 def run(moving: Moving) -> Any:
     inputs: dict[str, Any] = {"planar.parquet": planar(moving, moving.markers), "chain.h5": chain(moving)}
     inputs["chain.h5"] = replace(inputs["chain.h5"], facts={"estimator": "bundle"})
-    inputs["segments.parquet"] = Table(SEGMENTS, {}, {})
+    inputs["segments.parquet"] = NO_SEGMENTS
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     return STAGE.function(Context(trial, STAGE.settings(), inputs))[0]
 

@@ -16,7 +16,7 @@ from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Table, Tree
 from mocap_id.store.parquet import conform
-from mocap_id.store.schemas import CHAIN
+from mocap_id.store.schemas import CHAIN, SEGMENTS
 
 RATE, SECONDS, OFFSET, ZERO = 100.0, 8.0, 0.0123, 0.2
 
@@ -73,6 +73,7 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("a.c3d")), protocol="robot-joint", encoder=encoder)
     inputs = {
         "planar.parquet": planar_table(1 + count, count / RATE, labels, moving.markers, RATE),
+        "segments.parquet": Table(SEGMENTS, {}, {}),
         "chain.h5": Tree(CHAIN, {"joints": joints, "segments": segments, "markers": markers}),
     }
     states, _, _, beside, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))

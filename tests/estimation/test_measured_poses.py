@@ -13,7 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Table, Tree
+from mocap_id.store import Table, Tree, schemas
 from mocap_id.store.parquet import conform
 from mocap_id.store.schemas import CHAIN
 
@@ -67,7 +67,11 @@ def run(
         },
     }
     table = planar_table(FRAMES, FRAMES / RATE, labels, points, RATE)
-    inputs = {"planar.parquet": table, "chain.h5": Tree(CHAIN, chain)}
+    inputs = {
+        "planar.parquet": table,
+        "chain.h5": Tree(CHAIN, chain),
+        "segments.parquet": Table(schemas.SEGMENTS, {}, {}),
+    }
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))
     states, poses = outputs[0], outputs[-1]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from simulated_chains import Moving, measured, swinging
-from test_ukf_smooth_stage import chain, planar
+from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 
 from mocap_id.estimation import States
 from mocap_id.estimation.chain_residuals import ChainResiduals
@@ -130,6 +130,7 @@ def test_the_table_states_the_parts_of_its_standard_deviations(estimator: str, h
     moving = swinging(joints=2, seconds=3)
     inputs: dict[str, Any] = {
         "planar.parquet": planar(moving, moving.markers),
+        "segments.parquet": NO_SEGMENTS,
         "chain.h5": replace(chain(moving), facts={"estimator": estimator}),
     }
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))

@@ -16,7 +16,7 @@ from mocap_id.stages.base import Context, Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform
-from mocap_id.store.schemas import CHAIN
+from mocap_id.store.schemas import CHAIN, SEGMENTS
 
 FRAMES, STILL = 300, 2
 
@@ -38,6 +38,10 @@ def planar(moving: Moving, markers: FloatArray, time: FloatArray | None = None) 
     points = np.concatenate([markers, still, loose], axis=1)
     time = np.arange(frames) / moving.rate + 0.5 if time is None else time
     return planar_table(np.arange(51, 51 + frames), time, names, points, moving.rate)
+
+
+NO_SEGMENTS = Table(SEGMENTS, {}, {})
+"""Segments without bad stretches; the stage reads nothing else of them."""
 
 
 def chain(moving: Moving) -> Tree:
@@ -65,7 +69,7 @@ def chain(moving: Moving) -> Tree:
 
 def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, LongTable]:
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
-    inputs = {"planar.parquet": table, "chain.h5": chain(moving)}
+    inputs = {"planar.parquet": table, "chain.h5": chain(moving), "segments.parquet": NO_SEGMENTS}
     states, markers, *_ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table)
     assert isinstance(markers, LongTable)

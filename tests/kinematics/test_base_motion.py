@@ -18,7 +18,7 @@ CHANGE = smoothstep((TIME - 9.0) / 1.0)
 
 
 def person(shift: FloatArray, turn: float, noise: float = 5e-4) -> tuple[FloatArray, FloatArray]:
-    """Return markers of plate, feet and a swinging body (F, 15, 3): of one who moves at 9 to 10 s, and of one who stays."""
+    """Return markers (F, 15, 3) of plate, feet and a swinging body, of one who moves at 9 to 10 s and one who stays."""
     rng = np.random.default_rng(0)
     place = np.concatenate([FEET, np.column_stack([rng.uniform(-0.2, 0.2, (8, 2)), rng.uniform(0.6, 1.6, 8)])])
     swing = np.sin(2 * np.pi * TIME / 4)[:, None] * np.repeat([0, 1], [4, 8])

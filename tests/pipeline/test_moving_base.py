@@ -38,7 +38,9 @@ def errors(truth: dict[str, Any], true: dict[str, np.ndarray], summary: dict[str
     off = np.any([(true["t"] > rep["seat_off"]) & (true["t"] < rep["seat_on"]) for rep in truth["reps"]], axis=0)
     cop = dynamics["cop_x_model"].to_numpy() - true["wrench"][:, 2] / true["wrench"][:, 1]
     torque = np.stack([dynamics[f"tau_{j + 1 + extra}"] for j in range(joints)], axis=1) - true["tau"]
-    lengths = [summary["lengths_m"][name]["value"] / truth["segment_lengths_m"][name] - 1 for name in ("shank", "thigh")]
+    lengths = [
+        summary["lengths_m"][name]["value"] / truth["segment_lengths_m"][name] - 1 for name in ("shank", "thigh")
+    ]
     return {
         "angle": float(np.degrees(np.nanstd(angle, axis=0).max())),
         "length": 100 * float(np.abs(lengths).max()),

@@ -272,7 +272,7 @@ def _residual(columns: FloatArray, target: FloatArray, weights: FloatArray, prep
 
 
 def _weights(columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial) -> FloatArray:
-    """Weights (3,) of the components, from the residual of a fit without causes.
+    """Return the weights (3,) of the components, from the residual of a fit without causes.
 
     A residual that is correlated in time counts as fewer samples: the squared sums over blocks of each column times the
     residual, relative to the sums of squares.

@@ -37,7 +37,8 @@ class ChainResiduals:
     def _posture(self) -> FloatArray:
         """Return the quadratic functions (F, P) of the angles; zero where an angle is not given."""
         angles = self.states.mean[..., 0]
-        centred = angles - np.nanmean(angles, axis=0)
+        given = np.isfinite(angles)
+        centred = angles - np.sum(angles, axis=0, where=given) / np.maximum(np.sum(given, axis=0), 1)
         products = [centred[:, i] * centred[:, j] for i in range(centred.shape[1]) for j in range(i, centred.shape[1])]
         basis = np.column_stack([np.ones(len(centred)), centred, *products])
         basis[~np.isfinite(basis).all(axis=1)] = 0

@@ -48,11 +48,15 @@ def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: Int
     white = camera**2 * np.mean(np.abs(passing) ** 2, axis=2)
     passing = passing[..., kept] * (bins / count)
     times = np.arange(2 * bins) * count / bins  # of the samples kept, in frames; the second half is the reversal
-    gains = _gains(residuals, angles, np.minimum(times, 2 * count - 1 - times).clip(0))
+    postures, gains = _gains(residuals, angles)
+    back = np.minimum(times, 2 * count - 1 - times).clip(0)
+    at = np.searchsorted(postures, back).clip(1, len(postures) - 1)
+    share = ((back - postures[at - 1]) / (postures[at] - postures[at - 1])).clip(0, 1)
     beyond = np.zeros((n, len(_DERIVATIVES), 2 * bins))
     for k, off, _ in residuals.columns():
         passed = np.fft.ifft(passing * np.fft.fft(np.concatenate([off, off[::-1]]))[kept])
-        beyond += gains[k][:, None] * (np.abs(passed) ** 2 / 2 - white[..., None])
+        gain = gains[k][:, at - 1] * (1 - share) + gains[k][:, at] * share
+        beyond += gain[:, None] * (np.abs(passed) ** 2 / 2 - white[..., None])
     around = np.exp(-0.5 * (2 * np.pi * np.fft.rfftfreq(2 * bins, count / bins / rate) * _MEMORY) ** 2)
     local = np.fft.irfft(np.fft.rfft(beyond) * around, 2 * bins)
     found = np.zeros((len(frames), n, ORDER))
@@ -62,10 +66,10 @@ def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: Int
     return found
 
 
-def _gains(residuals: ChainResiduals, angles: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the squared gains a_jk (M, n, T), rad²/m², at times (T,) in frames.
+def _gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return some frames (f,), and the squared gains a_jk (M, n, f) there, rad²/m².
 
-    They are larger because a residual lacks the part of a marker's error that the angles follow.
+    They include that a residual lacks the part of a marker's error that the angles follow.
     """
     states = residuals.states
     some = np.unique(np.linspace(0, len(angles) - 1, _POSTURES).round().astype(np.int64))
@@ -74,7 +78,5 @@ def _gains(residuals: ChainResiduals, angles: FloatArray, times: FloatArray) -> 
     normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, often)
     gain = np.einsum("fkl,fmil->kfmi", np.linalg.inv(normal), jacobian)
     own = np.einsum("fmik,kfmi->m", jacobian, gain) / len(some) / 2
-    squared = np.sum(gain**2, axis=3) * often / np.maximum(1 - own, _LEAST_LEFT)  # (n, f, M)
-    at = np.searchsorted(some, times).clip(1, len(some) - 1)
-    share = ((times - some[at - 1]) / (some[at] - some[at - 1])).clip(0, 1)[:, None]
-    return np.ascontiguousarray((squared[:, at - 1] * (1 - share) + squared[:, at] * share).transpose(2, 0, 1))
+    squared = np.sum(gain**2, axis=3) * often / np.maximum(1 - own, _LEAST_LEFT)
+    return some, np.ascontiguousarray(squared.transpose(2, 0, 1))

@@ -150,7 +150,7 @@ def _clearest(f: FloatArray, power: FloatArray) -> float | None:
     for k in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
         ratio = f / f[k]
         beside = [power[(ratio > 1 / 2) & (ratio < 1 / 1.4)], power[(ratio > 1.4) & (ratio < 2)]]
-        if all(len(side) for side in beside):
+        if all(np.any(side) for side in beside):
             clear = power[k] / max(float(np.mean(side)) for side in beside)
             if clear > best:
                 best, found = clear, float(f[k])

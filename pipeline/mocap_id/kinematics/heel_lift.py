@@ -17,7 +17,7 @@ _FOOT_M = (0.1, 0.35)  # distance of two markers on one foot that show its turn
 _RIGID_M = 0.003  # markers on one foot keep their distance
 _STILL_M = 0.001  # markers that move less are on the ground, not on a foot that turns
 
-LEAST_TURN = float(np.radians(3.5))
+LEAST_TURN = float(np.radians(3.0))
 """Least turn of a foot that is found, rad."""
 
 

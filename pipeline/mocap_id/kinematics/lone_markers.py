@@ -10,6 +10,7 @@ from mocap_id.kinematics.frame_sampling import frames_along_motion
 _FRAMES = 120
 _FEWEST = 20  # frames that show both markers
 _MOVES = 0.02  # m, rms; the others move more: a distance from a still marker may stay the same by chance
+_NEAR_BASE = 0.07  # m, rms; a marker that moves less may be beside the first joint, near still markers
 _MOST = 0.1  # of all markers; more of them are limbs with one marker each
 _SHARE = 0.3  # 10 to 90 % range of the distance from every other marker, relative to the marker's own scatter
 _STRAYS = (0.02, 0.04)  # m; that limit is never below or above
@@ -38,7 +39,7 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
     moves = (scatter > _MOVES) & (counts >= _FEWEST)
     lone = moves.copy()
     for marker in np.flatnonzero(moves):
-        others = moves & (np.arange(len(moves)) != marker)
+        others = (moves | (scatter[marker] < _NEAR_BASE)) & (np.arange(len(moves)) != marker)
         nearest = _distance_ranges(some, int(marker), others).min(initial=np.inf)
         lone[marker] = np.isfinite(nearest) and nearest > np.clip(_SHARE * scatter[marker], *_STRAYS)
     return lone if lone.mean() <= _MOST else np.zeros_like(lone)

@@ -248,16 +248,17 @@ def _stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Place, marker
         rows, off = tracks.rows[seen[run]], local[seen[run]]
         if rows[-1] - rows[0] < _SHORTEST * rate:
             continue
-        still = _still_frames(positions, there, rows)
-        repeated = _repeated(points[seen[run]]).mean() > _MOSTLY
-        if still is not None and _travel(off) > (_REPEATED_MOVES if repeated else _SEGMENT_MOVES):
-            found.append(BadStretch(marker, *still, "frozen"))
-            continue
         begin, end = (
             _nearest(there[jump], frame, _NEAR * rate) for jump, frame in ((steps + 1, rows[0]), (steps, rows[-1]))
         )
+        sudden = begin is not None or end is not None
+        still, repeated = _still_frames(positions, there, rows), _repeated(points[seen[run]]).mean() > _MOSTLY
+        least = _REPEATED_MOVES if repeated else _SEGMENT_MOVES
+        if still is not None and (sudden or repeated) and _travel(off) > least:
+            found.append(BadStretch(marker, *still, "frozen"))
+            continue
         moved = _travel(off) < 2 * _HELD and _is_step(local[seen], run, place.local)
-        if begin is None and end is None and not moved:
+        if not sudden and not moved:
             continue
         before = tracks.rows[seen[run.start - 1]] + 1 if run.start else there[0]
         after = tracks.rows[seen[run.stop]] - 1 if run.stop < len(seen) else there[-1]

@@ -56,7 +56,7 @@ SKELETON: Mapping[str, Explanation] = {
         "may be wrong by some degrees.",
         "Record again with the heels on the ground, for example from a higher chair.",
         "segment",
-        "Largest turn of the line between two markers on one foot, degrees; found from 3.5 with a rise of 12 mm.",
+        "Largest turn of the line between two markers on one foot, degrees; found from 3 with a rise of 12 mm.",
     ),
     "segments-unsure": Explanation(
         ("caution",),
@@ -191,7 +191,7 @@ SKELETON: Mapping[str, Explanation] = {
         "Frames are repeated",
         "In some frames every marker is exactly where it was in the frame before, although the person moves. This "
         "happens if frames were lost, or if a recording was resampled to a higher rate. These frames hold old "
-        "positions and are left out of the states, which are bridged there. Below 1 % of the frames this is only a note.",
+        "positions and are left out of the states, which are bridged there. Below 1 % this is only a note.",
         "Export again at the rate of the cameras. If the frames were lost in the recording, check the load of the "
         "recording computer.",
         "ukf-smooth",

@@ -39,8 +39,11 @@ class IdentifyDimSettings(Settings):
     plate_moments_sd: float = Field(
         0.01, ge=0, lt=1, description="relative standard deviation of the gain of the plate's moments alone"
     )
-    plate_position_sd_m: float = Field(
-        0.005, ge=0, description="standard deviation of the plate's position along the motion, m"
+    plate_position_sd_m: float | None = Field(
+        None,
+        ge=0,
+        description="standard deviation of the plate's position along the motion, m; default: robot-joint 0.001, else "
+        "0.005",
     )
     camera_scale_sd: float = Field(0.003, ge=0, lt=1, description="relative standard deviation of the cameras' scale")
     camera_tilt_sd_deg: float = Field(

@@ -20,18 +20,20 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.verdict import Reason
 
+_PLACED, _BOLTED = 0.005, 0.001  # m: error of a plate's place under a person, and under a robot bolted to it
 _LEAST_JOINTS = 2  # ankle and knee: the ratios of a person need a shank
 
 
 def calibration(context: Context) -> Calibration:
     """Return the standard deviations of the instruments' errors of scale from the settings."""
     settings: IdentifyDimSettings = context.settings
+    position, bolted = settings.plate_position_sd_m, context.trial.protocol == "robot-joint"
     return Calibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
         lengths=settings.camera_scale_sd,
         tilt=float(np.radians(settings.camera_tilt_sd_deg)),
-        position=settings.plate_position_sd_m,
+        position=position if position is not None else _BOLTED if bolted else _PLACED,
         mass=context.trial.subject.mass,
         mass_sd=settings.subject_mass_sd_kg,
     )
@@ -104,9 +106,11 @@ def scale_facts(found: Identification) -> dict[str, Any] | None:
 
 def scale_reasons(found: Identification, given: float | None) -> tuple[Reason, ...]:
     """Return the cautions of the check, and a note if no mass is given that could show the plate's gain."""
-    trust = () if given is not None else (_ON_TRUST,)
     scales = found.scales
-    if scales is None or not scales.suspects:
+    if scales is None:
+        return ()
+    trust = () if given is not None else (_ON_TRUST,)
+    if not scales.suspects:
         return trust
     first = scales.causes[scales.suspects[0]]
     if len(scales.suspects) == 1:

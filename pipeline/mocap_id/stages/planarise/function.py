@@ -29,14 +29,8 @@ from mocap_id.stages.planarise import (
     plate_losses,
     plate_registration,
 )
-from mocap_id.stages.planarise.external_wrenches import (
-    COMPONENTS,
-    ExternalWrenches,
-    UsedFrames,
-    measure_seat,
-    measure_sensors,
-    summed,
-)
+from mocap_id.stages.planarise.external_wrenches import ExternalWrenches, UsedFrames, measure_seat, measure_sensors
+from mocap_id.stages.planarise.ground_wrench import ground_wrench, lateral_pressure
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -106,10 +100,12 @@ def planarise(context: Context) -> Outputs:
     lost = _dropouts(part, samples, thinned, choice, facts["mass_kg"])
     thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
     kept = _without(samples, choice, lost)
-    wrench = _wrench(part, kept, choice, frame, settings.cop_threshold_N) | external.columns
+    wrench = ground_wrench(part.time, kept, choice, frame, settings.cop_threshold_N) | external.columns
     placed = _placed(source, thinned, choice, person=context.trial.protocol != "robot-joint")
     facts["registration"] = placed.facts
-    for plate, across in zip(facts["plates"], _across(thinned.samples, frame, settings.cop_threshold_N), strict=True):
+    for plate, across in zip(
+        facts["plates"], lateral_pressure(thinned.samples, frame, settings.cop_threshold_N), strict=True
+    ):
         plate["across_m"] = across
     losses = plate_losses.losses([source.plates[index] for index in choice.indices("feet")], part.time, lost)
     registered = moved_base.without_lean(placed.reasons, plane)
@@ -203,39 +199,6 @@ def _bursts(part: _Part, points: Mapping[str, FloatArray]) -> dict[str, list[lis
         out = find_bursts(track[:, None], part.source.rate)[:, 0]
         if out.any():
             found[label] = [part.time[[run.start, run.stop - 1]].tolist() for run in find_runs(out)]
-    return found
-
-
-def _wrench(
-    part: _Part, samples: Sequence[PlateSamples], choice: PlateChoice, frame: PlaneFrame, threshold: float
-) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the sum of the feet's plates at marker times and, if there are several plates, each plate alone."""
-    feet, count = choice.indices("feet"), len(part.time)
-    total, ok = summed(samples, feet, frame) if feet else (np.empty((count, 3)), np.zeros(count, np.bool_))
-    total[~ok] = np.nan
-    with np.errstate(invalid="ignore"):
-        vertical = np.where(total[:, 1] > threshold, total[:, 1], np.nan)
-    columns: dict[str, np.ndarray[Any, Any]] = {
-        "time": part.time,
-        **dict(zip(COMPONENTS, total.T.copy(), strict=True)),
-        "cop_x": total[:, 2] / vertical,
-        "plate_ok": ok,
-    }
-    if len(samples) > 1:
-        for number, plate in enumerate(samples, start=1):
-            alone = frame.wrench_to_plane(plate.force, plate.moment).T.copy()
-            columns |= {f"{name}_p{number}": each for name, each in zip(COMPONENTS, alone, strict=True)}
-    return columns
-
-
-def _across(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
-    """Return the median centre of pressure of each plate along z, m; None for a plate hardly loaded."""
-    found: list[float | None] = []
-    for plate in samples:
-        force = plate.force @ frame.axes.T
-        moment = (plate.moment - np.cross(frame.origin, plate.force)) @ frame.axes.T
-        loaded = plate.ok & (np.nan_to_num(force[:, 1]) > threshold)
-        found.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
     return found
 
 

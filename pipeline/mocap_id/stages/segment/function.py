@@ -35,21 +35,13 @@ def segment(context: Context) -> Outputs:
     settings: SegmentSettings = context.settings
     trial = context.trial
     recorded = Trajectories(context.long("planar.parquet"))
-    longest = settings.count or LONGEST[trial.protocol]
-    rules = SegmentationRules(
-        still_limit=settings.still_limit_m,
-        min_arc=float(np.radians(settings.min_arc_deg)),
-        max_residual=settings.max_joint_residual_m,
-        max_body_residual=settings.max_body_residual_m,
-        count=settings.count,
-        longest=longest,
-    )
+    rules = _rules(settings, LONGEST[trial.protocol])
     labels = recorded.labels
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
     constraints = _constraints(labels, settings)
 
     def segmented(count: int | None) -> SegmentedMarkers:
-        counted = replace(rules, count=count, longest=max(count or 0, longest))
+        counted = replace(rules, count=count, longest=max(count or 0, rules.longest))
         return segment_without_bad(
             recorded,
             settings.frames,
@@ -62,28 +54,13 @@ def segment(context: Context) -> Outputs:
     if settings.count is None:
         done = with_foot(done, lift, labels, segmented)
     found, view, points = done.found, done.view, done.points
-    plane, lateral = _plane(points, out), _lateral(points)
-    asymmetries = np.degrees(asymmetry(plane, lateral, found.segment))
+    asymmetries = np.degrees(asymmetry(_plane(points, out), _lateral(points), found.segment))
     planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     foot = foot_moves(lift, labels, found)
     names, joint_names = body_names(trial.protocol, found.count, foot_turns=foot)
     if settings.names is not None:
         names = _given_names(settings.names, found.count)
-    sorted_markers = {
-        "marker": np.array(labels, dtype=object),
-        "segment": found.segment,
-        "residual": found.residual,
-        "reason": np.array(
-            [
-                "left out by `segment: ignore`"
-                if marker in out
-                else _reason(found, marker, names) + left_out_words(label, view.bad)
-                for marker, label in enumerate(labels)
-            ],
-            dtype=object,
-        ),
-    }
     facts = {
         "count": found.count,
         "names": list(names),
@@ -105,7 +82,36 @@ def segment(context: Context) -> Outputs:
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
     doubts += _upside_down(points, found.segment)
     reasons = (*_bursts(recorded), *bad_marker_notes(view.bad), *lift_reasons(lift, moves=foot), *not_planar, *doubts)
-    return (Table(SEGMENTS, sorted_markers, facts, reasons),)
+    return (Table(SEGMENTS, _columns(done, labels, out, names), facts, reasons),)
+
+
+def _columns(
+    done: SegmentedMarkers, labels: tuple[str, ...], out: list[int], names: tuple[str, ...]
+) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the columns of segments.parquet; the user leaves the markers ``out``."""
+    why = [
+        "left out by `segment: ignore`"
+        if marker in out
+        else _reason(done.found, marker, names) + left_out_words(label, done.view.bad)
+        for marker, label in enumerate(labels)
+    ]
+    return {
+        "marker": np.array(labels, dtype=object),
+        "segment": done.found.segment,
+        "residual": done.found.residual,
+        "reason": np.array(why, dtype=object),
+    }
+
+
+def _rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
+    return SegmentationRules(
+        still_limit=settings.still_limit_m,
+        min_arc=float(np.radians(settings.min_arc_deg)),
+        max_residual=settings.max_joint_residual_m,
+        max_body_residual=settings.max_body_residual_m,
+        count=settings.count,
+        longest=settings.count or longest,
+    )
 
 
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:

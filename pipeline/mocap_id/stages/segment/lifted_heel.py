@@ -18,13 +18,17 @@ def lift_of_good_markers(lift: Mapping[str, Any] | None, bad: Sequence[Mapping[s
     return lift
 
 
+_SURE = 0.5  # least confidence of a chain with the foot
+_FEWEST = 5  # ground, foot, shank, thigh and torso
+
+
 def foot_moves(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
     """Return whether the first moving segment is the foot, given the fact ``heel_lift`` of planar.parquet.
 
     Of the two markers that show the lift, at most one is on the shank, near the ankle. If the foot is in the base,
     so is the other one.
     """
-    if lift is None:
+    if lift is None or found.count < _FEWEST:
         return False
     segments = {int(found.segment[labels.index(lift[which])]) for which in ("marker", "about")}
     return segments in ({1}, {1, 2})
@@ -36,7 +40,7 @@ def with_foot(
     labels: Sequence[str],
     longer: Callable[[int], SegmentedMarkers],
 ) -> SegmentedMarkers:
-    """Return the segmentation with one more segment if that is the foot, which lifts, or else the one given.
+    """Return the segmentation with one more segment if that is surely the foot, which lifts, or else the one given.
 
     Parameters
     ----------
@@ -53,7 +57,8 @@ def with_foot(
         other = longer(done.found.count + 1)
     except Refused:
         return done
-    return other if foot_moves(lift, labels, other.found) else done
+    sure = other.found.confidence.value >= _SURE
+    return other if sure and foot_moves(lift, labels, other.found) else done
 
 
 def lift_reasons(lift: Mapping[str, Any] | None, *, moves: bool) -> tuple[Reason, ...]:
@@ -68,8 +73,8 @@ def lift_reasons(lift: Mapping[str, Any] | None, *, moves: bool) -> tuple[Reason
         text = f"{seen}: the foot is a segment of the chain, which turns about the toes on the ground"
         return (Reason("heel-lifts", text, float(lift["turn_deg"]), level="ok"),)
     text = (
-        f"{seen}: the base of the chain moves, and the ankle with it, but the markers do not show the foot as a segment "
-        "of its own. The ankle's torque is wrong by the weight on the feet times this displacement; angles of knee and "
+        f"{seen}: the base of the chain moves, and the ankle with it, but the markers show no segment of the foot's "
+        "own. The ankle's torque is wrong by the weight on the feet times this displacement; angles of knee and "
         "hip may be wrong by some degrees. Record again with the heels on the ground, for example from a higher chair"
     )
     return (Reason("heel-lifts", text, float(lift["turn_deg"])),)

@@ -1,0 +1,59 @@
+"""The ground's wrench in the plane: columns of wrench.parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.plates import PlateChoice
+from mocap_id.recording import PlateSamples
+from mocap_id.stages.planarise.external_wrenches import COMPONENTS, summed
+
+
+def ground_wrench(
+    time: FloatArray, samples: Sequence[PlateSamples], choice: PlateChoice, frame: PlaneFrame, threshold: float
+) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the sum of the feet's plates at marker times and, if there are several plates, each plate alone.
+
+    Parameters
+    ----------
+    time : (F,) array
+        Marker times, s.
+    samples : sequence of PlateSamples
+        Each plate's wrench at these times.
+    choice : PlateChoice
+    frame : PlaneFrame
+    threshold : float
+        Vertical force up to which there is no centre of pressure, N.
+    """
+    feet, count = choice.indices("feet"), len(time)
+    total, ok = summed(samples, feet, frame) if feet else (np.empty((count, 3)), np.zeros(count, np.bool_))
+    total[~ok] = np.nan
+    with np.errstate(invalid="ignore"):
+        vertical = np.where(total[:, 1] > threshold, total[:, 1], np.nan)
+    columns: dict[str, np.ndarray[Any, Any]] = {
+        "time": time,
+        **dict(zip(COMPONENTS, total.T.copy(), strict=True)),
+        "cop_x": total[:, 2] / vertical,
+        "plate_ok": ok,
+    }
+    if len(samples) > 1:
+        for number, plate in enumerate(samples, start=1):
+            alone = frame.wrench_to_plane(plate.force, plate.moment).T.copy()
+            columns |= {f"{name}_p{number}": each for name, each in zip(COMPONENTS, alone, strict=True)}
+    return columns
+
+
+def lateral_pressure(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
+    """Return the median centre of pressure of each plate along z, m; None for a plate hardly loaded."""
+    found: list[float | None] = []
+    for plate in samples:
+        force = plate.force @ frame.axes.T
+        moment = (plate.moment - np.cross(frame.origin, plate.force)) @ frame.axes.T
+        loaded = plate.ok & (np.nan_to_num(force[:, 1]) > threshold)
+        found.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
+    return found
