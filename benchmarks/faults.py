@@ -134,7 +134,8 @@ def measure(task: tuple[str, int]) -> Outcome:
 def wrong_quantities(summary: Mapping[str, Any], configuration: Path, out: Path) -> Iterator[str]:
     """Yield the quantities of a finished trial that are beyond the limits."""
     truth = harness.read_truth(configuration)
-    if summary["segments"]["count"] != harness.SEGMENTS or _misplaced(summary, truth):
+    lifted = int(summary["segments"]["names"][0] == "ground")  # the foot is a segment on the ground
+    if summary["segments"]["count"] != harness.SEGMENTS + lifted or _misplaced(summary, truth, lifted):
         yield "segments"
         return
     for name in truth["lengths_scored"]:
@@ -159,12 +160,13 @@ def _known(*series: FloatArray) -> FloatArray:
     return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])
 
 
-def _misplaced(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
-    """Return whether a marker is on a wrong segment."""
-    found = summary["segments"]["assignment"]
+def _misplaced(summary: Mapping[str, Any], truth: Mapping[str, Any], lifted: int) -> bool:
+    """Return whether a marker is on a wrong segment; a lifted foot is segment 1, and the true segments follow."""
+    found = {label: k for label, k in summary["segments"]["assignment"].items() if k is not None}
     return any(
-        found.get(label) is not None and found[label] not in AT_JOINTS.get(label[1:], (link,))
+        found.get(label, link) - lifted not in AT_JOINTS.get(label[1:], (link,))
         for label, link in truth["assignment"].items()
+        if label in found and not (lifted and found[label] == 0)
     )
 
 

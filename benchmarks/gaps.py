@@ -66,13 +66,13 @@ def prepare(place: Path, options: Options) -> Trial | None:
     run = harness.run_simulated(place / "trial", options)
     if run is None:
         return None
-    names = ("states.parquet", "planar.parquet", "chain.h5")
-    states, planar, chain = harness.read_artefacts(Folder(run[0].out), *names)
+    names = ("states.parquet", "planar.parquet", "segments.parquet", "chain.h5")
+    states, planar, segments, chain = harness.read_artefacts(Folder(run[0].out), *names)
     if not harness.has_true_segments(states):
         return None
     time = states["time"]
     truth = np.stack(list(harness.read_true_arrays(run[1], time, ("q", "qd", "qdd")).values()), axis=2)
-    inputs: Mapping[str, Artefact] = {"planar.parquet": planar, "chain.h5": chain}
+    inputs: Mapping[str, Artefact] = {"planar.parquet": planar, "segments.parquet": segments, "chain.h5": chain}
     context = Context(run[0].keys, STAGE.settings(), inputs)
     return Trial(context, truth, time, _sets(planar, chain), _places(truth, time))
 

@@ -15,7 +15,7 @@ import pytest
 from reporting_cases import Trial, context, healthy
 
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting import paper_figures as paper_figures
+from mocap_id.reporting import paper_figures
 from mocap_id.reporting.contents import FIGURES
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json

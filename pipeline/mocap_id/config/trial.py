@@ -49,7 +49,7 @@ class Trial:
 
 _RECORDING_SCHEMA = {
     "anyOf": [
-        {"type": "string", "description": "C3D file, or a TRC file or an export of QTM, Motive or Nexus without forces"},
+        {"type": "string", "description": "C3D file, or TRC file or export of QTM, Motive or Nexus without forces"},
         Files.model_json_schema(),
     ]
 }

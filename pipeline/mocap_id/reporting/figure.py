@@ -1,7 +1,7 @@
 """Figures as data: panels of curves, bands, points and bars, independent of the drawing library.
 
-The page's ``chart.js`` draws a figure with Plotly and :mod:`mocap_id.reporting.paper_figures` with matplotlib. A page holds its
-figures as JSON (:func:`to_json`), from which they are read again for a paper (:func:`from_json`).
+The page's ``chart.js`` draws a figure with Plotly and :mod:`mocap_id.reporting.paper_figures` with matplotlib. A page
+holds its figures as JSON (:func:`to_json`), from which they are read again for a paper (:func:`from_json`).
 """
 
 from __future__ import annotations

@@ -183,9 +183,7 @@ def camera_faults(
     return labels, points, truth
 
 
-def _ghosts(
-    rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, points: FloatArray
-) -> list[FloatArray]:
+def _ghosts(rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, points: FloatArray) -> list[FloatArray]:
     """Return trajectories (T, 3) that are no markers, m."""
     ghosts = []
     if faults.ghost_walks:

@@ -37,14 +37,14 @@ RECORDING: Mapping[str, Explanation] = {
         ("caution", "ok"),
         "The feet changed their place",
         "The feet slid, were placed elsewhere or turned, usually while the person sat. If both moved alike (note), "
-        "markers, forces and moments are expressed relative to the feet, so that angles, lengths and torques are right. "
-        "x, tauz and the centre of pressure then hold for the feet at their first place. If they did not move alike "
-        "(caution), only their mean displacement was corrected; joints and lengths are less exact.",
+        "markers, forces and moments are expressed relative to the feet, so that angles, lengths and torques are "
+        "right. x, tauz and the centre of pressure then hold for the feet at their first place. If they did not move "
+        "alike (caution), only their mean displacement was corrected; joints and lengths are less exact.",
         "Nothing for a note; `planar.parquet` has the times and amounts. For a caution, analyse each part alone with "
         "`window:`, or record again with the feet at marked places.",
         "planarise",
-        "Largest horizontal displacement of the markers on the feet between two stretches in which they stand still, m; "
-        "found from 8 mm. A caution if they are more than 5 mm rms from a common motion.",
+        "Largest horizontal displacement of the markers on the feet between two stretches in which they stand still, "
+        "m; found from 8 mm. A caution if they are more than 5 mm rms from a common motion.",
     ),
     "plane-leans": Explanation(
         ("ok",),

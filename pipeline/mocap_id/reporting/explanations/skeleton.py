@@ -50,10 +50,10 @@ SKELETON: Mapping[str, Explanation] = {
     "heel-lifts": Explanation(
         ("caution", "ok"),
         "The heels lift",
-        "A foot turns about the toes while the person rises, so the ankle is not a fixed point. If the markers show the "
-        "foot as a segment (note), the chain begins at the toes: ground, foot, shank, thigh. Otherwise (caution) the "
-        "ankle's torque is wrong by the weight on the feet times the ankle's displacement, and angles of knee and hip "
-        "may be wrong by some degrees.",
+        "A foot turns about the toes while the person rises, so the ankle is not a fixed point. If the markers show "
+        "the foot as a segment (note), the chain begins at the toes: ground, foot, shank, thigh. Otherwise (caution) "
+        "the ankle's torque is wrong by the weight on the feet times the ankle's displacement, and angles of knee and "
+        "hip may be wrong by some degrees.",
         "Record again with the heels on the ground, for example from a higher chair.",
         "segment",
         "Largest turn of the line between two markers on one foot, degrees; found from 3 with a rise of 12 mm.",
@@ -91,8 +91,8 @@ SKELETON: Mapping[str, Explanation] = {
     "marker-moved": Explanation(
         ("ok",),
         "A marker changed its place",
-        "A marker is at one place on its segment at first and at another one later: it fell off and was taped on again, "
-        "or it was pushed. The longer part is used; the shorter one is left out of all results.",
+        "A marker is at one place on its segment at first and at another one later: it fell off and was taped on "
+        "again, or it was pushed. The longer part is used; the shorter one is left out of all results.",
         "Nothing, if other markers of the segment were visible. To use both parts, name them as two markers.",
         "segment",
         "One step of at least 15 mm, and 5 times the usual distance from the place. The value is the duration, s.",
@@ -110,8 +110,8 @@ SKELETON: Mapping[str, Explanation] = {
     "marker-ghost": Explanation(
         ("ok",),
         "A trajectory is no marker of the body",
-        "A trajectory is on no segment and keeps its distance from no other moving marker, unlike the markers of a limb: "
-        "it is a reflection or a passer-by, or the only marker of a limb. It is left out of all results.",
+        "A trajectory is on no segment and keeps its distance from no other moving marker, unlike the markers of a "
+        "limb: it is a reflection or a passer-by, or the only marker of a limb. It is left out of all results.",
         "Delete it in the camera software, or list it under `planarise: {ignore: …}`.",
         "segment",
         "The distances from all other moving markers change by 20 to 40 mm or more. The value is the duration, s.",

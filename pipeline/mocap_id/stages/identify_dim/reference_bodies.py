@@ -40,7 +40,7 @@ def reference_bodies(context: Context, recorded: TrialData, movement: Movement) 
     settings, subject, chain = context.settings, context.trial.subject, recorded.centres
     if context.trial.protocol != "sit-to-stand":
         return ReferenceBodies(no_reference(len(chain), None), ())
-    if read_skeleton(context).segments[0] == GROUND:
+    if read_skeleton(context).segments[:1] == (GROUND,):
         return ReferenceBodies(no_reference(len(chain), "the tables describe people whose foot stands flat"), ())
     if not np.isfinite(recorded.q).all(axis=1).any():
         return ReferenceBodies(no_reference(len(chain), "the joint angles are never known together"), ())

@@ -113,17 +113,15 @@ def scale_reasons(found: Identification, given: float | None) -> tuple[Reason, .
     if not scales.suspects:
         return trust
     first = scales.causes[scales.suspects[0]]
-    if len(scales.suspects) == 1:
+    named = len(scales.suspects) == 1
+    if named:
         text = f"{_sentence(scales.suspects[0], first)}. {_CHECK[scales.suspects[0]]}"
-        code = "scale-error"
     else:
         either = "; or ".join(_sentence(name, scales.causes[name]) for name in scales.suspects[:3])
-        text, code = (
-            f"the data do not show which of these is wrong: {either}. Check them in this order",
-            "scales-contradict",
-        )
-    more = ". The standard deviations of the parameters contain an error of this size"
-    return (*trust, Reason(code, text + more, value=first.value, limit=first.limit))
+        text = f"the data do not show which of these is wrong: {either}. Check them in this order"
+    text += ". The standard deviations of the parameters contain an error of this size"
+    value, limit = first.value, first.limit
+    return (*trust, Reason("scale-error" if named else "scales-contradict", text, value=value, limit=limit))
 
 
 _ON_TRUST = Reason(

@@ -16,13 +16,36 @@ from mocap_id.verdict import Reason
 _ROUNDS = 3
 _CLOSE = 0.1  # s
 _UNSURE = 0.5
-_WORDS = {
-    "frozen": ("stands still in the laboratory while its segment moves", "its last position was repeated"),
-    "moved": ("is at another place on its segment", "it was probably taped on again, or slipped"),
-    "elsewhere": ("is away from its place on its segment", "it is probably mislabelled, or a reflection"),
-    "ghost": ("is on no segment and keeps its distance from no other marker", "it is probably no marker of the body"),
-}
 _LISTED = 5
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """Code and words of a cause: what is seen, and what has probably happened."""
+
+    code: str
+    seen: str
+    reading: str
+
+
+_CAUSES = {
+    "frozen": _Cause(
+        "marker-frozen",
+        "stands still in the laboratory while its segment moves",
+        "its last position was repeated",
+    ),
+    "moved": _Cause(
+        "marker-moved", "is at another place on its segment", "it was probably taped on again, or it was pushed"
+    ),
+    "elsewhere": _Cause(
+        "marker-elsewhere", "is away from its place on its segment", "it is probably mislabelled, or a reflection"
+    ),
+    "ghost": _Cause(
+        "marker-ghost",
+        "is on no segment and keeps its distance from no other moving marker",
+        "it is probably no marker of the body",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -123,7 +146,7 @@ def _swapped(view: Trajectories) -> tuple[dict[str, Any], ...]:
 
 def bad_marker_notes(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
     """Yield a note for every cause, with the markers and times."""
-    for how, (seen, cause) in _WORDS.items():
+    for how, cause in _CAUSES.items():
         stretches = [each for each in bad if each["how"] == how]
         if not stretches:
             continue
@@ -135,9 +158,9 @@ def bad_marker_notes(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
         )
         rest = f"; and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
         yield Reason(
-            f"marker-{how}",
-            f"a marker {seen}; {cause}: {listed}{rest}. These samples were left out; all others are used. Check the "
-            "marker in the camera software.",
+            cause.code,
+            f"a marker {cause.seen}; {cause.reading}: {listed}{rest}. These samples were left out; all others are "
+            "used. Check the marker in the camera software.",
             float(sum(each["last_s"] - each["first_s"] for each in stretches)),
             level="ok",
         )
