@@ -162,7 +162,7 @@ def test_wrench_and_torques_are_as_far_off_as_they_say(ran: Any) -> None:
     for column, name in enumerate(("Fx_model", "Fy_model", "tauz_model", "tau_1", "tau_2", "tau_3")):
         scaled = ((frame[name] - exact[:, column]) / frame[f"sd_{name}"])[frame["in_fit"]]
         assert 0.9 < (np.abs(scaled) < 1.96).mean() <= 1.0, name
-        assert name == "tau_3" or scaled.std() > 0.7, name  # the hip's centre is uncertain by its gap
+        assert name.startswith("tau_") or scaled.std() > 0.7, name  # torques include calibration, which is exact here
 
 
 def test_pins_would_cost() -> None:
@@ -278,7 +278,7 @@ def test_a_segment_without_a_pose_leaves_the_chain() -> None:
     poses = poses_table(motion, bodies=3)
     *_, tree, _ = STAGE.function(made(recorded_of(TIME, motion, noise=NOISE), poses))
     assert tree.facts["motion"]["source"] == "chain"
-    assert "too few of its markers" in tree.facts["motion"]["why"]
+    assert "too few" in tree.facts["motion"]["why"]
 
 
 def test_with_one_repetition_the_cut_offs_are_the_usual_ones() -> None:

@@ -69,7 +69,7 @@ def test_torques_off_the_seat_equal_the_simulators(identified: Callable[..., Ide
 def test_their_standard_deviations_cover_the_errors(identified: Callable[..., Identified]) -> None:
     _, error, sd = identified("chosen")
     assert (rms(error / sd) < 1.5).all()
-    assert (rms(sd) < [3.0, 3.0, 6.0]).all(), "and are no larger than a hip needs whose centre is known to a centimetre"
+    assert (rms(sd) < [4.0, 3.0, 6.0]).all(), "and are no larger than a hip needs whose centre is known to a centimetre"
 
 
 def test_the_pinned_chain_is_worse_at_every_joint(identified: Callable[..., Identified]) -> None:

@@ -74,11 +74,12 @@ class CalibrationEffect:
     ----------
     parameters : (b, S) array
         Change of the base parameters with each mode.
-    lengths, tilt : float
-        Standard deviations of the last two modes, which also move the joints: relative, and rad.
+    inertia, lengths, tilt : float
+        Standard deviations of the last three modes, which also change the motion: relative, and rad.
     """
 
     parameters: FloatArray
+    inertia: float
     lengths: float
     tilt: float
 
@@ -158,7 +159,8 @@ def calibration_effect(
         column[:, :, 6] = -filtered(prepared.motion.tilted(_STEP)) / _STEP * sd["tilt"]
     response = found.response(column[:, components] * found.weights[:, None])[: len(base)]
     gain = (sd.get("gain", 0.0) * base)[:, None]
-    return CalibrationEffect(np.concatenate([gain, response], axis=1), sd.get("lengths", 0.0), sd.get("tilt", 0.0))
+    modes = np.concatenate([gain, response], axis=1)
+    return CalibrationEffect(modes, sd.get("inertia", 0.0), sd.get("lengths", 0.0), sd.get("tilt", 0.0))
 
 
 def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effect: CalibrationEffect) -> FloatArray:
@@ -177,12 +179,14 @@ def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effec
         return np.full((len(time), joints), np.nan)
     motion = prepared.motion.at(steps)
 
-    def rows(moved: PlanarMotion) -> FloatArray:
-        regressor = wrench_regressor(moved, prepared.settings.gravity)
+    def rows(moved: PlanarMotion, g: float = prepared.settings.gravity) -> FloatArray:
+        regressor = wrench_regressor(moved, g)
         return torque_regressor(moved, regressor)[:, :, prepared.base.kept]
 
     own = rows(motion)
     changed = own @ effect.parameters
+    if effect.inertia:
+        changed[:, :, -3] -= rows(motion, 0.0) @ base * effect.inertia
     for mode, moved, size in ((-2, motion.scaled(1 + _STEP), effect.lengths), (-1, motion.tilted(_STEP), effect.tilt)):
         changed[:, :, mode] += (rows(moved) - own) @ base / _STEP * size
     variance, out = np.sum(changed**2, axis=2), np.full((len(time), joints), np.nan)

@@ -189,6 +189,8 @@ def _measured_bodies(facts: Mapping[str, Any]) -> tuple[list[int], Cutoffs]:
 
 def _chain_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
     known, regrouping = dynamics.array("base/covariance"), dynamics.array("base/regrouping")
+    if (common := dynamics.facts.get("calibration_covariance")) is not None:
+        known = known - np.asarray(common)  # the predicted wrench is measured by the same instruments
     if not (np.isfinite(known).all() and np.isfinite(prior.mean).all()):
         return np.full((len(prior.mean), len(prior.mean)), np.nan)
     return prior.completed(known.astype(np.float64), regrouping.astype(np.float64))

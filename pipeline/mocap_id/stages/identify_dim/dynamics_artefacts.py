@@ -137,9 +137,14 @@ def _held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
 
 
 def _full_covariance(result: IdentifiedDynamics) -> FloatArray:
-    """Return the covariance (4K, 4K) of the bodies' full parameters; NaN for the pinned chain."""
+    """Return the covariance (4K, 4K) of the bodies' full parameters; NaN for the pinned chain.
+
+    It is for predictions with the same instruments, so errors of calibration are left out.
+    """
     found = result.found
-    return found.covariance if result.measured_poses else np.full((len(found.full), len(found.full)), np.nan)
+    if not result.measured_poses:
+        return np.full((len(found.full), len(found.full)), np.nan)
+    return found.covariance if found.calibration is None else found.covariance - found.calibration.covariance
 
 
 def empty_data(
@@ -251,7 +256,7 @@ def empty_facts(why: str | None) -> dict[str, Any]:
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
         "plate_bias_N", "untold", "arc_deg", "contact", "external", "advice",
-        "motion", "pins", "scales",
+        "motion", "pins", "scales", "calibration_covariance",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}
 

@@ -22,7 +22,7 @@ from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import averages
-from mocap_id.stages.identify_dim.scales import check_and_calibrate, scale_facts, scale_reasons
+from mocap_id.stages.identify_dim.scales import calibration_facts, check_and_calibrate, scale_facts, scale_reasons
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import events_table, missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.trial_data import joint_names, read_kinematic_error
@@ -121,6 +121,7 @@ def _with_identification(
         "torque": torque_facts(context, columns),
         "motion": motion,
         "scales": scale_facts(result.found),
+        "calibration_covariance": calibration_facts(result.found),
     }
     if segments is not None:
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)

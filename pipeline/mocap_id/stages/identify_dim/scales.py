@@ -104,6 +104,11 @@ def scale_facts(found: Identification) -> dict[str, Any] | None:
     }
 
 
+def calibration_facts(found: Identification) -> list[list[float]] | None:
+    """Return the part of the base parameters' covariance that the same instruments have in common."""
+    return None if found.calibration is None else found.calibration.covariance.tolist()
+
+
 def scale_reasons(found: Identification, given: float | None) -> tuple[Reason, ...]:
     """Return the cautions of the check, and a note if no mass is given that could show the plate's gain."""
     scales = found.scales

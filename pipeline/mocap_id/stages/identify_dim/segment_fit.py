@@ -155,15 +155,7 @@ def fit_segments(
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
     bodies, prior, cutoffs = _best_bodies(body_sets, prepared, movement, tables.chosen, mass)
     ready = prepare_bodies(bodies, recorded, prepared.settings, prior, cutoffs.bands)
-    found = identify(
-        ready,
-        movement.free,
-        grid := bodies.grid(settings.grid),
-        prior.mean,
-        KinematicError.none(recorded.q.shape[1]),
-        consistency=settings.consistency or "cone",
-        reference_sd=settings.reference_sd,
-    )
+    found = _identify_bodies(context, ready, movement, prior, grid := bodies.grid(settings.grid))
     effect = pose_effect(
         ready, found.fit, found.base, PoseErrors(bodies.poses, _sliding(context, bodies), cutoffs.bands)
     )
@@ -189,6 +181,21 @@ def fit_segments(
         validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
         centre_sd=np.sqrt(np.einsum("jkk->j", centres) / 2),
         effect=effect,
+    )
+
+
+def _identify_bodies(
+    context: Context, ready: PreparedTrial, movement: Movement, prior: BodyPrior, grid: PointGrid
+) -> Identification:
+    """Identify the bodies; errors of the poses are added later."""
+    return identify(
+        ready,
+        movement.free,
+        grid,
+        prior.mean,
+        KinematicError.none(ready.recorded.q.shape[1]),
+        consistency=context.settings.consistency or "cone",
+        reference_sd=context.settings.reference_sd,
     )
 
 
