@@ -16,7 +16,7 @@ from batch_cases import trials
 
 from mocap_id.config import Trial
 from mocap_id.config import source as source_module
-from mocap_id.workflows.batch import find_trials, trial_files
+from mocap_id.workflows.batch import find_trials, named_trials
 from mocap_id.workflows.parallel import TrialRun, backends, run_trials
 from mocap_id.workflows.parallel.backends import Backend, Workers
 
@@ -181,8 +181,8 @@ def test_each_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         read.append(file)
         return source_module.read(file)
 
-    monkeypatch.setattr(trial_files, "read", reading)
-    monkeypatch.setattr(trial_files, "load", None)  # which would read it again
+    monkeypatch.setattr(named_trials, "read", reading)
+    monkeypatch.setattr(named_trials, "load", None)  # which would read it again
     found, unreadable = find_trials([str(tmp_path if how == "folder" else tmp_path / "*.yaml")])
     assert len(found) == 20
     assert unreadable == []

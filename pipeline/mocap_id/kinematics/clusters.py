@@ -18,6 +18,7 @@ _REASSIGNMENTS = 20
 _AS_WELL = 1.2  # largest growth of the residual at which one body fits as well as two
 _FOREIGN = 4.0  # residual of a marker that is on no body, relative to the median of the nearest one
 _MIN_FOREIGN = 0.02  # m
+_MOST_FOREIGN = 2
 _WOBBLE = 6.0  # 2.5 to 97.5 % range of an angle of pure noise, in standard deviations, with a margin
 
 
@@ -100,6 +101,8 @@ class Clusters:
         self._bodies: dict[bytes, RigidBody] = {}
         self._joints: dict[tuple[bytes, bytes], PairJoint] = {}
         variance = constraints.constrained_variance(_distance_variance(points[:, moving]), moving)
+        units = constraints.unit[moving]
+        self._alone = np.bincount(units)[units] == 1  # hints keep the other markers together
         self._tree = linkage(squareform(variance, checks=False), "average") if len(moving) > 1 else None
 
     def at(self, count: int) -> list[RigidBody]:
@@ -118,7 +121,9 @@ class Clusters:
                 break
             residuals = np.stack([marker_residuals(body, self.points[:, self.moving]) for body in bodies])
             best = self.constraints.nearest_bodies(residuals**2, self.moving)
-            best[_foreign(residuals[best, np.arange(len(best))], best)] = -1
+            foreign = _foreign(residuals[best, np.arange(len(best))], best) & self._alone
+            if foreign.sum() <= _MOST_FOREIGN:  # more of them are bodies that this level does not separate
+                best[foreign] = -1
             regrouped = [self.moving[best == index] for index in range(len(bodies))]
             if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
                 break

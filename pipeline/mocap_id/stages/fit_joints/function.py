@@ -32,7 +32,7 @@ def fit_joints(context: Context) -> Outputs:
     joint_names = segments.facts["joint_names"]
     named: Mapping[str, list[str]] = segments.facts["joint_markers"]
     at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in named.items()}
-    links = segments.facts["links"]
+    links = segments.facts.get("links")
     tracks = {joint: points[:, about].mean(axis=1) for joint, about in at_joint.items()}
     start = None if links is None else _start(links, points[:, own], segment, labels, tracks)
     useful = np.flatnonzero(_shown(points, own, segment) if start is None else np.isfinite(start.angles).all(axis=1))
