@@ -57,8 +57,11 @@ def frames_over_time(points: ComplexArray, count: int) -> IntArray:
     every = np.arange(len(points))
     if len(every) <= count:
         return every
-    speed = _speed(points, every, max(1, len(every) // _WINDOWS))
-    if np.median(speed) < _RESTING * np.quantile(speed, 0.95):
+    window = max(1, len(every) // _WINDOWS)
+    visible = np.isfinite(points)
+    known = (visible[window:] & visible[:-window]).mean(axis=1) > 0.5
+    speed = _speed(points, every, window)[window // 2 :][: len(known)][known]
+    if known.mean() > 0.5 and np.median(speed) < _RESTING * np.quantile(speed, 0.95):
         return frames_along_motion(points, count)
     return np.unique(np.linspace(0, every[-1], count).round().astype(np.int64))
 
