@@ -59,6 +59,7 @@ CAUSES: Mapping[str, _Size] = {
     "gain": _Size(0.003, 1.0, 0.05),
 }
 """Causes of a wrong scale. ``inertia`` is the factor of the inertial terms less 1, which a wrong rate changes."""
+_RESTING = 0.05  # of the largest joint velocity; slower is rest
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 
@@ -191,7 +192,7 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
     }
     model = lowpass(plain[:, :, kept])
     usable = erode(known(model) & known(measured) & gate[::step], lowpass.reach_samples)
-    rows = np.flatnonzero(usable)[::_EVERY]
+    rows = _without_long_rests(np.flatnonzero(usable)[::_EVERY], recorded.dq[::step])
     if len(rows) * _EVERY < _SECONDS * lowpass.rate:
         return None
     components, samples = list(prepared.settings.components), rows * step
@@ -224,6 +225,13 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
         pinned=prepared.prior is None,
         rigid=bool(np.all(rms < _RIGID)),
     )
+
+
+def _without_long_rests(rows: IntArray, velocity: FloatArray) -> IntArray:
+    """Return the rows without the rests, if these are longer than the motion: a held posture repeats its errors."""
+    speed = np.abs(velocity[rows]).max(axis=1, initial=0.0)
+    moving = speed >= _RESTING * np.quantile(speed, 0.95) if len(rows) else np.zeros(0, dtype=np.bool_)
+    return rows if 2 * moving.sum() >= len(rows) else rows[moving]
 
 
 def _fewer_modes(effect: FloatArray) -> FloatArray:

@@ -85,7 +85,7 @@ def draw_displacement(
     if gaps and faults.foot_slide_mm:
         at[1 + int(rng.integers(len(gaps))) :] += faults.foot_slide_mm / 1e3 * rng.choice((-1, 1))
     if gaps and faults.foot_moves_mm:
-        at += rng.uniform(-1, 1, len(at)) * faults.foot_moves_mm / 1e3
+        at[1:] += rng.uniform(-1, 1, len(gaps)) * faults.foot_moves_mm / 1e3
     for k, (begin, end) in enumerate(gaps):
         step = smoothstep((time - begin) / (end - begin))
         shift += (at[k + 1] - at[k]) * step

@@ -115,7 +115,7 @@ class FaultOptions:
     corners_mm: float = _option(0.0, "Error of the plate's corners in the file along the motion, mm.", (0, 200), "mm")
     foot_slide_mm: float = _option(0.0, "Distance by which the feet slide once, while seated, mm.", (0, 100), "mm")
     foot_moves_mm: float = _option(
-        0.0, "Largest distance of the feet from their usual place in each repetition, mm.", (0, 100), "mm"
+        0.0, "Largest distance of the feet from their first place in the other repetitions, mm.", (0, 100), "mm"
     )
     turn_deg: float = _option(
         0.0, "Angle by which the seated person turns about the vertical at mid-trial, degrees.", (0, 45), "degrees"

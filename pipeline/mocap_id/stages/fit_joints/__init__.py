@@ -31,7 +31,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=6,
+    version=7,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=(),

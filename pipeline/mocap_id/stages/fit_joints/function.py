@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +19,8 @@ from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
+
+_MARKED_SD = 0.005  # m; for a joint that a marker represents
 
 
 def fit_joints(context: Context) -> Outputs:
@@ -67,7 +69,11 @@ def fit_joints(context: Context) -> Outputs:
         "iterations": fit.iterations,
         "reprojection_rms_m": float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
     }
-    reasons = _for_comparison(settings) + _pulled(named, settings) + _weak_joints(fit, joint_names, settings)
+    reasons = (
+        _for_comparison(settings)
+        + _pulled(named, settings)
+        + _weak_joints(fit, joint_names, settings, () if links is None else named)
+    )
     return (Tree(CHAIN, data, facts, reasons),)
 
 
@@ -142,8 +148,13 @@ def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tupl
     )
 
 
-def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a caution for every joint that turns too little or whose centre is uncertain."""
+def _weak_joints(
+    fit: ChainFit, names: list[str], settings: FitJointsSettings, marked: Container[str]
+) -> tuple[Reason, ...]:
+    """Return a caution for every joint that turns too little or whose centre is uncertain.
+
+    ``marked`` joints are at the markers that represent them; weight times their uncertainty is an error of the torque.
+    """
     reasons = []
     for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):
         sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
@@ -157,13 +168,13 @@ def _weak_joints(fit: ChainFit, names: list[str], settings: FitJointsSettings) -
                     settings.small_arc_deg,
                 )
             )
-        elif sd is not None and sd > settings.large_sd_m:
+        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in marked else np.inf)):
             reasons.append(
                 Reason(
                     "joint-uncertain",
                     f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm.",
                     sd,
-                    settings.large_sd_m,
+                    limit,
                 )
             )
     return tuple(reasons)

@@ -94,7 +94,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=18,
+    version=19,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
     uses=("trial", "protocol", "subject", "compare", "encoder"),
