@@ -30,6 +30,7 @@ _CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: above the first, the chain's smoothed a
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
 _EVERY = 2  # every second of them is a row
 _SECONDS = 3.0  # s: least time with rows
+_RESTING = 0.05  # of the largest joint velocity; slower is rest
 _SEEN = 6.6  # of χ²
 _SURE = 2.58  # standard deviations, 99 %
 _ROUNDS = 3
@@ -59,7 +60,6 @@ CAUSES: Mapping[str, _Size] = {
     "gain": _Size(0.003, 1.0, 0.05),
 }
 """Causes of a wrong scale. ``inertia`` is the factor of the inertial terms less 1, which a wrong rate changes."""
-_RESTING = 0.05  # of the largest joint velocity; slower is rest
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 

@@ -1,8 +1,7 @@
 """Fit of a chain with single-marker segments: which marker is on which segment, and which joints carry a marker.
 
-Markers and chain are fitted alternately. Every marker goes to the segment that fits it best; then
-the chain is fitted to the markers with a robust loss (Cauchy's, with a decreasing scale). This ends when no marker
-changes its segment.
+Markers and chain are fitted alternately. Every marker goes to the segment that fits it best; then the chain is fitted
+to the markers with a robust loss (Cauchy's, with a decreasing scale). This ends when no marker changes its segment.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from mocap_id.kinematics.chain_equations import (
 from mocap_id.kinematics.hypotheses import FLOOR, SegmentationProblem
 from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.link_markers import Path
+from mocap_id.kinematics.rigid_body import count_places
 
 SEGMENT_PRICE = 4.0
 """Cost of one more segment."""
@@ -36,7 +36,6 @@ _FOREIGN = 4.0  # a marker is on no segment beyond this multiple of the segment'
 _FOREIGN_BETWEEN = (0.008, 0.025)  # m; that limit is never below or above
 _FRAMES = 150
 _ROUNDS = 3
-_SAME_PLACE = 0.03  # m
 _STEPS = 20
 _SETTLED = 1e-4  # relative fall of the cost
 _FRAMES_A_SEGMENT = 15
@@ -114,7 +113,7 @@ class LinkFit:
         local, segment = self.state.local, self.segment.copy()
         for pin in self.pins:
             segment[pin.unit] = -1
-        return tuple(len(_distinct(local[segment == k + 1])) for k in range(len(self.state.centres)))
+        return tuple(count_places(local[segment == k + 1]) for k in range(len(self.state.centres)))
 
     @property
     def loose(self) -> tuple[int, ...]:
@@ -180,15 +179,6 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     total = float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
     residual = np.where(segment >= 0, _residual(own), np.nan)
     return LinkFit(total, segment, residual, replace(state, local=_own(local, segment)), used, pins)
-
-
-def _distinct(local: ComplexArray) -> list[complex]:
-    """Return the coordinates without repeated ones at the same place."""
-    kept: list[complex] = []
-    for each in local:
-        if all(abs(each - other) > _SAME_PLACE for other in kept):
-            kept.append(complex(each))
-    return kept
 
 
 def _start(path: Path) -> tuple[ChainState, IntArray]:

@@ -106,7 +106,7 @@ class _Search:
 
     def _edges(self, index: int) -> Iterator[tuple[Path, int]]:
         """Yield the connections from a body to others: a joint, or segments without a body of their own."""
-        parent, rules, frames = self.bodies[index], self.problem.rules, len(self.problem.points)
+        parent, rules = self.bodies[index], self.problem.rules
         none = np.array([], dtype=np.int64)
         for following, child in enumerate(self.bodies[1:], 1):
             if following == index or np.isin(child.markers, parent.markers).any():
@@ -122,7 +122,7 @@ class _Search:
                         end = Step(last, child, none)
                         if off > _CONSTANT:
                             yield (Step(first, None, markers), Step(track, None, markers), end), following
-                        elif length > _SHORTEST and frames:
+                        elif length > _SHORTEST:
                             yield (Step(first, None, markers), end), following
 
     def _about(self, index: int, unit: int) -> list[complex]:

@@ -14,6 +14,7 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 _ITERATIONS = 50
 _TOLERANCE = 1e-7  # m
+_SAME_PLACE = 0.03  # m
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,15 @@ def variance_over_time(values: FloatArray | ComplexArray) -> tuple[FloatArray, I
     filled = np.where(seen, values, 0)
     mean = filled.sum(axis=0) / np.maximum(counts, 1)
     return np.where(seen, np.abs(filled - mean) ** 2, 0).sum(axis=0) / np.maximum(counts, 1), counts
+
+
+def count_places(local: ComplexArray) -> int:
+    """Return the number of places (K,) in the plane, m; places within 30 mm of an earlier one count once."""
+    kept: list[complex] = []
+    for each in local:
+        if all(abs(each - other) > _SAME_PLACE for other in kept):
+            kept.append(complex(each))
+    return len(kept)
 
 
 def rigid_poses(

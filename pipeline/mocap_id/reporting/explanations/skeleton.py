@@ -163,7 +163,8 @@ SKELETON: Mapping[str, Explanation] = {
         "or rarely visible. Lengths and angles that depend on this centre have the same uncertainty.",
         "Spread more markers over the two segments, or use a longer part of the recording.",
         "fit-joints",
-        "Standard deviation of the centre, m; limit `fit-joints: {large_sd_m}`.",
+        "Standard deviation of the centre, m; limit `fit-joints: {large_sd_m}`, or 5 mm if a segment has a single "
+        "marker and markers represent the joint.",
     ),
     "gap": Explanation(
         ("caution",),

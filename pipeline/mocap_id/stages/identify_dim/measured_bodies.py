@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, as_complex
 from mocap_id.dynamics.body_prior import BodyPrior, even_prior, split_torso, table_prior
 from mocap_id.dynamics.chain_parameters import merge_segments, relative_pose
 from mocap_id.dynamics.cutoffs import Cutoffs
@@ -25,6 +25,7 @@ from mocap_id.dynamics.measured_motion import (
 from mocap_id.dynamics.point_grid import PointGrid, segment_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.kinematics.cluster_poses import LEAST_MARKERS
+from mocap_id.kinematics.rigid_body import count_places
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
@@ -32,7 +33,6 @@ from mocap_id.stages.identify_dim.validation import spans
 from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
-_SAME_PLACE = 0.03  # m; markers this close are one point of the plane
 _OFTEN = 0.8  # share of the samples in which a body must be visible, to leave enough samples for the fit
 
 
@@ -106,11 +106,7 @@ def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
 
 def _shows_pose(body: Mapping[str, Any]) -> bool:
     """Return whether a body's markers show its pose: two points alone follow the skin, not the segment."""
-    distinct: list[FloatArray] = []
-    for place in np.array(list(body["markers"].values())):
-        if all(np.hypot(*(place - other)) > _SAME_PLACE for other in distinct):
-            distinct.append(place)
-    return 0 in body["segments"] or len(distinct) > 2
+    return 0 in body["segments"] or count_places(as_complex(np.array(list(body["markers"].values())))) > 2
 
 
 def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:
