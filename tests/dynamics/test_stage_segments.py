@@ -57,6 +57,12 @@ def poses_table(motion: PlanarMotion, *, time: np.ndarray = TIME, bodies: int = 
     return Table(POSES, columns, {"bodies": facts})
 
 
+EXACT = dict.fromkeys(
+    ("plate_gain_sd", "plate_moments_sd", "plate_position_sd_m", "camera_scale_sd", "camera_tilt_sd_deg"), 0.0
+)
+"""The instruments of these cases have no error of calibration."""
+
+
 @dataclass(frozen=True)
 class Ran:
     motion: PlanarMotion
@@ -82,7 +88,7 @@ class Ran:
 
 
 def made(recorded: TrialData, poses: Table, **changes: Any) -> Context:
-    plain = context(recorded, **({"standing": MASS} | changes))
+    plain = context(recorded, **({"standing": MASS} | EXACT | changes))
     chain = {
         "joints": {
             "name": np.array(["ankle", "knee", "hip"], dtype=object),
@@ -162,7 +168,7 @@ def test_wrench_and_torques_are_as_far_off_as_they_say(ran: Any) -> None:
     for column, name in enumerate(("Fx_model", "Fy_model", "tauz_model", "tau_1", "tau_2", "tau_3")):
         scaled = ((frame[name] - exact[:, column]) / frame[f"sd_{name}"])[frame["in_fit"]]
         assert 0.9 < (np.abs(scaled) < 1.96).mean() <= 1.0, name
-        assert name.startswith("tau_") or scaled.std() > 0.7, name  # torques include calibration, which is exact here
+        assert name == "tau_3" or scaled.std() > 0.7, name  # the hip's centre is uncertain by its gap
 
 
 def test_pins_would_cost() -> None:
