@@ -1,14 +1,14 @@
 """Chains of rigid segments in space, joined by balls, two-axis joints and hinges.
 
-Segment 0 is the base, which may move freely. Every other segment has one joint to its parent; the origin of its frame is
-the centre of this joint. The pose of a segment in the frame of its parent is
+Segment 0 is the base, which may move freely. Every other segment has one joint to its parent; the origin of its frame
+is the centre of this joint. The pose of a segment in the frame of its parent is
 
     rotation  R = exp(a q1) O exp(b q2)        hinge: q2 = 0; ball: any rotation
     origin    c + u(R) g                       u(R) = (1 - cos elevation) / 2
 
-with the axis a, the constant rotation O, the centre c and the glide g in the parent's frame, and the axis b in the child's
-frame. The glide is the translation of the shoulder girdle; it is zero for most joints. The elevation is the angle between
-the direction ``rest`` (parent's frame) and the ``long_axis`` (child's frame).
+with the axis a, the constant rotation O, the centre c and the glide g in the parent's frame, and the axis b in the
+child's frame. The glide is the translation of the shoulder girdle; it is zero for most joints. The elevation is the
+angle between the direction ``rest`` (parent's frame) and the ``long_axis`` (child's frame).
 """
 
 from __future__ import annotations
