@@ -91,7 +91,7 @@ def test_a_trials_own_keys_add_to_the_defaults(tmp_path: Path) -> None:
         ("window:", "windov:", "line 15: unknown key `windov`: did you mean `window`?"),
         ("window: [1.0, 9.0]", "strategi: x", "line 15: unknown key `strategi`: did you mean `strategy`?"),
         ("{count: 4}", "{count: four}", "line 5: `segment.count` is 'four', expected a whole number"),
-        ("protocol: sit-to-stand", "protocol: sit", "line 4: `protocol` is 'sit', expected 'free', 'sit-to-stand' or"),
+        ("protocol: sit-to-stand", "protocol: sit", "line 4: `protocol` is 'sit', expected 'free', 'sit-to-stand'"),
         ("height: 1.75", "height: 175", "line 7: `subjects.s01.height` is 175, expected less than 2.8"),
         (
             "shank: 0.41",

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, WithJsonSchema, create_model
 
-from mocap_id.config.parsing import json_schema, parse
+from mocap_id.config.parsing import json_schema, parse, raise_mistakes
 from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import Files, Settings, TrialKeys
+from mocap_id.stages.base import Calibration, Files, Settings, TrialKeys
 
 _LONGEST = 100
 """Largest number of characters of a file name in a run folder."""
@@ -54,10 +54,12 @@ _RECORDING_SCHEMA = {
     ]
 }
 _Recording = Annotated[Files, WithJsonSchema(_RECORDING_SCHEMA)]
+_Calibration = Annotated[Calibration, WithJsonSchema({"type": "string", "description": "YAML file of a trial"})]
 
 
 class _TopLevel(TrialKeys):
     recording: _Recording = Field(description=TrialKeys.model_fields["recording"].description)
+    calibration: _Calibration | None = Field(None, description=TrialKeys.model_fields["calibration"].description)
     out: Path | None = Field(None, description="folder of the results; default: runs/<trial> beside this file")
 
 
@@ -111,14 +113,17 @@ def compose(
     if isinstance(source.data, dict) and {"study", "trials"} <= source.data.keys():
         raise ConfigError(f"{source.file} is a study, not a trial: `mocap-id study {source.file}` runs all its trials")
     model = trial_model(stages) if model is None else model
-    parsed = parse(source, model, "keys such as `trial:` and `recording:`", lambda data: _completed(data, stages))
     folder = source.file.parent
+    parsed = parse(
+        source, model, "keys such as `trial:` and `recording:`", lambda data: _completed(data, stages, source)
+    )
     keys = TrialKeys.model_construct(
         **{name: absolute(getattr(parsed, name), folder) for name in TrialKeys.model_fields}
     )
     out = absolute(getattr(parsed, "out", None), folder) or out or folder / "runs" / keys.trial
     _check_name(out, source)
     settings = {stage.name: getattr(parsed, stage.name.replace("-", "_")) for stage in stages}
+    raise_mistakes(_wrong_space(keys, settings, source))
     return Trial(source.file, keys, settings, out)
 
 
@@ -136,12 +141,44 @@ def _check_name(out: Path, source: Source) -> None:
                 raise ConfigError(f"{shown} is longer than this system allows: choose another `out`") from error
 
 
-def _completed(data: dict[str, Any], stages: Sequence[Stage]) -> dict[str, Any]:
-    """Write out short forms: a recording in one file, and a section whose lines are all commented out."""
+def _wrong_space(keys: TrialKeys, settings: Mapping[str, Settings], source: Source) -> Iterator[str]:
+    """Yield a line for every setting that does not exist in the trial's space."""
+    own, other = ("3d", "plane") if keys.space == "3d" else ("plane", "3d")
+    for stage, given in settings.items():
+        for name, values in (given.plane_only if own == "3d" else given.space_only).items():
+            value = getattr(given, name)
+            if name not in given.model_fields_set or (values and value not in values):
+                continue
+            shown = f"{name}: {value}" if values else name
+            yield (
+                f"{source.where((stage, name))}: `{stage}: {{{shown}}}` exists only with `space: {other}`; this trial "
+                f"has `space: {own}`. Remove the setting, or change `space`"
+            )
+
+
+def _completed(data: dict[str, Any], stages: Sequence[Stage], source: Source) -> dict[str, Any]:
+    """Write out short forms: a recording in one file, a calibration, a section whose lines are all commented out."""
     data = dict(data)
     if isinstance(data.get("recording"), str):
         data["recording"] = {"markers": data["recording"]}
+    if isinstance(data.get("calibration"), str):
+        data["calibration"] = _calibration(source, data["calibration"], stages)
     return data | {stage.name: {} for stage in stages if stage.name in data and data[stage.name] is None}
+
+
+def _calibration(source: Source, given: str, stages: Sequence[Stage]) -> dict[str, str]:
+    """Return the files of the trial whose chain is used."""
+    where = source.where(("calibration",))
+    file = (source.file.parent / _expanded(Path(given))).absolute()
+    if not file.exists():
+        raise ConfigError(f"{where}: calibration: there is no file {file}; expected the YAML file of a trial")
+    other = read(file)
+    if isinstance(other.data, dict) and other.data.get("calibration") is not None:
+        raise ConfigError(f"{where}: calibration: {file} itself has a `calibration:`; name that trial here")
+    trial = compose(other, stages)
+    if trial.keys.space != "3d":
+        raise ConfigError(f"{where}: calibration: {file} is a trial in the plane; expected `space: 3d`")
+    return {"trial": str(file), "chain": str(trial.out / "chain.h5")}
 
 
 def schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
@@ -155,6 +192,8 @@ def absolute(value: Any, folder: Path) -> Any:
         return folder / _expanded(value)
     if isinstance(value, tuple):
         return tuple(absolute(item, folder) for item in value)
+    if isinstance(value, Mapping):
+        return {key: absolute(item, folder) for key, item in value.items()}
     if isinstance(value, BaseModel):
         return value.model_copy(
             update={name: absolute(getattr(value, name), folder) for name in type(value).model_fields}

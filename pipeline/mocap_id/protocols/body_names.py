@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 _SIT_TO_STAND = {
     2: (("foot", "body"), ("ankle",)),
     3: (("foot", "shank", "thigh"), ("ankle", "knee")),
@@ -18,9 +16,7 @@ LONGEST = {"sit-to-stand": 5, "robot-joint": 4, "free": 8}
 """Maximum number of segments for each protocol, including the base; arms are branches, not links of the chain."""
 
 
-def body_names(
-    protocol: Literal["free", "sit-to-stand", "robot-joint"], count: int, *, foot_turns: bool = False
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def body_names(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names for ``count`` segments, base first, and for the ``count - 1`` joints between them.
 
     If the ``foot_turns`` on the ground, it is the first moving segment.

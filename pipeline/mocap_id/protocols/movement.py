@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -16,8 +15,6 @@ from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.robot_joint import robot_repetitions
 from mocap_id.protocols.sit_to_stand import sit_to_stand_repetitions
 from mocap_id.verdict import Reason
-
-ProtocolName = Literal["free", "sit-to-stand", "robot-joint"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Movement:
 
 
 def read_movement(
-    protocol: ProtocolName,
+    protocol: str,
     recorded: TrialData,
     prepared: PreparedTrial | None,
     rule: ContactRule,
@@ -70,7 +67,7 @@ def read_movement(
     everything = np.ones(len(recorded.time), dtype=bool)
     if protocol == "robot-joint":
         return Movement(everything, robot_repetitions(recorded.time, recorded.q), None, None, ())
-    if protocol == "free":
+    if protocol != "sit-to-stand":
         return Movement(everything, (), None, None, ())
     body = posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:

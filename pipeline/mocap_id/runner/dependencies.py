@@ -54,7 +54,7 @@ class FileHashes:
         RecordingError
             A file is missing or cannot be read.
         """
-        return {role: self._hash(role, path) for role, path in user_files(self.trial, stage).items()}
+        return {role: self.read(role, path) for role, path in user_files(self.trial, stage).items()}
 
     def check_unchanged(self, stage: Stage) -> None:
         """Check, after a stage has read its files, that they still have the known hashes.
@@ -73,7 +73,8 @@ class FileHashes:
                     "Wait until the file is complete, then run again"
                 )
 
-    def _hash(self, role: str, path: Path) -> str:
+    def read(self, role: str, path: Path) -> str:
+        """Return the hash of a file; RecordingError as for :meth:`of`."""
         if path not in self._known:
             now, stamp = time.time_ns(), _stamp(path)
             self._known[path] = self._read(role, path)
@@ -106,6 +107,9 @@ def _paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:
     elif isinstance(value, BaseModel):
         for name in type(value).model_fields:
             yield from _paths(getattr(value, name), f"{key}.{name}")
+    elif isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _paths(item, f"{key}.{name}")
     elif isinstance(value, tuple):
         for number, item in enumerate(value):
             yield from _paths(item, f"{key}[{number}]")

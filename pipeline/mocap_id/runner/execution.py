@@ -21,6 +21,7 @@ from typing import Any, Literal, TypeAlias
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.background_writer import BackgroundWriter
+from mocap_id.runner.calibration import update_calibration
 from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, user_files
 from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
 from mocap_id.runner.refusals import store_refusal, stored_refusal
@@ -29,8 +30,7 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Artefact, Document, Folder, Origin
 from mocap_id.store.atomic import replace_together
 
-LOG_FILE = "failure.log"
-"""File in the run folder with the traceback of an unexpected failure."""
+LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
 
 _log = logging.getLogger(__name__)
 
@@ -122,12 +122,12 @@ def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: 
 @contextmanager
 def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[_Run]:
     """Start a run and lock its folder."""
+    update_calibration(trial, stages, run_to)
     this = _Run(trial, stages, progress)
     outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
     files = {role: path for stage in stages for role, path in user_files(trial, stage).items()}
-    for stage in stages:
-        this.files.of(stage)
     for role, path in files.items():
+        this.files.read(role, path)
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
     with this.folder.locked(), run_log(trial.out, trial.name, files) as log, this.writer:

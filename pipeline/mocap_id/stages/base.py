@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
@@ -13,11 +13,19 @@ from mocap_id.errors import Refused
 from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 from mocap_id.verdict import Reason
 
+Only: TypeAlias = Mapping[str, tuple[str, ...]]
+"""Settings that exist in one kind of trial, with the values that exist only there; no values: the whole setting."""
+
 
 class Settings(BaseModel):
-    """Base of all models of the configuration: immutable, without unknown keys."""
+    """Base of all models of the configuration: immutable, without unknown keys.
+
+    ``plane_only`` settings exist only with `space: plane`, ``space_only`` settings only with `space: 3d`.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+    plane_only: ClassVar[Only] = {}
+    space_only: ClassVar[Only] = {}
 
 
 class Subject(Settings):
@@ -77,7 +85,19 @@ class ExternalForce(Settings):
     clock_offset_s: float = Field(0.0, description="time on the recording's clock minus `time_s`, s")
 
 
-Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint"]
+Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint", "reach", "curl"]
+_IN_PLANE: tuple[Protocol, ...] = ("sit-to-stand", "robot-joint")
+_IN_SPACE: tuple[Protocol, ...] = ("reach", "curl")
+
+Landmark: TypeAlias = Literal["IJ", "PX", "C7", "T8", "AC", "EL", "EM", "RS", "US"]
+"""Anatomical landmarks of thorax and arm, named as by the ISB (Wu et al. 2005)."""
+
+
+class Calibration(Settings):
+    """Another trial of the same person with the same markers, whose chain is used."""
+
+    trial: Path = Field(description="YAML file of the trial")
+    chain: Path = Field(description="its chain.h5")
 
 
 class TrialKeys(Settings):
@@ -89,7 +109,15 @@ class TrialKeys(Settings):
         description="name of the trial: letters and digits, inside also . _ + -",
     )
     recording: Files = Field(description="C3D file, or a TRC file with markers and a MOT file with forces")
-    protocol: Protocol = Field("free", description="the movement: sit-to-stand (also squats), robot-joint or free")
+    space: Literal["plane", "3d"] = Field(
+        "plane",
+        description="plane: hinges in one vertical plane; 3d: balls, two-axis joints and hinges in any direction",
+    )
+    protocol: Protocol = Field(
+        "free",
+        description="the movement: free; in the plane also sit-to-stand (squats too) or robot-joint; in space also "
+        "reach or curl",
+    )
     subject: Subject = Field(Subject(), description="the person who moves; all keys are optional")
     encoder: Path | None = Field(
         None, description="robot-joint only: CSV with time_s, position_rad, velocity_rad_s[, torque_Nm]"
@@ -99,6 +127,24 @@ class TrialKeys(Settings):
     )
     plates: PlateUse = Field(PlateUse(), description="use of the force plates; found by the program if not given")
 
+    side: Literal["right", "left"] | None = Field(
+        None,
+        description="in space: side of the arm; a left arm is mirrored, so that its angles mean the same. By the "
+        "markers' names if not given, else right",
+    )
+    landmarks: dict[Landmark, str] = Field(
+        {}, description="in space: labels of the anatomical landmarks, where they are not the usual ones"
+    )
+    pointers: dict[Landmark, Path] = Field(
+        {}, description="in space: recordings in which a pointer touches a landmark, C3D files"
+    )
+    static: tuple[float, float] | None = Field(
+        None,
+        description="in space: first and last time of a still pose that shows the landmarks, s; found if not given",
+    )
+    calibration: Calibration | None = Field(
+        None, description="in space: trial of the same person and markers whose chain is used, a YAML file"
+    )
     compare: Compare | None = Field(None, description="joint angles from another system, for comparison")
     external: tuple[ExternalForce, ...] = Field((), description="other force sensors that act on the body")
 
@@ -118,7 +164,23 @@ class TrialKeys(Settings):
             raise ValueError("only `protocol: robot-joint` has an encoder")
         return value
 
-    @field_validator("window")
+    @field_validator("protocol")
+    @classmethod
+    def _protocol_in_its_space(cls, value: Protocol, info: ValidationInfo) -> Protocol:
+        space = info.data.get("space", "plane")
+        if value in (_IN_SPACE if space == "plane" else _IN_PLANE):
+            other = "3d" if space == "plane" else "plane"
+            raise ValueError(f"`protocol: {value}` needs `space: {other}`")
+        return value
+
+    @field_validator("side", "landmarks", "pointers", "static", "calibration")
+    @classmethod
+    def _only_in_space(cls, value: Any, info: ValidationInfo) -> Any:
+        if value and info.data.get("space", "plane") == "plane":
+            raise ValueError("this key needs `space: 3d`")
+        return value
+
+    @field_validator("static", "window")
     @classmethod
     def _window_runs_forwards(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
         if value is not None and not value[0] < value[1]:

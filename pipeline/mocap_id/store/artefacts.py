@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -38,7 +38,8 @@ class TableSchema:
     """The columns of a Parquet artefact.
 
     ``repeated`` columns have ``{k}`` in their name and occur once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
-    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all; with ``{k}``, once for every k.
+    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all; with ``{k}``, once for every k,
+    and with ``{name}``, once for every segment or angle that the group's first column names.
     A ``long`` table has a row for every frame and marker, and is a :class:`LongTable` in memory.
     """
 
@@ -52,11 +53,20 @@ class TableSchema:
 
 @dataclass(frozen=True)
 class TreeSchema:
-    """The nodes of an HDF5 artefact, each described like a column; its name is the path in the file."""
+    """The nodes of an HDF5 artefact, each described like a column; its name is the path in the file.
+
+    A group of ``optional`` nodes is present completely or not at all.
+    """
 
     file: str
     version: int
     nodes: tuple[Column, ...]
+    optional: tuple[tuple[Column, ...], ...] = ()
+
+    def nodes_of(self, names: Collection[str]) -> tuple[Column, ...]:
+        """Return the nodes of a tree that has these names."""
+        groups = [group for group in self.optional if any(node.name in names for node in group)]
+        return self.nodes + tuple(node for group in groups for node in group)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def _write(
 
     stream, places = io.BytesIO(), {}
     with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # allows attributes > 64 KiB
-        for node in schema.nodes:
+        for node in schema.nodes_of(arrays):
             array = arrays[node.name]
             text = h5py.string_dtype("utf-8", array.dtype.itemsize) if array.dtype.kind == "S" else None
             data = array.astype(text) if text else array
@@ -102,12 +102,12 @@ def _leaves(tree: Tree) -> Leaves:
     """Return the arrays of a tree by path; ValueError as for :func:`conform`."""
     leaves = dict(_flat(tree.data, ""))
     problem = "; ".join(_mismatches(leaves, tree.schema))
-    unknown = sorted(set(leaves) - {node.name for node in tree.schema.nodes})
+    unknown = sorted(set(leaves) - {node.name for node in tree.schema.nodes_of(leaves)})
     if unknown:
         problem += f"; nodes that are not in its schema: {', '.join(unknown)}"
     if problem:
         raise ValueError(f"{tree.schema.file}: {problem.removeprefix('; ')}")
-    types = {node.name: np.dtype(_STORED[node.dtype]) for node in tree.schema.nodes}
+    types = {node.name: np.dtype(_STORED[node.dtype]) for node in tree.schema.nodes_of(leaves)}
     return {path: np.ascontiguousarray(array, dtype=types[path]).reshape(array.shape) for path, array in leaves.items()}
 
 
@@ -120,7 +120,7 @@ def _flat(data: Mapping[str, Node], above: str) -> Iterator[tuple[str, np.ndarra
 
 
 def _mismatches(leaves: Leaves, schema: TreeSchema) -> Iterator[str]:
-    for node in schema.nodes:
+    for node in schema.nodes_of(leaves):
         if node.name not in leaves:
             yield f"`{node.name}` is missing"
             continue

@@ -213,14 +213,26 @@ def _arrow_rows(table: Table | LongTable, columns: Sequence[Column], schema: pa.
 def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
     """Yield the schema's columns for a table with these column names.
 
-    A group with ``{k}`` occurs for every k with at least one of its columns in ``names``, other optional groups once.
+    A group with ``{k}`` occurs for every k with at least one of its columns in ``names``, a group with ``{name}`` for
+    every name of its first column, other optional groups once.
     """
     yield from schema.columns
     for group in (schema.repeated, *schema.optional):
-        found = {match for name in names for column in group if (match := _number(column, str(name))) is not None}
-        for k in sorted(found):
+        found: list[dict[str, Any]]
+        if group and "{name}" in group[0].name:
+            found = [{"name": each} for each in _names(group[0], names)]
+        else:
+            numbers = {match for name in names for column in group if (match := _number(column, str(name))) is not None}
+            found = [{"k": k} for k in sorted(numbers)]
+        for each in found:
             for column in group:
-                yield Column(column.name.format(k=k), column.dtype, column.unit, column.meaning)
+                yield replace(column, name=column.name.format(**each))
+
+
+def _names(column: Column, names: Sequence[str]) -> list[str]:
+    """Return what stands for ``{name}`` in the names that match a column, in their order."""
+    pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
+    return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 
 
 def _number(column: Column, name: str) -> int | None:

@@ -57,6 +57,11 @@ WRENCH = TableSchema(
             Column("Fy_external_{k}", "float64", "N", "force of sensor k on the body upwards"),
             Column("tauz_external_{k}", "float64", "N*m", "moment of sensor k about the plane-frame origin"),
         ),
+        (
+            Column("Fz", "float64", "N", "in space: force of the ground along z, sum of the plates used"),
+            Column("taux", "float64", "N*m", "in space: moment of the ground about the origin, along x"),
+            Column("tauy", "float64", "N*m", "in space: moment of the ground about the origin, along y"),
+        ),
     ),
 )
 
@@ -77,16 +82,34 @@ CHAIN = TreeSchema(
     (
         Column("joints/name", "str", "", "(n,) joint names"),
         Column("joints/parent", "int64", "", "(n,) index of the parent segment"),
-        Column("joints/centre", "float64", "m", "(n, 2) centre in the parent segment's frame"),
-        Column("joints/covariance", "float64", "m^2", "(n, 2, 2) covariance of the centre"),
+        Column("joints/centre", "float64", "m", "(n, 2) centre in the parent segment's frame; in space (n, 3)"),
+        Column("joints/covariance", "float64", "m^2", "(n, 2, 2) covariance of the centre; in space (n, 3, 3)"),
         Column("joints/arc", "float64", "rad", "(n,) angle travelled, 2.5 to 97.5 % quantile"),
         Column("segments/name", "str", "", "(n + 1,) segment names, base first"),
         Column("segments/length", "float64", "m", "(n - 1,) distance between joints of segments 1…n-1"),
         Column("segments/length_sd", "float64", "m", "(n - 1,) standard deviation"),
         Column("markers/name", "str", "", "(M,) labels of the assigned markers"),
         Column("markers/segment", "int64", "", "(M,) segment of each"),
-        Column("markers/local", "float64", "m", "(M, 2) coordinates in the segment frame"),
+        Column("markers/local", "float64", "m", "(M, 2) coordinates in the segment frame; in space (M, 3)"),
         Column("markers/residual", "float64", "m", "(M,) rms re-projection error of the joint fit"),
+    ),
+    (
+        (
+            Column("joints/kind", "str", "", "(n,) in space: ball, two-axis or hinge"),
+            Column("joints/axes", "float64", "1", "(n, 2, 3) unit axes, in the parent's and in the child's frame"),
+            Column("joints/axes_covariance", "float64", "1", "(n, 2, 3, 3) covariance of the axes; NaN: no such axis"),
+            Column("joints/offset", "float64", "1", "(n, 3, 3) constant rotation between the axes"),
+            Column("joints/glide", "float64", "m", "(n, 3) shift of the centre at an elevation of 180 degrees"),
+            Column("joints/glide_covariance", "float64", "m^2", "(n, 3, 3) covariance of the glide"),
+            Column("joints/rest", "float64", "1", "(n, 3) direction in the parent that the elevation starts from"),
+            Column("joints/long_axis", "float64", "1", "(n, 3) direction in the child whose elevation is meant"),
+            Column("joints/known", "bool", "", "(n,) the motion shows the centre"),
+            Column("markers/on_glide", "bool", "", "(M,) the marker moves with the glide of the first joint"),
+            Column("landmarks/name", "str", "", "(L,) names of the anatomical landmarks"),
+            Column("landmarks/segment", "int64", "", "(L,) segment of each"),
+            Column("landmarks/local", "float64", "m", "(L, 3) coordinates in the segment frame"),
+            Column("landmarks/sd", "float64", "m", "(L,) standard deviation of each coordinate"),
+        ),
     ),
 )
 
@@ -116,6 +139,44 @@ POSES = TableSchema(
         Column("angle_{k}", "float64", "rad", "angle of the body's frame in the plane frame"),
         Column("markers_{k}", "int64", "", "number of markers used for the pose in this frame"),
     ),
+    (
+        (
+            Column("{name}_qw", "float64", "1", "in space: rotation of the segment's frame, unit quaternion, scalar"),
+            *(Column(f"{{name}}_q{axis}", "float64", "1", f"unit quaternion, {axis}") for axis in "xyz"),
+            *(Column(f"{{name}}_{axis}", "float64", "m", f"origin of the segment, {axis}") for axis in "xyz"),
+            *(Column(f"{{name}}_omega_{axis}", "float64", "rad/s", f"angular velocity along {axis}") for axis in "xyz"),
+            *(
+                Column(f"{{name}}_alpha_{axis}", "float64", "rad/s^2", f"angular acceleration along {axis}")
+                for axis in "xyz"
+            ),
+            Column("sd_{name}_omega", "float64", "rad/s", "standard deviation of the angular velocity per axis"),
+            Column("sd_{name}_alpha", "float64", "rad/s^2", "standard deviation of the angular acceleration per axis"),
+            Column("{name}_observed", "bool", "", "estimated from markers in this frame; false = bridged"),
+        ),
+    ),
+)
+
+ANGLES = TableSchema(
+    "angles.parquet",
+    1,
+    (_TIME,),
+    (),
+    (
+        (
+            Column("sd_dd{name}", "float64", "rad/s^2", "standard deviation of the acceleration"),
+            Column("{name}", "float64", "rad", "angle, signs as in the page on ISB frames"),
+            Column("d{name}", "float64", "rad/s", "velocity"),
+            Column("dd{name}", "float64", "rad/s^2", "acceleration"),
+            Column("sd_{name}", "float64", "rad", "standard deviation of its changes, by camera and skin"),
+            Column("sd_d{name}", "float64", "rad/s", "standard deviation of the velocity"),
+            Column("constant_sd_{name}", "float64", "rad", "standard deviation of a constant error, by the landmarks"),
+        ),
+        (
+            Column(
+                "isb_condition", "float64", "1", "1/|sin elevation|: large where plane and axial rotation mean little"
+            ),
+        ),
+    ),
 )
 
 MARKERS = TableSchema(
@@ -130,6 +191,7 @@ MARKERS = TableSchema(
         Column("residual", "float64", "m", "distance to the measurement, NaN where unseen"),
         Column("used", "bool", "", "used for the states: on a moving segment, no burst or bad stretch, in the gate"),
     ),
+    optional=((Column("z", "float64", "m", "in space: predicted from the states"),),),
     long=True,
 )
 
@@ -236,6 +298,15 @@ DYNAMICS_TABLE = TableSchema(
             Column("Fy_external", "float64", "N", "force of chair and sensors on the body upwards, measured"),
             Column("tauz_external", "float64", "N*m", "their moment about the plane-frame origin, measured"),
         ),
+        tuple(
+            Column(f"{prefix}{name}{suffix}", "float64", unit, f"in space: {meaning}, {name}")
+            for prefix, suffix, meaning in (
+                ("", "", "ground, measured"),
+                ("", "_model", "ground, identified model"),
+                ("sd_", "_model", "standard deviation of the model"),
+            )
+            for name, unit in (("Fz", "N"), ("taux", "N*m"), ("tauy", "N*m"))
+        ),
     ),
 )
 
@@ -282,6 +353,7 @@ SCHEMAS: dict[str, TableSchema | TreeSchema] = {
         SKIN,
         ENCODER,
         POSES,
+        ANGLES,
         EVENTS,
         DYNAMICS_TABLE,
         DYNAMICS_TREE,

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class FitJointsSettings(Settings):
     """Estimator, number of frames, and limits for cautions about joints."""
 
-    estimator: Literal["bundle", "rigid-body", "circle"] = Field(
+    plane_only: ClassVar[Only] = {"estimator": ("rigid-body", "circle"), "lambda_a": ()}
+    space_only: ClassVar[Only] = {"estimator": ("score", "sphere", "helical"), "kinds": (), "humerus": ()}
+
+    estimator: Literal["bundle", "rigid-body", "circle", "score", "sphere", "helical"] = Field(
         "bundle",
-        description="the whole chain; for comparison: pairs of rigid bodies, or the circles of the thesis",
+        description="the whole chain. For comparison in the plane: pairs of rigid bodies, or the circles of the "
+        "thesis; in space: symmetrical centres of rotation, spheres, or helical axes",
+    )
+    kinds: dict[str, Literal["ball", "two-axis", "hinge"]] = Field(
+        {}, description="in space: kinds of joints, by their name; found if not given"
+    )
+    humerus: Literal[1, 2] = Field(
+        1, description="in space: frame of the upper arm by the ISB's first option, or by its second, from the forearm"
     )
     frames: int = Field(400, ge=50, description="number of frames fitted, evenly along the path of the markers")
     lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")
@@ -24,6 +34,10 @@ class FitJointsSettings(Settings):
 
 
 def _function(context: Context) -> Outputs:
+    if context.trial.space == "3d":
+        from mocap_id.stages.fit_joints.space import fit_chain_in_space  # noqa: PLC0415
+
+        return fit_chain_in_space(context)
     from mocap_id.stages.fit_joints.function import fit_joints  # noqa: PLC0415  loads its libraries only when run
 
     return fit_joints(context)
@@ -34,7 +48,7 @@ STAGE = Stage(
     version=7,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
-    uses=(),
+    uses=("space", "landmarks", "pointers", "static", "calibration"),
     settings=FitJointsSettings,
     function=_function,
     help=STAGE_HELP["fit-joints"],

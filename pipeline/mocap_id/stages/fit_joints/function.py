@@ -117,7 +117,7 @@ def _estimate(
         )
     if auxiliary:
         raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` cannot use them")
-    return fit_links(points, segment, settings.estimator)
+    return fit_links(points, segment, "circle" if settings.estimator == "circle" else "rigid-body")
 
 
 def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:

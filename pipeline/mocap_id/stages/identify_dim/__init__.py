@@ -87,6 +87,10 @@ class IdentifyDimSettings(Settings):
 
 
 def _function(context: Context) -> Outputs:
+    if context.trial.space == "3d":
+        from mocap_id.stages.identify_dim.space import identify_in_space  # noqa: PLC0415
+
+        return identify_in_space(context)
     from mocap_id.stages.identify_dim.function import identify_dim  # noqa: PLC0415  loads its libraries only when run
 
     return identify_dim(context)
@@ -97,7 +101,7 @@ STAGE = Stage(
     version=19,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
-    uses=("trial", "protocol", "subject", "compare", "encoder"),
+    uses=("trial", "space", "protocol", "subject", "compare", "encoder"),
     settings=IdentifyDimSettings,
     function=_function,
     help=STAGE_HELP["identify-dim"],

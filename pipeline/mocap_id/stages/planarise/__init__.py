@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class PlanariseSettings(Settings):
     """Units and axes of the recording, and choice of the plane."""
+
+    plane_only: ClassVar[Only] = {"facing": (), "yaw_deg": (), "repair_swaps": (), "seat_zero": ()}
 
     units: Literal["mm", "cm", "m", "in"] | None = Field(
         None, description="length unit of the markers, if the file does not declare it or is wrong"
@@ -43,6 +45,10 @@ class PlanariseSettings(Settings):
 
 
 def _function(context: Context) -> Outputs:
+    if context.trial.space == "3d":
+        from mocap_id.stages.planarise.space import upright_recording  # noqa: PLC0415
+
+        return upright_recording(context)
     from mocap_id.stages.planarise.function import planarise  # noqa: PLC0415  loads its libraries only when run
 
     return planarise(context)
@@ -53,7 +59,7 @@ STAGE = Stage(
     version=7,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "protocol", "window", "plates", "external"),
+    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
     settings=PlanariseSettings,
     function=_function,
     help=STAGE_HELP["planarise"],

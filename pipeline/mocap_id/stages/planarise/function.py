@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.arrays import BoolArray
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.kinematics import PlaneFit, find_bursts, fit_plane, propose_window
+from mocap_id.kinematics import PlaneFit, fit_plane
 from mocap_id.kinematics.base_motion import find_base_motion
 from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
-from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, standing_mass
+from mocap_id.plates import GRAVITY, PlateChoice, choose_plates
 from mocap_id.plates.dropout import find_dropouts
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, facing, upright
-from mocap_id.stages.base import Context, Files, Outputs
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import (
     PlanariseSettings,
     label_swaps,
@@ -29,34 +27,20 @@ from mocap_id.stages.planarise import (
     plate_losses,
     plate_registration,
 )
-from mocap_id.stages.planarise.external_wrenches import ExternalWrenches, UsedFrames, measure_seat, measure_sensors
+from mocap_id.stages.planarise.external_wrenches import UsedFrames, measure_seat, measure_sensors
 from mocap_id.stages.planarise.ground_wrench import ground_wrench, lateral_pressure
+from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
+from mocap_id.stages.planarise.used_part import UsedPart, bursts, read_recording, trajectories, used_part
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
 
 
-@dataclass(frozen=True)
-class _Part:
-    """The frames and markers used: positions (F, M, 3) in the lab, m."""
-
-    source: Recording
-    first: int
-    stop: int
-    labels: tuple[str, ...]
-    positions: FloatArray
-    proposed: bool
-
-    @property
-    def time(self) -> FloatArray:
-        return self.source.time[self.first : self.stop]
-
-
 def planarise(context: Context) -> Outputs:
     """Return planar.parquet and wrench.parquet."""
     settings: PlanariseSettings = context.settings
-    source = _read(context.trial.recording, settings)
-    part = _part(source, context.trial.window, settings.ignore)
+    source = read_recording(context.trial.recording, settings)
+    part = used_part(source, context.trial.window, settings.ignore)
     frames = source.frames[part.first : part.stop]
     swaps = label_swaps.check(
         part.positions, part.labels, frames, part.time, rate=source.rate, repairing=settings.repair_swaps
@@ -84,19 +68,19 @@ def planarise(context: Context) -> Outputs:
     thinned, samples = still, moved_base.undo_in_samples(base, samples, part.time)
     doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    points = _trajectories(part, frame)
+    points = trajectories(part, frame)
     visible = np.isfinite(points["x"])
     moved = moved_base.describe(base, thinned, part.labels, frame, plane)
     found = {
         "swaps": swaps.facts,
-        "bursts": _bursts(part, points),
+        "bursts": bursts(part, points),
         **_planar_facts(part, frame, plane, faced),
         "missing_fraction": float(1.0 - visible.mean()),
         **moved.facts,
     }
     values = {**points, "visible": visible}
     planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, (*swaps.reasons, *moved.reasons, *notes))
-    facts, reasons = _wrench_facts(source, thinned, choice, external, settings.cop_threshold_N)
+    facts, reasons = wrench_facts(source, thinned, choice, external, settings.cop_threshold_N)
     lost = _dropouts(part, samples, thinned, choice, facts["mass_kg"])
     thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
     kept = _without(samples, choice, lost)
@@ -109,57 +93,8 @@ def planarise(context: Context) -> Outputs:
         plate["across_m"] = across
     losses = plate_losses.losses([source.plates[index] for index in choice.indices("feet")], part.time, lost)
     registered = moved_base.without_lean(placed.reasons, plane)
-    reasons = (*_doubts(doubted), *reasons, *losses, *registered, *external.reasons)
+    reasons = (*unit_doubts(doubted), *reasons, *losses, *registered, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
-
-
-def _read(files: Files, settings: PlanariseSettings) -> Recording:
-    return recording.read(
-        files.markers,
-        files.forces,
-        units=settings.units,
-        vertical=settings.vertical,
-        force_unit=settings.force_unit,
-        moment_unit=settings.moment_unit,
-    )
-
-
-def _part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> _Part:
-    """Return the frames of the window, configured or proposed, and the markers visible in it."""
-    file = source.files[0]
-    out = marker_columns(source.labels, ignore, f"{file}: planarise: ignore")
-    keep = [i for i in range(len(source.labels)) if i not in out]
-    visible = _visible(source.positions)[:, keep]
-    if not visible.any():
-        raise RecordingError(
-            f"{file}: no marker is visible in any of its {len(source.frames)} frames ({len(source.labels)} labels); "
-            "track and export the trial again"
-        )
-    if window is None:
-        thinned = ThinnedFrames.of(source.positions, source.time, source.rate)
-        first, stop = (thinned.step * k for k in propose_window(thinned.positions[:, keep], thinned.rate))
-        stop = min(stop, len(source.frames))
-    else:
-        inside = np.flatnonzero((source.time >= window[0] - 1e-9) & (source.time <= window[1] + 1e-9))
-        if inside.size < 2:
-            raise ConfigError(
-                f"{file}: window: [{window[0]:g}, {window[1]:g}] s has fewer than two frames; "
-                f"the recording runs from {source.time[0]:g} to {source.time[-1]:g} s"
-            )
-        first, stop = int(inside[0]), int(inside[-1]) + 1
-    kept = [keep[k] for k in np.flatnonzero(visible[first:stop].any(axis=0))]
-    if not kept:
-        span = f"{source.time[first]:g} to {source.time[stop - 1]:g} s"
-        raise RecordingError(f"{file}: no marker is visible from {span}; choose another `window:`")
-    labels = tuple(source.labels[marker] for marker in kept)
-    proposed = window is None and (first, stop) != (0, len(source.frames))
-    positions = source.positions[first:stop]
-    return _Part(source, first, stop, labels, positions if labels == source.labels else positions[:, kept], proposed)
-
-
-def _visible(positions: FloatArray) -> BoolArray:
-    """Return whether each marker is visible in each frame, (F, M)."""
-    return np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
 
 
 def _plane(
@@ -181,29 +116,7 @@ def _plane(
     return PlaneFrame(yaw, origin), faced, fit
 
 
-def _trajectories(part: _Part, frame: PlaneFrame) -> dict[str, FloatArray]:
-    """Return coordinates (F, M) in the plane, m; NaN where not visible."""
-    x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
-    for some in chunks(len(part.time)):
-        local = frame.to_plane(part.positions[some])
-        local[~_visible(local)] = np.nan
-        x[some], y[some], z[some] = np.moveaxis(local, 2, 0)
-    return {"x": x, "y": y, "z": z}
-
-
-def _bursts(part: _Part, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
-    """Return first and last time, s, of every burst (a jump away and back), for the markers that have any."""
-    found = {}
-    for marker, label in enumerate(part.labels):
-        track = np.stack([values[:, marker] for values in points.values()], axis=1)
-        out = find_bursts(track[:, None], part.source.rate)[:, 0]
-        if out.any():
-            found[label] = [part.time[[run.start, run.stop - 1]].tolist() for run in find_runs(out)]
-    return found
-
-
-def _planar_facts(part: _Part, frame: PlaneFrame, fit: PlaneFit, faced: Facing | None) -> dict[str, Any]:
-    source = part.source
+def _planar_facts(part: UsedPart, frame: PlaneFrame, fit: PlaneFit, faced: Facing | None) -> dict[str, Any]:
     return {
         "plane": {
             "yaw_deg": float(np.degrees(frame.yaw)),
@@ -212,48 +125,12 @@ def _planar_facts(part: _Part, frame: PlaneFrame, fit: PlaneFit, faced: Facing |
             "origin_m": [float(value) for value in frame.origin],
             "facing": None if faced is None else {"rule": faced.rule, "displacement_m": abs(faced.displacement)},
         },
-        "window_s": [float(part.time[0]), float(part.time[-1])],
-        "window_proposed": part.proposed,
-        "rate_hz": source.rate,
-        "vertical": source.vertical,
-        "units": source.units,
-        "format": source.format,
-        "files": [file.name for file in source.files],
+        **part.facts,
     }
-
-
-def _wrench_facts(
-    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, external: ExternalWrenches, threshold: float
-) -> tuple[dict[str, Any], tuple[Reason, ...]]:
-    """Return the facts of wrench.parquet (use of the plates, standing mass) and a reason if no plate is usable."""
-    plates = source.plates
-    feet = choice.indices("feet")
-    mass: float | None = None
-    why: str | None = "the recording has no force plates"
-    reasons: tuple[Reason, ...] = ()
-    if feet:
-        vertical = sum((thinned.samples[index].force[:, 2] for index in feet), np.zeros(len(thinned.time)))
-        mass, why = standing_mass(thinned.positions, thinned.rate, vertical + external.vertical)
-    else:
-        if plates:
-            found = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))
-            why = f"none of the force plates is under the feet ({found})"
-        advice = " If there is a MOT file, name it: `recording: {markers: …, forces: …}`."
-        message = f"{why}: only the kinematics can be identified."
-        reasons = (Reason("no-plate", message + (advice if source.format == "TRC" and not plates else "")),)
-    facts = {
-        "plates": choice.facts(plates),
-        "external": list(external.facts),
-        "mass_kg": mass,
-        "why": why,
-        "analog_rate_hz": source.analog_rate,
-        "cop_threshold_N": threshold,
-    }
-    return facts, reasons
 
 
 def _dropouts(
-    part: _Part, samples: Sequence[PlateSamples], thinned: ThinnedFrames, choice: PlateChoice, mass: float | None
+    part: UsedPart, samples: Sequence[PlateSamples], thinned: ThinnedFrames, choice: PlateChoice, mass: float | None
 ) -> BoolArray:
     """Return frames (F,) in which the feet's plates show no load under a standing person; none without a known mass."""
     if mass is None:
@@ -278,23 +155,11 @@ def _placed(
     return plate_registration.check(plates, loads, thinned.positions, thinned.rate, person=person)
 
 
-def _doubts(assumptions: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution for each assumed unit of the feet's plates; all forces and masses depend on it."""
-    return tuple(
-        Reason(
-            "plate-unit-assumed",
-            f"{assumption}; if the unit is another, give `planarise: {{force_unit: …, moment_unit: …}}`.",
-        )
-        for assumption in assumptions
-    )
-
-
 def _notes(
-    part: _Part, doubted: Sequence[str], faced: Facing | None, settings: PlanariseSettings
+    part: UsedPart, doubted: Sequence[str], faced: Facing | None, settings: PlanariseSettings
 ) -> tuple[Reason, ...]:
     """Return notes about reading the recording that cast no doubt on the results."""
-    oddities = [oddity for oddity in part.source.oddities if oddity not in doubted]
-    notes = [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
+    notes = part.oddities(doubted)
     if part.proposed:
         notes.append(
             Reason(

@@ -46,6 +46,12 @@ def _trial_settings(trial: TrialKeys) -> dict[str, str]:
     shown = {
         "recording": ", ".join(files),
         "protocol": trial.protocol,
+        "space": "" if trial.space == "plane" else trial.space,
+        "side": trial.side or "",
+        "landmarks": ", ".join(f"{name} {label}" for name, label in trial.landmarks.items()),
+        "pointers": ", ".join(f"{name} {file.name}" for name, file in trial.pointers.items()),
+        "static": "" if trial.static is None else f"{trial.static[0]:g} to {trial.static[1]:g} s",
+        "calibration": "" if trial.calibration is None else trial.calibration.trial.name,
         "subject": ", ".join(f"{key} {value}" for key, value in subject.items()),
         "window": "" if trial.window is None else f"{trial.window[0]:g} to {trial.window[1]:g} s",
         "plates": ", ".join(f"{use} {' '.join(map(str, numbers))}" for use, numbers in plates.items()),

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 _Markers: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class SegmentSettings(Settings):
     """Limits and hints for the segmentation."""
+
+    plane_only: ClassVar[Only] = dict.fromkeys(
+        ("joint_markers", "still_limit_m", "planarity_caution", "planarity_limit", "asymmetry_deg"), ()
+    )
 
     count: int | None = Field(None, ge=2, le=9, description="number of segments including the base; found if not given")
     names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
@@ -47,6 +51,10 @@ class SegmentSettings(Settings):
 
 
 def _function(context: Context) -> Outputs:
+    if context.trial.space == "3d":
+        from mocap_id.stages.segment.space import segment_bodies  # noqa: PLC0415
+
+        return segment_bodies(context)
     from mocap_id.stages.segment.function import segment  # noqa: PLC0415  loads its libraries only when run
 
     return segment(context)
@@ -57,7 +65,7 @@ STAGE = Stage(
     version=9,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
-    uses=("protocol",),
+    uses=("space", "protocol", "calibration"),
     settings=SegmentSettings,
     function=_function,
     help=STAGE_HELP["segment"],

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class UkfSmoothSettings(Settings):
     """Method, noise and gate of the filter."""
+
+    plane_only: ClassVar[Only] = {
+        "method": ("two-filter", "butterworth", "spline", "encoder"),
+        "engine": ("filterpy",),
+        **dict.fromkeys(("butterworth_hz", "encoder_offset_limit_s", "encoder_position_sd", "encoder_velocity_sd"), ()),
+    }
 
     method: Literal["rts", "two-filter", "butterworth", "spline", "encoder"] = Field(
         "rts",
@@ -52,6 +58,10 @@ class UkfSmoothSettings(Settings):
 
 
 def _function(context: Context) -> Outputs:
+    if context.trial.space == "3d":
+        from mocap_id.stages.ukf_smooth.space import smooth_rotations  # noqa: PLC0415
+
+        return smooth_rotations(context)
     from mocap_id.stages.ukf_smooth.function import ukf_smooth  # noqa: PLC0415  loads its libraries only when run
 
     return ukf_smooth(context)
@@ -59,10 +69,13 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=9,
+    version=10,
     inputs=("planar.parquet", "segments.parquet", "chain.h5"),
-    outputs=("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
-    uses=("encoder",),
+    outputs=(
+        *("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
+        "angles.parquet",
+    ),
+    uses=("space", "encoder"),
     settings=UkfSmoothSettings,
     function=_function,
     help=STAGE_HELP["ukf-smooth"],

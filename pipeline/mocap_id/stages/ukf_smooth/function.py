@@ -33,7 +33,7 @@ from mocap_id.stages.ukf_smooth.noise_reasons import (
 from mocap_id.stages.ukf_smooth.predicted_markers import predicted_markers
 from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, assumed_skin, known_skin, lasting_errors
 from mocap_id.store import LongTable, Table, Tree
-from mocap_id.store.schemas import MARKERS, STATES
+from mocap_id.store.schemas import ANGLES, MARKERS, STATES
 from mocap_id.store.views import Skeleton, Trajectories
 from mocap_id.verdict import Reason
 
@@ -41,7 +41,7 @@ _JITTER = 0.25  # of a frame; rounding to milliseconds causes this at 500 Hz
 
 
 def ukf_smooth(context: Context) -> Outputs:
-    """Return states.parquet, markers.parquet, skin.h5, encoder.parquet and poses.parquet."""
+    """Return states.parquet, markers.parquet, skin.h5, encoder.parquet, poses.parquet and an empty angles.parquet."""
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
@@ -78,6 +78,7 @@ def ukf_smooth(context: Context) -> Outputs:
         slips,
         encoder,
         poses,
+        Table(ANGLES, {"time": view.time}),
     )
 
 

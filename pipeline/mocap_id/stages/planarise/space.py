@@ -1,0 +1,75 @@
+"""Function of the stage planarise for a trial in space: turns the recording upright."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.kinematics import fit_plane
+from mocap_id.plates import choose_plates
+from mocap_id.recording import ThinnedFrames
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.planarise import PlanariseSettings
+from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
+from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space
+from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
+from mocap_id.stages.planarise.used_part import bursts, read_recording, trajectories, used_part
+from mocap_id.store import LongTable, Table
+from mocap_id.store.schemas import PLANAR, WRENCH
+from mocap_id.verdict import Reason
+
+_PLANAR = 0.01
+"""Share of the motion out of the best vertical plane below which a trial in the plane would do."""
+
+
+def upright_recording(context: Context) -> Outputs:
+    """Return planar.parquet and wrench.parquet of a trial in space.
+
+    The frame is that of the lab with y up: x is the file's first horizontal axis, z = x × y. A left arm is mirrored.
+    """
+    settings: PlanariseSettings = context.settings
+    source = read_recording(context.trial.recording, settings)
+    window = context.trial.window or (float(source.time[0]), float(source.time[-1]))
+    part = used_part(source, window, settings.ignore)
+    left = context.trial.side == "left"
+    frame = PlaneFrame(0.0)
+    points = trajectories(part, frame)
+    if left:
+        points["z"] = -points["z"]
+    visible = np.isfinite(points["x"])
+    thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
+    planarity = fit_plane(thinned.positions).planarity
+    found = {
+        "space": "3d",
+        "side": "left" if left else "right",
+        "bursts": bursts(part, points),
+        "plane": {"yaw_deg": 0.0, "planarity": planarity, "lean_deg": 0.0, "origin_m": [0.0, 0.0, 0.0], "facing": None},
+        **part.facts,
+        "missing_fraction": float(1.0 - visible.mean()),
+    }
+    choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=context.trial.plates.feet, seat=())
+    doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
+    notes = (*part.oddities(doubted), *_planar(planarity))
+    planar = LongTable(PLANAR, part.frames, part.time, part.labels, {**points, "visible": visible}, found, notes)
+    samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
+    facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)
+    threshold = settings.cop_threshold_N
+    columns = ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
+    return planar, Table(WRENCH, columns, facts, (*unit_doubts(doubted), *reasons))
+
+
+def _planar(planarity: float) -> tuple[Reason, ...]:
+    """Return a note if the motion is that of a trial in the plane."""
+    if planarity > _PLANAR:
+        return ()
+    return (
+        Reason(
+            "planar-motion",
+            f"all markers move in one vertical plane ({100 * (1 - planarity):.1f} % of the motion): a trial with "
+            "`space: plane` would do, and would also give the dynamics of a person.",
+            planarity,
+            _PLANAR,
+            level="ok",
+        ),
+    )

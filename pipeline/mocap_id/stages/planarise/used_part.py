@@ -1,0 +1,130 @@
+"""The part of a recording that is used: markers and frames, their coordinates in the trial's frame, bursts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.kinematics import find_bursts, propose_window
+from mocap_id.recording import Recording, ThinnedFrames
+from mocap_id.stages.base import Files
+from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.planarise import PlanariseSettings
+from mocap_id.verdict import Reason
+
+
+@dataclass(frozen=True)
+class UsedPart:
+    """The frames and markers used: positions (F, M, 3) in the lab, m."""
+
+    source: Recording
+    first: int
+    stop: int
+    labels: tuple[str, ...]
+    positions: FloatArray
+    proposed: bool
+
+    @property
+    def time(self) -> FloatArray:
+        return self.source.time[self.first : self.stop]
+
+    @property
+    def frames(self) -> IntArray:
+        """(F,) frame numbers of the recording."""
+        return self.source.frames[self.first : self.stop]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Facts of planar.parquet about the recording and its window."""
+        source = self.source
+        return {
+            "window_s": [float(self.time[0]), float(self.time[-1])],
+            "window_proposed": self.proposed,
+            "rate_hz": source.rate,
+            "vertical": source.vertical,
+            "units": source.units,
+            "format": source.format,
+            "files": [file.name for file in source.files],
+        }
+
+    def oddities(self, doubted: Sequence[str]) -> list[Reason]:
+        """Return notes about the file, without those that are already doubts."""
+        found = [oddity for oddity in self.source.oddities if oddity not in doubted]
+        return [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in found]
+
+
+def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
+    return recording.read(
+        files.markers,
+        files.forces,
+        units=settings.units,
+        vertical=settings.vertical,
+        force_unit=settings.force_unit,
+        moment_unit=settings.moment_unit,
+    )
+
+
+def used_part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> UsedPart:
+    """Return the frames of the window, configured or proposed, and the markers visible in it."""
+    file = source.files[0]
+    out = marker_columns(source.labels, ignore, f"{file}: planarise: ignore")
+    keep = [i for i in range(len(source.labels)) if i not in out]
+    visible = _visible(source.positions)[:, keep]
+    if not visible.any():
+        raise RecordingError(
+            f"{file}: no marker is visible in any of its {len(source.frames)} frames ({len(source.labels)} labels); "
+            "track and export the trial again"
+        )
+    if window is None:
+        thinned = ThinnedFrames.of(source.positions, source.time, source.rate)
+        first, stop = (thinned.step * k for k in propose_window(thinned.positions[:, keep], thinned.rate))
+        stop = min(stop, len(source.frames))
+    else:
+        inside = np.flatnonzero((source.time >= window[0] - 1e-9) & (source.time <= window[1] + 1e-9))
+        if inside.size < 2:
+            raise ConfigError(
+                f"{file}: window: [{window[0]:g}, {window[1]:g}] s has fewer than two frames; "
+                f"the recording runs from {source.time[0]:g} to {source.time[-1]:g} s"
+            )
+        first, stop = int(inside[0]), int(inside[-1]) + 1
+    kept = [keep[k] for k in np.flatnonzero(visible[first:stop].any(axis=0))]
+    if not kept:
+        span = f"{source.time[first]:g} to {source.time[stop - 1]:g} s"
+        raise RecordingError(f"{file}: no marker is visible from {span}; choose another `window:`")
+    labels = tuple(source.labels[marker] for marker in kept)
+    proposed = window is None and (first, stop) != (0, len(source.frames))
+    positions = source.positions[first:stop]
+    return UsedPart(source, first, stop, labels, positions if labels == source.labels else positions[:, kept], proposed)
+
+
+def _visible(positions: FloatArray) -> BoolArray:
+    """Return whether each marker is visible in each frame, (F, M)."""
+    return np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
+
+
+def trajectories(part: UsedPart, frame: PlaneFrame) -> dict[str, FloatArray]:
+    """Return coordinates (F, M) in the plane, m; NaN where not visible."""
+    x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
+    for some in chunks(len(part.time)):
+        local = frame.to_plane(part.positions[some])
+        local[~_visible(local)] = np.nan
+        x[some], y[some], z[some] = np.moveaxis(local, 2, 0)
+    return {"x": x, "y": y, "z": z}
+
+
+def bursts(part: UsedPart, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
+    """Return first and last time, s, of every burst (a jump away and back), for the markers that have any."""
+    found = {}
+    for marker, label in enumerate(part.labels):
+        track = np.stack([values[:, marker] for values in points.values()], axis=1)
+        out = find_bursts(track[:, None], part.source.rate)[:, 0]
+        if out.any():
+            found[label] = [part.time[[run.start, run.stop - 1]].tolist() for run in find_runs(out)]
+    return found
