@@ -5,6 +5,7 @@ These are docs/commands.md, docs/settings.md, the columns in docs/formats.md, an
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,7 +33,8 @@ def pages(root: Path) -> dict[Path, str]:
         formats: _before(formats, COLUMNS_MARK) + columns(),
     }
     for file in sorted((root / "configs").glob("*.yaml")):
-        made[file] = _before(file, SETTINGS_MARK) + settings_yaml()
+        head = _before(file, SETTINGS_MARK)
+        made[file] = head + settings_yaml(space="3d" if re.search(r"^space: 3d", head, re.MULTILINE) else "plane")
     return made
 
 
@@ -66,13 +68,10 @@ def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
     yield "| name | type | unit | meaning |"
     yield "|---|---|---|---|"
     yield from map(_row, schema.columns if isinstance(schema, TableSchema) else schema.nodes)
-    if not isinstance(schema, TableSchema):
-        return
-    kinds = "plate" if any(column.name.endswith("_p{k}") for column in schema.repeated) else "joint"
-    groups = [(f"and for every {kinds} k:", schema.repeated)] if schema.repeated else []
-    for group in schema.optional:
-        every = ", for every sensor k" if "{k}" in group[0].name else ""
-        groups.append((f"and, where there are such forces{every}:", group))
+    repeated = schema.repeated if isinstance(schema, TableSchema) else ()
+    kinds = "plate" if any(column.name.endswith("_p{k}") for column in repeated) else "joint"
+    groups = [(f"and for every {kinds} k:", repeated)] if repeated else []
+    groups += [(_when(group), group) for group in schema.optional]
     for about, group in groups:
         yield f"\n{about}\n"
         yield "| name | type | unit | meaning |"
@@ -80,8 +79,18 @@ def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
         yield from map(_row, group)
 
 
+def _when(group: tuple[Column, ...]) -> str:
+    """Return when a group of columns is present."""
+    if any("{name}" in column.name for column in group):
+        return "and, in space, for every segment or angle NAME:"
+    if group[0].meaning.startswith("in space") or "/" in group[0].name or group[0].name == "isb_condition":
+        return "and, in space:"
+    return f"and, where there are such forces{', for every sensor k' if '{k}' in group[0].name else ''}:"
+
+
 def _row(column: Column) -> str:
-    return f"| `{column.name.replace('{k}', 'k')}` | {column.dtype} | {column.unit or '–'} | {column.meaning} |"
+    name = column.name.replace("{k}", "k").replace("{name}", "NAME")
+    return f"| `{name}` | {column.dtype} | {column.unit or '–'} | {column.meaning} |"
 
 
 def _before(file: Path, mark: str) -> str:

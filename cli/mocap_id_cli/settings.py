@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import TrialKeys
+from mocap_id.stages.base import Settings, TrialKeys
 
+Space: TypeAlias = Literal["plane", "3d"]
 _PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts", "list of texts": "lists of texts"}
 
 
-def settings_yaml(stages: Sequence[Stage] = STAGES) -> str:
-    """Return the settings of each stage with their defaults, all commented out.
+def settings_yaml(stages: Sequence[Stage] = STAGES, space: Space = "plane") -> str:
+    """Return the settings of each stage that exist in a space with their defaults, all commented out.
 
     A line that starts with ``#`` and a blank is a remark; removing the ``#`` from all other lines gives valid YAML.
     """
-    return "\n".join(line for stage in stages if stage.settings.model_fields for line in _section(stage))
+    return "\n".join(line for stage in stages if stage.settings.model_fields for line in _section(stage, space))
+
+
+def settings_in(settings: type[Settings], space: Space) -> tuple[str, ...]:
+    """Return the names of a stage's settings that exist in a space."""
+    other = settings.plane_only if space == "3d" else settings.space_only
+    return tuple(name for name in settings.model_fields if name not in other or other[name])
 
 
 def settings_page(stages: Sequence[Stage] = STAGES) -> str:
@@ -40,10 +47,11 @@ def settings_page(stages: Sequence[Stage] = STAGES) -> str:
     return "\n".join(lines)
 
 
-def _section(stage: Stage) -> Iterator[str]:
+def _section(stage: Stage, space: Space) -> Iterator[str]:
     yield f"# {stage.help}"
     yield f"#{stage.name}:"
-    for name, field in stage.settings.model_fields.items():
+    for name in settings_in(stage.settings, space):
+        field = stage.settings.model_fields[name]
         yield f"#  {name}: {_default(field)}  # {field.description}"
     yield ""
 

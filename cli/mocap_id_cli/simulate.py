@@ -1,6 +1,8 @@
 """``mocap-id simulate``: trials, robot studies and cohorts whose truth is known.
 
-The options of the commands, with their defaults and help texts, are the fields of :class:`mocap_id.simulation.Options`.
+The options of the commands, with their defaults and help texts, are the fields of :class:`mocap_id.simulation.Options`,
+and for trials in space those of :class:`~mocap_id.simulation.arm.ArmOptions` and
+:class:`~mocap_id.simulation.arm.ChainOptions`.
 """
 
 from __future__ import annotations
@@ -10,15 +12,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args, get_type_hints
+from typing import Annotated, Any, TypeAlias, cast, get_args, get_type_hints
 
 import typer
 
 from mocap_id import simulation
 from mocap_id.simulation import Cohort, Kind, Options, PersonOptions, RobotSet, Strategy
+from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
 from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
+_AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions
 _TEXTS = {"people": read_people, "faults": read_faults}
 _HELP = {
     "people": "Differences between the person and rigid segments on pins: "
@@ -41,16 +45,22 @@ def commands() -> typer.Typer:
         rich_markup_mode=None,
         help="Simulate recordings whose exact truth is known.",
     )
-    every = tuple(each.name for each in fields(Options) if each.name != "subject")
+    every = tuple(name for name in _names(Options()) if name != "subject")
     for kind in get_args(Kind):
         app.command(kind)(_with_options(partial(_trial, kind), _trial.__doc__, Options(), every))
+    for name, write, defaults in (("arm", _arm, ArmOptions()), ("chain", _chain, ChainOptions())):
+        app.command(name)(_with_options(write, write.__doc__, defaults, _names(defaults)))
     app.command("robot-set")(_with_options(_robot_set, _robot_set.__doc__, RobotSet().options, _ROBOT_SET))
     app.command("cohort")(_with_options(_cohort, _cohort.__doc__, Cohort().options, _COHORT))
     return app
 
 
+def _names(options: _AnyOptions) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(options))
+
+
 def _with_options(
-    simulate: Callable[..., Path], doc: str | None, defaults: Options, names: tuple[str, ...]
+    simulate: Callable[..., Path], doc: str | None, defaults: _AnyOptions, names: tuple[str, ...]
 ) -> Callable[..., None]:
     """Return a command with the parameters of ``simulate`` and, in place of ``options``, the options named."""
 
@@ -69,9 +79,9 @@ def _with_options(
     return command
 
 
-def _parameters(defaults: Options, names: tuple[str, ...]) -> Iterator[inspect.Parameter]:
-    types = get_type_hints(Options)
-    for each in fields(Options):
+def _parameters(defaults: _AnyOptions, names: tuple[str, ...]) -> Iterator[inspect.Parameter]:
+    types = get_type_hints(type(defaults))
+    for each in fields(defaults):
         if each.name not in names:
             continue
         kind, option = types[each.name], typer.Option(getattr(defaults, each.name), help=each.metadata.get("help"))
@@ -83,6 +93,16 @@ def _parameters(defaults: Options, names: tuple[str, ...]) -> Iterator[inspect.P
 def _trial(kind: Kind, folder: Folder, *, options: Options) -> Path:
     """Simulate a recording with its exact truth and a trial.yaml that is ready to run."""
     return simulation.simulate(kind, folder, options)
+
+
+def _arm(folder: Folder, *, options: ArmOptions) -> Path:
+    """Simulate an arm that reaches or curls, in space, with its exact truth and a trial.yaml that is ready to run."""
+    return write_arm(folder, options)
+
+
+def _chain(folder: Folder, *, options: ChainOptions) -> Path:
+    """Simulate a chain of bodies without names, in space, with its exact truth and a trial.yaml ready to run."""
+    return write_chain(folder, options)
 
 
 def _robot_set(

@@ -79,9 +79,9 @@ def test_the_bridge_is_the_conditional_mean_of_a_markov_process() -> None:
     values = np.array([[0.004, -0.001], [-0.002, 0.003]])
     expected = between @ np.linalg.solve(among, values)
     before, after = (np.tile(value, (length - 1, 1)) for value in values)
-    found = dropouts._bridge(before, after, since / memory, (length - since) / memory)
+    found = dropouts.bridge(before, after, since / memory, (length - since) / memory)
     np.testing.assert_allclose(found, expected, atol=1e-12)
-    alone = dropouts._bridge(before, after, since / memory, np.full(length - 1, np.inf))
+    alone = dropouts.bridge(before, after, since / memory, np.full(length - 1, np.inf))
     np.testing.assert_allclose(alone, between[:, :1] * values[0], atol=1e-12)
 
 

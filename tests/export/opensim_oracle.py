@@ -93,8 +93,9 @@ found = {
     "mass": model.getTotalMass(state),
     "bodies": model.getNumBodies(),
     "markers": model.getMarkerSet().getSize(),
-    "dynamics": dynamics(trial),
 }
+if (folder / f"{trial}_states.sto").exists():
+    found["dynamics"] = dynamics(trial)
 if markers.exists():
     found["kinematics"] = kinematics()
 if (folder / f"{trial}_id.xml").exists():

@@ -8,6 +8,7 @@ from pathlib import Path
 import mocap_id
 from mocap_id.reporting.explanations import EXPLANATIONS, as_markdown
 from mocap_id.reporting.explanations.contact import CONTACT
+from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
@@ -47,7 +48,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, LANDMARKS, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

@@ -2,15 +2,59 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from mocap_id.dynamics.excitation import LOST, Excitation
+from mocap_id.dynamics.filtered_trial import FilteredTrial
+from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.optimality import PROVEN
+from mocap_id.dynamics.optimality import PROVEN, SolverAnswer
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.verdict import Reason
 
 _BOUNDED = 0.05  # relative increase of the cost by physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # standard deviations; s
+
+
+class CheckedSolution(Protocol):
+    """A solution among possible bodies, with the solver's report."""
+
+    @property
+    def answer(self) -> SolverAnswer: ...
+
+    @property
+    def price(self) -> float: ...
+
+
+class FittedModel(Protocol):
+    """An identification in the plane or in space."""
+
+    @property
+    def fit(self) -> Fit: ...
+
+    @property
+    def offset_sd(self) -> float: ...
+
+    @property
+    def solution(self) -> CheckedSolution: ...
+
+
+def find_cautions_in_space(
+    trial: FilteredTrial, found: FittedModel, excited: Excitation, recommendation: str
+) -> tuple[Reason, ...]:
+    """Return the reasons for the verdict of a trial in space: clock, solver, consistency and weak parameters.
+
+    Parameters
+    ----------
+    trial : FilteredTrial
+    found : FittedModel
+    excited : Excitation
+    recommendation : str
+        Sentence on the movement that would determine the weak parameters better.
+    """
+    reasons = (_clock(trial, found), _solver(found), _bounded(found), _weakly_known(excited, recommendation))
+    return tuple(reason for reason in reasons if reason is not None)
 
 
 def find_cautions(
@@ -54,7 +98,7 @@ def identified_mass(prepared: PreparedTrial, found: Identification) -> float | N
     return float(found.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
-def _clock(prepared: PreparedTrial, found: Identification) -> Reason | None:
+def _clock(prepared: FilteredTrial, found: FittedModel) -> Reason | None:
     if found.fit.offset_known:
         return None if prepared.settings.apply_offset else _offset_kept(found)
     limit = prepared.settings.offset_limit
@@ -68,7 +112,7 @@ def _clock(prepared: PreparedTrial, found: Identification) -> Reason | None:
     )
 
 
-def _offset_kept(found: Identification) -> Reason | None:
+def _offset_kept(found: FittedModel) -> Reason | None:
     """Return a caution if the settings leave a significant clock offset uncorrected."""
     offset, limit = abs(found.fit.found), max(_OFFSET_SEEN * found.offset_sd, _OFFSET_LEAST)
     if offset <= limit:
@@ -95,7 +139,7 @@ def _cone(found: Identification) -> Reason | None:
     )
 
 
-def _solver(found: Identification) -> Reason | None:
+def _solver(found: FittedModel) -> Reason | None:
     answer = found.solution.answer
     if not answer.optimality.proven:
         return Reason(
@@ -115,7 +159,7 @@ def _solver(found: Identification) -> Reason | None:
     )
 
 
-def _bounded(found: Identification) -> Reason | None:
+def _bounded(found: FittedModel) -> Reason | None:
     price = found.solution.price
     if price <= _BOUNDED:
         return None

@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.consistency_cone import LENGTH, UNITS, ConeBodies
+from mocap_id.dynamics.consistency_cone import LENGTH, ConeBodies, ConicBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 
@@ -20,7 +20,7 @@ _DEPENDENT = 1e-10  # of the largest singular value
 _ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
 
 
-def solve_links(problem: CompressedProblem, bodies: ConeBodies) -> SolverAnswer:
+def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer:
     """Minimise ‖R · mapping · body - d‖² over possible links.
 
     Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
@@ -30,7 +30,7 @@ def solve_links(problem: CompressedProblem, bodies: ConeBodies) -> SolverAnswer:
     ----------
     problem : CompressedProblem
         b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
-    bodies : ConeBodies
+    bodies : ConicBodies
 
     Returns
     -------
@@ -54,7 +54,7 @@ def solve_links(problem: CompressedProblem, bodies: ConeBodies) -> SolverAnswer:
 
 
 def conic_step(
-    mapped: FloatArray, target: FloatArray, bodies: ConeBodies, body: FloatArray
+    mapped: FloatArray, target: FloatArray, bodies: ConicBodies, body: FloatArray
 ) -> tuple[FloatArray, str, int]:
     """Find the step that minimises ‖mapped · step - target‖² with body + step in the cone.
 
@@ -62,7 +62,7 @@ def conic_step(
     ----------
     mapped : (b, v) array
     target : (b,) array
-    bodies : ConeBodies
+    bodies : ConicBodies
     body : (v,) array
         Start, in the cone.
 
@@ -75,18 +75,18 @@ def conic_step(
     int
         Number of iterations.
     """
-    units = np.tile(UNITS, bodies.links)
+    units = bodies.units
     size, length = float(np.linalg.norm(mapped * units, axis=0).max()), float(np.linalg.norm(target))
     if min(size, length) < _TINY:
         return np.zeros_like(body), "nothing to fit", 0
-    sides, groups = _sides(bodies)
+    sides, cones = bodies.sides()
     rows, base = mapped * units / size, len(target)
-    solution, status, iterations = _solve(
+    solution, status, iterations = solve_cones(
         quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
         linear=np.concatenate([np.zeros(len(body)), -target / length]),
         matrix=np.block([[rows, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
         bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
-        groups=(base, *groups),
+        cones=(("zero", base), *cones),
     )
     return solution[: len(body)] * units * (length / size), status, iterations
 
@@ -113,7 +113,7 @@ def closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: 
     found = limits.settled(body)
     directions = null_space(bodies.mapping, rcond=_DEPENDENT)
     if directions.shape[1]:
-        moved = found + directions @ _closest_step(limits, found, directions, (aim - found) / scale, scale)
+        moved = found + directions @ closest_step(limits, found, directions, (aim - found) / scale, scale)
         found = limits.settled(moved) if limits.outside(moved) <= _ROUNDING else found
     found[[4 * link + 3 for link in hollow]] = np.nan
     return found
@@ -126,46 +126,72 @@ def _hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
     return not bodies.limited(link) and bool(mass <= least < max(first) / LENGTH)
 
 
-def _closest_step(
-    limits: ConeBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
+def closest_step(
+    limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the steps along directions (v, d) from ``start`` that end closest to the target; NaN if none is found."""
-    sides, groups = _sides(limits)
+    """Return the steps along directions from ``start`` that end closest to a target; NaN if none is found.
+
+    Parameters
+    ----------
+    limits : ConicBodies
+    start : (v,) array
+        A body inside the cone.
+    directions : (v, d) array
+    distance : (v,) array
+        Target minus start, divided by the scale.
+    scale : (v,) array
+        Standard deviations of the target.
+
+    Returns
+    -------
+    (d,) array
+    """
+    sides, cones = limits.sides()
     rows = directions / scale[:, None]
-    step, _, _ = _solve(
+    step, _, _ = solve_cones(
         quadratic=sparse.csc_matrix(rows.T @ rows),
         linear=-rows.T @ distance,
         matrix=-sides @ directions,
         bound=sides @ start,
-        groups=(0, *groups),
+        cones=(("zero", 0), *cones),
     )
     return step
 
 
-def _sides(bodies: ConeBodies) -> tuple[FloatArray, tuple[int, int]]:
-    """Return the rows of all conditions of the cone, second-order cones first, and the number of each kind."""
-    round_, flat = bodies.round_sides(), bodies.flat_sides()
-    return np.vstack([*round_, flat]), (len(round_), len(flat))
-
-
-def _solve(
+def solve_cones(
     quadratic: sparse.csc_matrix,
     linear: FloatArray,
     matrix: FloatArray,
     bound: FloatArray,
-    groups: tuple[int, int, int],
+    cones: tuple[tuple[str, int], ...],
+    *,
+    accuracy: float = _ACCURACY,
+    regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
     """Run Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in the cones: x, status, iterations.
 
-    ``groups`` counts the rows that are zero, the second-order cones of four rows, and the rows that are not negative.
+    ``regularization`` is Clarabel's constant on the diagonal of its equations; None for the default. The solution is
+    NaN if Clarabel stops by an internal error.
     """
     import clarabel  # noqa: PLC0415  not needed for a grid
 
-    zero, round_, flat = groups
-    cones = [clarabel.ZeroConeT(zero), *[clarabel.SecondOrderConeT(4)] * round_, clarabel.NonnegativeConeT(flat)]
+    kinds = {
+        "zero": clarabel.ZeroConeT,
+        "round": clarabel.SecondOrderConeT,
+        "flat": clarabel.NonnegativeConeT,
+        "semidefinite": clarabel.PSDTriangleConeT,
+    }
+    limits = [kinds[kind](size) for kind, size in cones]
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_iter = False, _ITERATIONS
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+    if regularization is not None:
+        settings.static_regularization_constant = regularization
     upper = sparse.csc_matrix(sparse.triu(quadratic))
-    solution = clarabel.DefaultSolver(upper, linear, sparse.csc_matrix(matrix), bound, cones, settings).solve()
+    try:
+        solution = clarabel.DefaultSolver(upper, linear, sparse.csc_matrix(matrix), bound, limits, settings).solve()
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # of its eigenvalue routine; not an Exception
+            raise
+        return np.full(len(linear), np.nan), "stopped by an internal error", 0
     return np.asarray(solution.x, dtype=np.float64), str(solution.status), int(solution.iterations)

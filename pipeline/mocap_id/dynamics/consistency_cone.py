@@ -14,16 +14,40 @@ This is the limit of the point masses on ever finer grids over the box.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.optimality import BodyCone
 
 LENGTH = 0.3
 """Unit of length in which the parameters of a segment have similar sizes, m."""
 UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
 """Divisors of a link's m, mx, my and Izz that convert all four to kg."""
-_FAR = 10.0  # m: without a box, masses are searched up to this distance
+FAR = 10.0
+"""Without a box, masses are searched up to this distance, m."""
+ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
+
+
+class ConicBodies(BodyCone, Protocol):
+    """Bodies whose conditions are cones of Clarabel."""
+
+    @property
+    def units(self) -> FloatArray:
+        """Divisors (v,) of a body's numbers that convert all of them to kg."""
+        ...
+
+    def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
+        """Return rows (r, v) whose products with a body must be in cones, and the kind and size of each cone.
+
+        The size of a round cone and of a flat one is its number of rows; that of a semidefinite one the matrix's.
+        """
+        ...
+
+    def settled(self, body: FloatArray) -> FloatArray:
+        """Return the body (v,) without rounding errors: inside the cone."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -45,6 +69,17 @@ class ConeBodies:
     def links(self) -> int:
         """Number of links, base included."""
         return int(self.mapping.shape[1] // 4)
+
+    @property
+    def units(self) -> FloatArray:
+        """Divisors (4(n + 1),) of the full parameters that convert all of them to kg."""
+        return np.tile(UNITS, self.links)
+
+    def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
+        """Return the rows of all conditions, second-order cones first, and the kind and size of each cone."""
+        round_, flat = self.round_sides(), self.flat_sides()
+        cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
+        return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
 
     def limited(self, link: int) -> bool:
         """Return whether the cone limits the link's first moments; it does not if Izz is unobservable."""
@@ -91,7 +126,7 @@ class ConeBodies:
         columns = np.zeros((len(prices), self.links))
         for link in range(self.links):
             _, mx, my, izz = prices[4 * link : 4 * link + 4]
-            (x0, y0), (x1, y1) = [[-_FAR] * 2, [_FAR] * 2] if self.boxes is None else self.boxes[link]
+            (x0, y0), (x1, y1) = [[-FAR] * 2, [FAR] * 2] if self.boxes is None else self.boxes[link]
             x, y = _lowest(mx, izz, x0, x1), _lowest(my, izz, y0, y1)
             columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
         return columns

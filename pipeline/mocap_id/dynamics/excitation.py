@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import base_names
-from mocap_id.dynamics.fit import DEPENDENT
+from mocap_id.dynamics.fit import DEPENDENT, Fit
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.uncertainty import unit_covariance
@@ -75,10 +75,24 @@ def excitation(prepared: PreparedTrial, found: Identification, weak: float = WEA
         Relative standard deviation above which a parameter is weak.
     """
     size = parameter_sizes(prepared, found)
-    relative = found.base_sd / np.maximum(size, 1e-300)
-    own, share = _own_parts(found.fit.design, found.fit.base)
+    return judge(base_names(prepared.base, prepared.recorded.centres), found.fit, found.base_sd, size, weak)
+
+
+def judge(names: tuple[str, ...], found: Fit, base_sd: FloatArray, size: FloatArray, weak: float = WEAK) -> Excitation:
+    """Classify base parameters by their standard deviations and sizes (b,), SI.
+
+    Parameters
+    ----------
+    names : tuple of str, length b
+    found : Fit
+    base_sd, size : (b,) arrays
+    weak : float
+        Relative standard deviation above which a parameter is weak.
+    """
+    relative = base_sd / np.maximum(size, 1e-300)
+    own, share = _own_parts(found.design, found.base)
     return Excitation(
-        names=base_names(prepared.base, prepared.recorded.centres),
+        names=names,
         verdict=tuple(
             "not identifiable" if s < 1.0 / DEPENDENT else classify(r, weak)
             for r, s in zip(relative, share, strict=True)

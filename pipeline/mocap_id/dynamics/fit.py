@@ -11,10 +11,10 @@ from scipy.linalg import solve_triangular
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base_parameters import triangular_factor
 from mocap_id.dynamics.clock_offset import profile_offset
+from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
 from mocap_id.dynamics.lowpass import erode
-from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.prior_weight import REFERENCE, left_out_memory
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
@@ -37,9 +37,9 @@ class Fit:
     in_fit : (T,) bool array
         Usable samples within the gate, without the filter's reach at its edges.
     samples : (R,) int array
-        Indices of the samples used in the fit: every :attr:`PreparedTrial.step`-th of ``in_fit``.
+        Indices of the samples used in the fit: every :attr:`FilteredTrial.step`-th of ``in_fit``.
     base : int
-        Number of base parameters b; the k nuisance parameters (the plate's bias in Fx) follow them.
+        Number of base parameters b; the k nuisance parameters (constant errors of the plate) follow them.
     found, offset_sd : float
         Clock offset with the least residual and its standard deviation from the residuals, s. At the limit of the
         search there is no minimum.
@@ -100,12 +100,12 @@ class Fit:
         return np.asarray(own.T @ own)
 
 
-def select(prepared: PreparedTrial, gate: BoolArray) -> BoolArray:
+def select(prepared: FilteredTrial, gate: BoolArray) -> BoolArray:
     """Return the samples to fit: usable ones within the gate, without the filter's reach at its edges."""
     return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
 
 
-def determined(prepared: PreparedTrial, gate: BoolArray) -> bool:
+def determined(prepared: FilteredTrial, gate: BoolArray) -> bool:
     """Return whether the gated samples determine the base parameters: a second of them, and no dependent columns.
 
     Columns are dependent if a joint rests throughout the gated samples.
@@ -119,12 +119,12 @@ def determined(prepared: PreparedTrial, gate: BoolArray) -> bool:
     return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
-def fit(prepared: PreparedTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
+def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset to the gated samples.
 
     Parameters
     ----------
-    prepared : PreparedTrial
+    prepared : FilteredTrial
     gate : (T,) bool array
         Samples in which the body touches only the ground.
     like : Fit, optional
@@ -174,7 +174,7 @@ def fit(prepared: PreparedTrial, gate: BoolArray, like: Fit | None = None) -> Fi
 
 
 def _searched(
-    prepared: PreparedTrial, gate: BoolArray, samples: IntArray, design: FloatArray
+    prepared: FilteredTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
     """Return weights without and with the share of independent samples, clock offset, and whether it is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
@@ -203,26 +203,27 @@ def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> Comp
     return CompressedProblem.of(rows, aim)
 
 
-def _design(prepared: PreparedTrial, samples: IntArray) -> FloatArray:
-    """Return the rows (R, c, b + k): filtered base columns and the nuisance column.
+def _design(prepared: FilteredTrial, samples: IntArray) -> FloatArray:
+    """Return the rows (R, c, b + k): filtered base columns and the nuisance columns.
 
     A constant error of Fx can be estimated, since gravity causes no constant Fx. A constant error of Fy or tauz has the
     same column as m1 or mx1; it cannot be separated and remains in these parameters.
     """
     components = prepared.settings.components
     rows = prepared.filtered[samples][:, list(components), :]
-    if not prepared.settings.plate_bias or 0 not in components:
+    if not prepared.constants:
         return rows
-    bias = np.zeros((*rows.shape[:2], 1))
-    bias[:, components.index(0), 0] = 1.0
+    bias = np.zeros((*rows.shape[:2], len(prepared.constants)))
+    for column, component in enumerate(prepared.constants):
+        bias[:, components.index(component), column] = 1.0
     return np.concatenate([rows, bias], axis=-1)
 
 
-def _measured(prepared: PreparedTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
+def _measured(prepared: FilteredTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
     return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
-def _prior_rows(prepared: PreparedTrial, design: FloatArray) -> Rows | None:
+def _prior_rows(prepared: FilteredTrial, design: FloatArray) -> Rows | None:
     return None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
 
 
@@ -231,7 +232,7 @@ def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> Flo
     return target - design @ _problem(design, target, prior).free_solution()
 
 
-def _weights(prepared: PreparedTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+def _weights(prepared: FilteredTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the inverse residual spread of each component after a fit; with a prior, at :data:`REFERENCE`."""
     residual = _residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
@@ -239,13 +240,13 @@ def _weights(prepared: PreparedTrial, design: FloatArray, target: FloatArray, we
     return found if prepared.prior is None else found * np.sqrt(_share(prepared, REFERENCE))
 
 
-def _share(prepared: PreparedTrial, seconds: float) -> float:
+def _share(prepared: FilteredTrial, seconds: float) -> float:
     """Return the share of the fit's samples that are independent if this time counts as one sample."""
     return min(1.0, prepared.step / prepared.recorded.rate / seconds)
 
 
 def _counted(
-    prepared: PreparedTrial,
+    prepared: FilteredTrial,
     gate: BoolArray,
     samples: IntArray,
     design: FloatArray,
@@ -265,7 +266,7 @@ def _counted(
 
 
 def _covariance(
-    prepared: PreparedTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
+    prepared: FilteredTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return weighted rows with the column of the offset, and the parameters' covariance from the residuals."""
     time = prepared.recorded.time[samples]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.lowpass import erode
-from mocap_id.dynamics.preparation import PreparedTrial
 
 LEAST_SECONDS = 1.0
 """Least duration of the samples of a fit, s."""
@@ -34,6 +34,6 @@ def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
     return np.asarray(repetition * folds // max(len(spans), 1), dtype=np.int64)
 
 
-def samples_without_part(prepared: PreparedTrial, gate: BoolArray, part: IntArray, k: int) -> BoolArray:
+def samples_without_part(prepared: FilteredTrial, gate: BoolArray, part: IntArray, k: int) -> BoolArray:
     """Return the samples (T,) to fit without part k: within the gate, and beyond the filter's reach of the part."""
     return prepared.usable & erode(gate & (part != k), prepared.lowpass.reach_samples)

@@ -180,6 +180,11 @@ class PreparedTrial:
         """Step between samples that preserves the information of the filtered signals."""
         return self.lowpass.step
 
+    @property
+    def constants(self) -> tuple[int, ...]:
+        """Components whose constant error is estimated: Fx, in which gravity causes no constant."""
+        return (0,) if self.settings.plate_bias and 0 in self.settings.components else ()
+
     @cached_property
     def motion(self) -> PlanarMotion:
         """The motion that the regressor is computed from."""

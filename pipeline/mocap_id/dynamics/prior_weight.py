@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.left_out_samples import LEAST_SECONDS, number_parts, samples_without_part
-from mocap_id.dynamics.preparation import PreparedTrial
 
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 """Candidates for the time of the recording that counts as one sample, s."""
@@ -22,7 +22,7 @@ _LEAST_FOLDS = 3  # fewer give no useful standard error
 
 
 def left_out_memory(
-    prepared: PreparedTrial,
+    prepared: FilteredTrial,
     gate: BoolArray,
     samples: IntArray,
     *,
@@ -36,7 +36,7 @@ def left_out_memory(
 
     Parameters
     ----------
-    prepared : PreparedTrial
+    prepared : FilteredTrial
         Trial with a prior, whose repetitions are left out in turn.
     gate : (T,) bool array
         Samples in which the body touches only the ground.

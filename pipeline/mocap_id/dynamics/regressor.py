@@ -7,9 +7,11 @@ base to the tip. Gravity is modelled as an upward acceleration of the base.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.motion import PlanarMotion, chain_motion, point_acceleration
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
 
@@ -78,9 +80,26 @@ def spatial_regressor(
         origin of the world frame, in that frame.
     """
     moving = link_motion(chain, q, dq, ddq, base_acceleration)
-    to_base = np.swapaxes(se3.Ad(se3.inverse(chain.poses(q))), -1, -2)  # (..., n + 1, 6, 6)
-    blocks = to_base @ link_regressor(moving.velocity, moving.acceleration)
-    return np.moveaxis(blocks, -3, -2).reshape(*q.shape[:-1], 6, -1)
+    return bodies_regressor(chain.poses(q), moving.velocity, moving.acceleration)
+
+
+def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Return the regressor of the wrench on K bodies about the origin of the world frame, in that frame (eq. 4.19).
+
+    Parameters
+    ----------
+    poses : (..., K, 4, 4) array
+        Pose of each body's frame in the world.
+    velocity, acceleration : (..., K, 6) arrays
+        Body velocity and its derivative, in the body's frame.
+
+    Returns
+    -------
+    (..., 6, 10K) array
+    """
+    to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
+    blocks = to_world @ link_regressor(velocity, acceleration)
+    return np.moveaxis(blocks, -3, -2).reshape(*poses.shape[:-3], 6, -1)
 
 
 def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
@@ -161,22 +180,36 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
     return np.moveaxis(blocks, 1, 2).reshape(len(motion.angle), 3, -1)
 
 
-def torque_regressor(motion: PlanarMotion, regressor: FloatArray) -> FloatArray:
-    """Return the regressor of the joint torques in the plane, given the regressor of the wrench.
+class JointedMotion(Protocol):
+    """Motion of K bodies with joints of N coordinates, in the plane or in space."""
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Unit twists of the coordinates in the world (plane) frame, (T, c, N)."""
+        ...
+
+    @property
+    def beyond(self) -> BoolArray:
+        """Whether each body is distal to each coordinate's joint, (N, K)."""
+        ...
+
+
+def torque_regressor(motion: JointedMotion, regressor: FloatArray) -> FloatArray:
+    """Return the regressor of the joint torques, given the regressor of the wrench.
 
     Parameters
     ----------
-    motion : PlanarMotion
-    regressor : (T, 3, 4K) array
-        As :func:`wrench_regressor` returns it.
+    motion : JointedMotion
+    regressor : (T, c, p K) array
+        Regressor of the wrench on K bodies with p parameters each.
 
     Returns
     -------
-    (T, n, 4K) array
+    (T, N, p K) array
         For tau_j, the moment about joint j of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
     """
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
-    distal = np.repeat(motion.beyond, len(PLANAR_PARAMETERS), axis=1)
+    distal = np.repeat(motion.beyond, regressor.shape[-1] // motion.beyond.shape[1], axis=1)
     return np.where(distal, torque, np.where(np.isnan(torque), np.nan, 0.0))
 
 

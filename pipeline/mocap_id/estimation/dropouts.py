@@ -17,7 +17,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate, segment_poses
 
-_MEMORY = 0.9  # s; memory of the skin: its correlation is 0.57 after 0.5 s
+SKIN_MEMORY = 0.9  # s; memory of the skin: its correlation is 0.57 after 0.5 s
 _BESIDE = 5  # frames on either side of a gap, in which the residual is averaged
 _PAIRS = 1000  # pairs of consecutive frames for the lasting part of a residual
 _ROUNDS = 2  # the residuals beside a gap depend on angles in other markers' gaps
@@ -62,14 +62,14 @@ class _GappedMarker:
     ) -> _GappedMarker | None:
         """Return the gaps of a marker; None for a marker that is never or always missing."""
         track, used = observed[:, marker], frames.used[:, marker]
-        edges, missing = _gaps(used)
+        edges, missing = find_gaps(used)
         pairs = np.flatnonzero(used[1:] & used[:-1])
         if not missing.size or not pairs.size:
             return None
-        since, until = _away(edges, missing, len(used), memory)
+        since, until = memories_away(edges, missing, len(used), memory)
         gap = np.searchsorted(edges[:, 0], missing, side="right") - 1
         one = MarkerChain(chain.centres, chain.segment[[marker]], chain.local[[marker]])
-        found = cls(track, used, one, missing, gap, _sides(edges, len(used)), since, until, 0.0, 0.0)
+        found = cls(track, used, one, missing, gap, frames_beside(edges, len(used)), since, until, 0.0, 0.0)
         pairs = pairs[:: max(1, len(pairs) // _PAIRS)]
         first, second = (found.residual(frames.angles, pairs + step) for step in (0, 1))
         lasting = max(float(np.mean(first * second)), 0.0)
@@ -79,7 +79,7 @@ class _GappedMarker:
     def add_push(self, push: FloatArray, angles: FloatArray) -> None:
         """Add Jᵀ r (F, n) in the frames without the marker; in place."""
         before, after = (self.displacement(angles, side) for side in self.sides)
-        slid = _bridge(before[self.gap], after[self.gap], self.since, self.until)
+        slid = bridge(before[self.gap], after[self.gap], self.since, self.until)
         at = angles[self.missing]
         turned = segment_poses(at, self.chain.centres)[0][:, self.chain.segment[0]]
         jacobian = marker_jacobian(at, self.chain.centres, self.chain.segment, self.chain.local)[:, 0]
@@ -129,7 +129,9 @@ def compensate_dropouts(
         return frames
     response = _response(frames.information[some], anchors.observed[some])
     angles = frames.angles.copy()
-    markers = [_GappedMarker.of(observed, frames, chain, marker, _MEMORY * rate) for marker in range(observed.shape[1])]
+    markers = [
+        _GappedMarker.of(observed, frames, chain, marker, SKIN_MEMORY * rate) for marker in range(observed.shape[1])
+    ]
     for _ in range(_ROUNDS):
         push = np.zeros_like(angles)
         for marker in markers:
@@ -151,9 +153,9 @@ def forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> FloatArra
     """
     new = np.zeros((len(frames), used.shape[1]))
     for marker in range(used.shape[1]):
-        edges, missing = _gaps(used[:, marker])
+        edges, missing = find_gaps(used[:, marker])
         if missing.size:
-            s, u = _away(edges, missing, len(used), _MEMORY * rate)
+            s, u = memories_away(edges, missing, len(used), SKIN_MEMORY * rate)
             share = np.zeros(len(used))
             share[missing] = np.expm1(-2 * s) * np.expm1(-2 * u) / -np.expm1(-2 * (s + u))
             new[:, marker] = share[frames]
@@ -167,13 +169,13 @@ def _response(information: FloatArray, observed: BoolArray) -> FloatArray:
     return np.where(both, inverse, 0.0)
 
 
-def _gaps(used: BoolArray) -> tuple[IntArray, IntArray]:
+def find_gaps(used: BoolArray) -> tuple[IntArray, IntArray]:
     """Return the first frames of the gaps and the frames after them (G, 2), and all frames within."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], used, [True]]).astype(np.int8)))
     return edges.reshape(-1, 2), np.flatnonzero(~used)
 
 
-def _away(edges: IntArray, missing: IntArray, frames: int, memory: float) -> tuple[FloatArray, FloatArray]:
+def memories_away(edges: IntArray, missing: IntArray, frames: int, memory: float) -> tuple[FloatArray, FloatArray]:
     """Return the time since the gap began and until it ends, in memories; infinite beyond the trial."""
     first, after = edges[np.searchsorted(edges[:, 0], missing, side="right") - 1].T
     since = np.where(first > 0, missing - first + 1, np.inf)
@@ -181,14 +183,14 @@ def _away(edges: IntArray, missing: IntArray, frames: int, memory: float) -> tup
     return since / memory, until / memory
 
 
-def _sides(edges: IntArray, frames: int) -> tuple[IntArray, IntArray]:
+def frames_beside(edges: IntArray, frames: int) -> tuple[IntArray, IntArray]:
     """Return the frames (G, b) before and after every gap; -1 beyond the trial."""
     beside = np.arange(_BESIDE)
     before, after = edges[:, :1] - 1 - beside, edges[:, 1:] + beside
     return np.maximum(before, -1), np.where(after < frames, after, -1)
 
 
-def _bridge(before: FloatArray, after: FloatArray, since: FloatArray, until: FloatArray) -> FloatArray:
+def bridge(before: FloatArray, after: FloatArray, since: FloatArray, until: FloatArray) -> FloatArray:
     """Return the displacements (T, 2) expected between the values ``before`` and ``after`` (T, 2).
 
     The mean of a first-order Markov process, s = ``since`` and u = ``until`` memories (T,) away: weights sinh(u)/sinh(s

@@ -1,6 +1,7 @@
 """Rigid-body geometry (thesis chapter 2): SO(3), SE(3), joints, chains and the plane frame. Only numpy is needed."""
 
 from mocap_id.geometry import planar, se3, so3
+from mocap_id.geometry.ball import Ball
 from mocap_id.geometry.chain import (
     Chain,
     body_jacobian,
@@ -18,6 +19,7 @@ from mocap_id.geometry.recursion import (
 )
 
 __all__ = [
+    "Ball",
     "Chain",
     "Joint",
     "PlaneFrame",

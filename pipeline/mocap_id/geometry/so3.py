@@ -68,9 +68,9 @@ def log(rotation: FloatArray) -> FloatArray:
     (..., 3) array
         Rotation vector, rad.
     """
-    quaternion = _quaternion(np.asarray(rotation, dtype=np.float64))
-    quaternion = np.where(quaternion[..., :1] < 0, -quaternion, quaternion)
-    scalar, vector = quaternion[..., 0], quaternion[..., 1:]
+    either = quaternion(np.asarray(rotation, dtype=np.float64))
+    positive = np.where(either[..., :1] < 0, -either, either)
+    scalar, vector = positive[..., 0], positive[..., 1:]
     length = np.linalg.norm(vector, axis=-1)
     turned = length > 0
     safe = np.where(turned, length, 1.0)
@@ -78,7 +78,7 @@ def log(rotation: FloatArray) -> FloatArray:
     return vector * scale[..., None]
 
 
-def _quaternion(rotation: FloatArray) -> FloatArray:
+def quaternion(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion (..., 4), scalar first, with arbitrary sign."""
     trace = np.trace(rotation, axis1=-2, axis2=-1)
     diagonal = np.diagonal(rotation, axis1=-2, axis2=-1)

@@ -11,7 +11,7 @@ _RESTING = 0.1  # of the largest speed; slower is rest
 _WINDOWS = 200  # windows of a trial, over which the speed is measured
 
 
-def frames_along_motion(points: ComplexArray, count: int, among: IntArray | None = None) -> IntArray:
+def frames_along_motion(points: ComplexArray | FloatArray, count: int, among: IntArray | None = None) -> IntArray:
     """Return at most ``count`` frames, evenly along the path of the markers.
 
     Skin has the same error at the same posture. A hundred frames of quiet standing are worth one, but would count a
@@ -19,8 +19,8 @@ def frames_along_motion(points: ComplexArray, count: int, among: IntArray | None
 
     Parameters
     ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
+    points : (F, M) complex or (F, M, 3) array
+        Trajectories in the plane or in space, m; NaN where unseen.
     count : int
         Largest number of frames.
     among : int array, optional
@@ -66,11 +66,12 @@ def frames_over_time(points: ComplexArray, count: int) -> IntArray:
     return np.unique(np.linspace(0, every[-1], count).round().astype(np.int64))
 
 
-def _speed(points: ComplexArray, among: IntArray, window: int) -> FloatArray:
+def _speed(points: ComplexArray | FloatArray, among: IntArray, window: int) -> FloatArray:
     """Return the rms displacement (A,) over a window around each frame of ``among``, of markers seen at both ends."""
     rms = np.empty(len(among) - window)
     for here in chunks(len(rms)):
-        step = np.abs(points[among[window:][here]] - points[among[here]])
+        moved = points[among[window:][here]] - points[among[here]]
+        step = np.abs(moved) if moved.ndim == 2 else np.linalg.norm(moved, axis=2)
         seen = np.isfinite(step)
         square = np.where(seen, step, 0) ** 2
         rms[here] = np.sqrt(square.sum(axis=1) / np.maximum(seen.sum(axis=1), 1))

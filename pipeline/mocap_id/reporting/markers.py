@@ -9,11 +9,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.store import LongTable
+from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import Skeleton
 
 
-def positions_at(planar: LongTable, time: FloatArray, labels: Sequence[str]) -> FloatArray:
-    """Return measured marker positions in the plane of motion.
+def positions_at(planar: LongTable, time: FloatArray, labels: Sequence[str], axes: str = "xy") -> FloatArray:
+    """Return measured marker positions in the plane of motion, or in space.
 
     Parameters
     ----------
@@ -23,19 +24,21 @@ def positions_at(planar: LongTable, time: FloatArray, labels: Sequence[str]) -> 
         Instants, s; positions are NaN where no frame has exactly this time.
     labels : sequence of str
         Distinct labels of M markers.
+    axes : str
+        ``xy`` or ``xyz``.
 
     Returns
     -------
-    (K, M, 2) array
+    (K, M, 2) or (K, M, 3) array
         m; NaN where a marker was not visible.
     """
-    found = np.full((len(time), len(labels), 2), np.nan)
+    found = np.full((len(time), len(labels), len(axes)), np.nan)
     row = np.searchsorted(planar.time, time).clip(0, len(planar.time) - 1)
     own = np.flatnonzero(planar.time[row] == time)
     place = {label: k for k, label in enumerate(planar.labels)}
     known = [(k, place[label]) for k, label in enumerate(labels) if label in place]
     for to, column in known:
-        for axis, name in enumerate(("x", "y")):
+        for axis, name in enumerate(axes):
             found[own, to, axis] = planar.values[name][row[own], column]
     return found
 
@@ -62,7 +65,7 @@ class Residual:
     seen: float
 
 
-def residuals_by_marker(markers: LongTable | None, skeleton: Skeleton | None) -> dict[str, Residual]:
+def residuals_by_marker(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:
     """Return the residuals of ``markers.parquet`` by marker label; empty without that table."""
     if markers is None or not markers.length:
         return {}

@@ -14,6 +14,8 @@ from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.player import player
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.sections import key_numbers, sections
+from mocap_id.reporting.space.player import spatial_player
+from mocap_id.reporting.space.sections import spatial_sections
 from mocap_id.reporting.summary_schema import ReasonEntry, Summary
 
 Prose: TypeAlias = tuple[tuple[str, bool], ...]
@@ -45,7 +47,7 @@ def page(data: ReportData, summary: Summary, figures: Drawings) -> bytes:
         All figures of :data:`mocap_id.reporting.contents.FIGURES`.
     """
     headline, lead = LEVELS[summary.verdict.level]
-    motion_player = player(data)
+    motion_player = spatial_player(data) if data.in_space else player(data)
     html = (
         environment()
         .get_template("report.html.j2")
@@ -58,7 +60,8 @@ def page(data: ReportData, summary: Summary, figures: Drawings) -> bytes:
             reasons=[explained(reason) for reason in summary.verdict.reasons],
             notes=[explained(reason) for reason in summary.verdict.notes],
             glance=key_numbers(data, summary),
-            sections=sections(data, summary),
+            sections=spatial_sections(data, summary) if data.in_space else sections(data, summary),
+            in_space=data.in_space,
             figures=figures,
             player=motion_player,
             embedded=embed(figures, motion_player),

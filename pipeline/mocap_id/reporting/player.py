@@ -26,13 +26,15 @@ _VALUES = 900_000
 """Maximum number of values in all frames together: 2.4 MB as text."""
 _UNKNOWN = -32768
 _REACH = 0.45  # length of the largest force as a share of the figure height
-_TALL, _LOW = 5.9, 1.12  # heights of the figure and of each curve, inches
+TALL, LOW = 5.9, 1.12  # heights of the figure and of each curve, inches
+TALL_IN_SPACE = 4.4
 _SHAPE = 0.54  # width divided by height of the figure
+ACROSS, UPWARDS = "across the view (m)", "up the view (m)"
 
 
 @dataclass(frozen=True)
 class Part:
-    """Lines or points that move together: their style, and their positions in K frames, (K, 2, rows), m."""
+    """Lines or points that move together: their style, and their positions in K frames, (K, 2 or 3, rows), m."""
 
     name: str
     look: Mapping[str, Any]
@@ -42,7 +44,7 @@ class Part:
     def item(self) -> Line | Points:
         """The part in the first frame."""
         made = Points if "symbol" in self.look else Line
-        return made(*self.values[0], **self.look)
+        return made(*self.values[0, :2], **self.look)
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class Player:
     def to_json(self) -> Mapping[str, Any]:
         """Return figure, curves and frames as JSON values.
 
-        Frames are 16-bit integers, one row per frame, with x and y of each part; the resolution is finer than visible.
+        Frames are 16-bit integers, one row per frame, with the coordinates of each part; the resolution is finer than
+        visible. In space the page projects the frames, turned about ``centre``.
         """
         rows = np.concatenate([part.values.reshape(len(self.time), -1) for part in self.parts], axis=1)
         known = np.isfinite(rows)
@@ -86,13 +89,23 @@ class Player:
             "step": step,
             "unknown": _UNKNOWN,
             "rows": [part.values.shape[2] for part in self.parts],
+            **({"centre": bounds(self.parts).mean(axis=1).tolist()} if self.in_space else {}),
         }
+
+    @property
+    def in_space(self) -> bool:
+        """Whether the parts have three coordinates, so that the figure can be turned."""
+        return any(part.values.shape[1] == 3 for part in self.parts)
 
     def _panel(self) -> Panel:
         """Return the panel with sticks, joints, markers, arrows and the ground."""
+        if self.in_space:
+            x, y = _any_view(bounds(self.parts))
+            moving = tuple(part.item for part in self.parts)
+            return Panel(moving, x=ACROSS, y=UPWARDS, x_range=x, y_range=y, equal=True, height=TALL_IN_SPACE)
         x, y = _to_scale(bounds(self.parts))
         items = (Rule("y", 0.0, style.FAINT), *(part.item for part in self.parts))
-        return Panel(items, x=ALONG, y=UP, x_range=x, y_range=y, equal=True, height=_TALL)
+        return Panel(items, x=ALONG, y=UP, x_range=x, y_range=y, equal=True, height=TALL)
 
 
 def player(data: ReportData) -> Player | None:
@@ -100,22 +113,31 @@ def player(data: ReportData) -> Player | None:
     planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
-    time = _frame_times(planar.time, len(planar.labels))
+    time = frame_times(planar.time, len(planar.labels))
     if len(time) < 2:
         return None
     labels = tuple(str(label) for label in planar.labels)
-    moving = [*_chain(data, time), *_markers(data, labels, positions_at(planar, time, labels))]
+    moving = [*_chain(data, time), *marker_parts(data, labels, positions_at(planar, time, labels))]
     scale, forces = _forces(data, time, float(np.ptp(bounds(moving)[1])))
     return Player(time, (*moving, *forces), _curves(data), scale, _motion(data))
 
 
 def bounds(parts: Sequence[Part]) -> FloatArray:
-    """Return minimum and maximum of x and y over all parts, (2, 2), m, without outliers."""
+    """Return minimum and maximum of each coordinate over all parts, (2 or 3, 2), m, without outliers."""
     seen = [part.values for part in parts if not part.name.startswith("force")]
-    points = np.concatenate([values.swapaxes(1, 2).reshape(-1, 2) for values in seen])
+    points = np.concatenate([values.swapaxes(1, 2).reshape(-1, values.shape[1]) for values in seen])
     points = points[np.isfinite(points).all(axis=1)]
-    found: FloatArray = np.quantile(points, (0.001, 0.999), axis=0).T if len(points) else np.array([[-1, 1], [0, 2]])
+    nothing = np.array([[-1, 1], [0, 2], [-1, 1]])[: points.shape[1]]
+    found: FloatArray = np.quantile(points, (0.001, 0.999), axis=0).T if len(points) else nothing
     return found
+
+
+def _any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return ranges across and up the view that contain the bounds (3, 2), however they are turned about y."""
+    half = np.ptp(found, axis=1) / 2
+    wide, high = np.hypot(half[0], half[2]), np.linalg.norm(half)
+    side = 1.04 * max(float(wide), float(high), 1e-3)
+    return (-side, side), (-side, side)
 
 
 def _to_scale(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -127,12 +149,12 @@ def _to_scale(found: FloatArray) -> tuple[tuple[float, float], tuple[float, floa
     return (float(left), float(right)), (float(below), float(above))
 
 
-def _frame_times(time: FloatArray, markers: int) -> FloatArray:
-    """Return evenly spaced sample times of the recording."""
+def frame_times(time: FloatArray, markers: int, most: int = MOST) -> FloatArray:
+    """Return evenly spaced sample times of the recording, at most ``most``."""
     if len(time) < 2:
         return time
     wanted = int((time[-1] - time[0]) * RATE) + 1
-    count = max(2, min(len(time), wanted, MOST, _VALUES // (2 * markers + 32)))
+    count = max(2, min(len(time), wanted, most, _VALUES // (2 * markers + 32)))
     return time[np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))]
 
 
@@ -152,9 +174,9 @@ def _chain(data: ReportData, time: FloatArray) -> list[Part]:
     return [*sticks, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, points[..., :-1])]
 
 
-def _markers(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
-    """Return the markers (K, M, 2) of each segment, and crosses for markers without a segment."""
-    skeleton = data.skeleton
+def marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
+    """Return the markers (K, M, 2 or 3) of each segment, and crosses for markers without a segment."""
+    skeleton = data.skeleton or data.spatial_skeleton
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
     segments = np.array([known.get(label, -1) for label in labels])
     parts = []
@@ -204,8 +226,8 @@ def _arrows(force: FloatArray, scale: float) -> FloatArray:
 def _curves(data: ReportData) -> tuple[Panel, ...]:
     motion = data.motion
     states_known = motion is not None and motion.mean.size
-    angles = [states.panel(motion, 0, states.joint_names(data), _LOW)] if motion is not None and states_known else []
-    forces = [panel for panel in wrench.panels(data, _LOW) if any(isinstance(item, Line) for item in panel.items)]
+    angles = [states.panel(motion, 0, states.joint_names(data), LOW)] if motion is not None and states_known else []
+    forces = [panel for panel in wrench.panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
     return (*angles, *forces)
 
 

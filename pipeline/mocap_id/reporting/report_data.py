@@ -9,6 +9,7 @@ from functools import cached_property
 from mocap_id.reporting.markers import Residual, residuals_by_marker
 from mocap_id.reporting.numbers import known
 from mocap_id.store import Artefact, ArtefactSet
+from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton, in_space
 from mocap_id.store.views import IdentifiedDynamics, JointStates, Skeleton
 from mocap_id.verdict import Level, Reason, overall
 
@@ -63,17 +64,40 @@ class ReportData(ArtefactSet):
         """Level of the verdict."""
         return overall(self.reasons)
 
+    @property
+    def in_space(self) -> bool:
+        """Whether the trial has `space: 3d`."""
+        return in_space(self.facts("planar.parquet")) or self.settings.get("space") == "3d"
+
     @cached_property
     def skeleton(self) -> Skeleton | None:
-        """Chain; None if it was not found."""
+        """Chain in the plane; None if it was not found."""
         tree = self.tree("chain.h5")
-        return None if tree is None else Skeleton.from_tree(tree)
+        return None if tree is None or self.in_space else Skeleton.from_tree(tree)
+
+    @cached_property
+    def spatial_skeleton(self) -> SpatialSkeleton | None:
+        """Chain in space; None if it was not found."""
+        tree = self.tree("chain.h5")
+        return SpatialSkeleton.from_tree(tree) if tree is not None and self.in_space else None
+
+    @cached_property
+    def segment_poses(self) -> SegmentPoses | None:
+        """Poses of the segments in space; None if they were not estimated."""
+        table = self.table("poses.parquet")
+        return SegmentPoses.from_table(table) if table is not None and self.in_space else None
+
+    @cached_property
+    def angles(self) -> SpatialAngles | None:
+        """Angles in space; None if they were not estimated."""
+        table = self.table("angles.parquet")
+        return SpatialAngles.from_table(table) if table is not None and self.in_space else None
 
     @cached_property
     def motion(self) -> JointStates | None:
-        """Joint states; None if they were not estimated."""
+        """Joint states in the plane; None if they were not estimated."""
         table = self.table("states.parquet")
-        return None if table is None else JointStates.from_table(table)
+        return None if table is None or self.in_space else JointStates.from_table(table)
 
     @cached_property
     def dynamics(self) -> IdentifiedDynamics | None:
@@ -107,12 +131,13 @@ class ReportData(ArtefactSet):
     @cached_property
     def residuals(self) -> dict[str, Residual]:
         """Residuals by marker label; empty if unknown."""
-        return residuals_by_marker(self.long("markers.parquet"), self.skeleton)
+        return residuals_by_marker(self.long("markers.parquet"), self.skeleton or self.spatial_skeleton)
 
     @cached_property
     def segment_names(self) -> tuple[str, ...]:
         """Names of the segments, base first; empty if unknown."""
-        if self.skeleton is not None:
-            return self.skeleton.segments
+        skeleton = self.skeleton or self.spatial_skeleton
+        if skeleton is not None:
+            return skeleton.segments
         names = self.facts("segments.parquet").get("names")
         return tuple(str(name) for name in names or ())

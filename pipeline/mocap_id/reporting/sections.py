@@ -74,7 +74,7 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
                 tables.agreement(data, summary),
                 tables.held_out(data, summary),
                 tables.rivals(data, summary),
-                _clock(summary),
+                clock(summary),
                 tables.plates(data),
             ),
         ),
@@ -84,7 +84,7 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
             "Inertial parameters",
             "dynamics.h5",
             ("parameters", "point_masses"),
-            (tables.base_parameters(data, summary), tables.excitation(summary), _identification(data)),
+            (tables.base_parameters(data, summary), tables.excitation(summary), identification(data)),
         ),
         Section(
             "markers",
@@ -96,10 +96,10 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
                 segment_tables.against(data),
                 segment_tables.joints(data),
                 segment_tables.hypotheses(data),
-                _segmentation(data),
+                segmentation(data),
             ),
         ),
-        Section("origin", "Provenance", "", (), _origin(data, summary)),
+        Section("origin", "Provenance", "", (), origin(data, summary)),
     ]
     return [part for part in parts if not part.needs or part.needs in data.artefacts or data.level != "refused"]
 
@@ -158,10 +158,11 @@ def _condition_remark(summary: Summary) -> str:
 
 
 def _states(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
-    return _noise(data, summary), encoder_table(summary)
+    return noise(data, summary), encoder_table(summary)
 
 
-def _noise(data: ReportData, summary: Summary) -> tables.Grid:
+def noise(data: ReportData, summary: Summary) -> tables.Grid:
+    """Return the noise and the residuals of the filter."""
     facts = data.facts("states.parquet")
     values = {
         "marker noise per coordinate (mm)": _scaled(summary.noise.marker_sd_m, 1e3, 2, ""),
@@ -172,7 +173,8 @@ def _noise(data: ReportData, summary: Summary) -> tables.Grid:
     return tables.facts("Filter: noise and residuals", values)
 
 
-def _clock(summary: Summary) -> tables.Grid:
+def clock(summary: Summary) -> tables.Grid:
+    """Return the clock offset of the plates, and what they measure."""
     dynamics = summary.dynamics
     not_predicted = dynamics.wrench is not None and dynamics.held_out.model is None
     values = {
@@ -191,12 +193,13 @@ def _clock(summary: Summary) -> tables.Grid:
     return tables.facts("Plates and clock", values)
 
 
-def _identification(data: ReportData) -> tables.Grid:
+def identification(data: ReportData) -> tables.Grid:
     """Return the facts of ``dynamics.h5`` about the identification that no other table shows."""
     return tables.facts("Identification", _without(data.facts("dynamics.h5"), _SHOWN))
 
 
-def _segmentation(data: ReportData) -> tables.Grid:
+def segmentation(data: ReportData) -> tables.Grid:
+    """Return the facts of ``segments.parquet`` that no other table shows."""
     shown = {"names", "joint_names", "bad_stretches", *segment_tables.SHOWN}  # the reasons list the stretches
     return tables.facts("Segmentation", _without(data.facts("segments.parquet"), shown))
 
@@ -206,7 +209,7 @@ def _without(facts: Facts, shown: set[str]) -> Facts:
     return {key: value for key, value in facts.items() if key not in shown}
 
 
-def _origin(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
+def origin(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
     """Return the tables about recording, plane, joint fit, settings, run times and version."""
     planar = dict(data.facts("planar.parquet"))
     planar.pop("bursts", None)  # one interval per jump; the verdict gives their number

@@ -13,6 +13,7 @@ from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEn
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import base_length, channels, encoder
+from mocap_id.reporting.space import summary as spatial
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 from mocap_id.reporting.summary_motion import held_out, motion, pins
 from mocap_id.reporting.summary_repetitions import attempts, five_times, load_share, repetitions
@@ -32,6 +33,7 @@ from mocap_id.store import Table
 from mocap_id.store.views import IdentifiedDynamics
 from mocap_id.verdict import Reason
 
+_NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
 NOTHING_HELPS = "none of those tried"
 """Text for a parameter that no tested movement would determine better."""
 
@@ -44,29 +46,38 @@ def summarise(data: ReportData) -> Summary:
     data : ReportData
         Existing artefacts. Values of missing artefacts, as in a refused trial, are null with a ``why``.
     """
-    joints, lengths, found = _joints(data), _lengths(data), repetitions(data)
+    joints = spatial.joints(data) if data.in_space else _joints(data)
+    lengths = spatial.lengths(data) if data.in_space else _lengths(data)
+    found, failed = repetitions(data), attempts(data)
     seconds = _seconds(data)
     why = (
         why_unknown(f"joints and lengths_m: {data.why_missing('chain.h5')}", joints, lengths),
         why_unknown(f"repetitions: {data.why_missing('events.parquet')}", found),
+        why_unknown("attempts: only a sit-to-stand has them", failed) if data.in_space else None,
         why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
     return Summary(
         trial=data.trial,
         product=data.product,
+        space="3d" if data.in_space else "plane",
+        mirrored=data.facts("planar.parquet").get("side") == "left",
         verdict=_verdict(data),
         plane=_plane(data),
         segments=_segments(data),
         joints=joints,
         lengths_m=lengths,
+        angles=spatial.angles(data),
+        landmarks=spatial.landmarks(data),
         markers=_markers(data),
         noise=_noise(data),
         dynamics=_dynamics(data),
         repetitions=found,
         five_times=five_times(data),
-        attempts=attempts(data),
+        attempts=failed,
         load_share=load_share(data),
         encoder=encoder(data),
+        workspace=spatial.workspace(data),
+        curls=spatial.curls(data),
         time_s=seconds,
         why=join_sentences(why),
     )
@@ -93,6 +104,8 @@ def _verdict(data: ReportData) -> VerdictEntry:
 
 def _plane(data: ReportData) -> PlaneEntry:
     plane = data.facts("planar.parquet").get("plane") or {}
+    if data.in_space:
+        plane = {"planarity": data.facts("planar.parquet").get("planarity"), "why": _NO_PLANE, **plane}
     yaw, planarity = known(plane.get("yaw_deg")), known(plane.get("planarity"))
     origin = all_known(plane.get("origin_m"))
     share = known(data.facts("segments.parquet").get("planarity"))

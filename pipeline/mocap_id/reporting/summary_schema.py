@@ -11,6 +11,7 @@ from typing import Literal
 from pydantic import Field
 
 from mocap_id.reporting.dynamics_schema import ChannelEntry, DynamicsEntry
+from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, LandmarkEntry, WorkspaceEntry
 from mocap_id.reporting.summary_entry import Entry
 from mocap_id.verdict import Level
 
@@ -82,13 +83,26 @@ class SegmentsEntry(Entry):
 
 
 class JointEntry(Entry):
-    """A joint; ``parent`` is the segment to which its centre is fixed, 0 = base."""
+    """A joint; ``parent`` is the segment to which its centre is fixed, 0 = base.
+
+    ``axis`` is a unit vector in the frame of the parent; for a two-axis joint there is also the second, in the frame of
+    the segment that moves. ``known`` is false if the motion does not show the centre. ``evidence`` holds for each kind
+    the rotation that it leaves unexplained, as a multiple of the markers' noise. ``glide_m`` is the shift of the centre
+    at an elevation of 180°. In the plane every joint is a hinge about z, and these lists are empty.
+    """
 
     name: str
     parent: int
+    kind: Literal["ball", "two-axis", "hinge"] = "hinge"
     centre_m: list[float] | None
     sd_m: list[float] | None
+    axis: list[float] | list[list[float]] | None = Field([0.0, 0.0, 1.0])
+    axis_sd_deg: list[float] = Field([])
+    glide_m: list[float] = Field([])
+    glide_sd_m: list[float] = Field([])
     arc_deg: float | None
+    known: bool = True
+    evidence: dict[str, float] = Field({})
     why: str | None
 
 
@@ -211,17 +225,21 @@ class EncoderEntry(Entry):
 
 
 class Summary(Entry):
-    """The complete ``summary.json``."""
+    """The complete ``summary.json``; ``mirrored`` is true for a left arm, whose z axis points to the left."""
 
     kind: Literal["mocap-id/summary"] = Field("mocap-id/summary", alias="schema")
     version: Literal[1] = 1
     trial: str
     product: str
+    space: Literal["plane", "3d"] = "plane"
+    mirrored: bool = False
     verdict: VerdictEntry
     plane: PlaneEntry
     segments: SegmentsEntry
     joints: list[JointEntry] | None
     lengths_m: dict[str, LengthEntry] | None
+    angles: dict[str, AngleEntry]
+    landmarks: dict[str, LandmarkEntry]
     markers: MarkersEntry
     noise: NoiseEntry
     dynamics: DynamicsEntry
@@ -230,5 +248,7 @@ class Summary(Entry):
     attempts: list[AttemptEntry] | None
     load_share: LoadShareEntry
     encoder: EncoderEntry
+    workspace: WorkspaceEntry
+    curls: CurlsEntry
     time_s: dict[str, float] | None
     why: str | None

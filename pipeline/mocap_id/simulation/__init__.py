@@ -1,4 +1,4 @@
-"""Simulated trials with exact truth: a person rising from a chair, or a swinging robot joint."""
+"""Simulated trials with exact truth: a person rising from a chair, or a swinging robot joint; in space, in ``arm``."""
 
 from mocap_id.simulation.cohort import Cohort, simulate_cohort
 from mocap_id.simulation.joint_motion import JointMotion, motion_through

@@ -16,10 +16,10 @@ from mocap_id.simulation.subject import Subject
 from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, JointName, Speed
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
-_LARGEST = float("inf")
+LARGEST = float("inf")
 
 
-def _option(
+def option(
     default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "", *, choices: Any = ()
 ) -> Any:
     """Return a dataclass field whose values lie within ``limits``, or among ``choices``."""
@@ -27,7 +27,7 @@ def _option(
     return field(default=default, metadata=metadata)
 
 
-def _check(options: Any, command: str) -> None:
+def check(options: Any, command: str) -> None:
     """Raise ConfigError if an option is out of its limits or not among its choices."""
     for each in fields(options):
         value, limits, choices = (
@@ -35,8 +35,8 @@ def _check(options: Any, command: str) -> None:
             each.metadata.get("limits"),
             each.metadata.get("choices"),
         )
-        if limits is not None and not limits[0] <= value <= limits[1]:
-            upper = " or more" if limits[1] == _LARGEST else f" … {limits[1]:g}"
+        if limits is not None and value is not None and not limits[0] <= value <= limits[1]:
+            upper = " or more" if limits[1] == LARGEST else f" … {limits[1]:g}"
             _refuse(command, each.name, value, f"{limits[0]:g}{upper} {each.metadata['unit']}".rstrip())
         if choices and value not in choices:
             _refuse(command, each.name, value, "one of " + ", ".join(filter(None, choices)))
@@ -58,23 +58,23 @@ class PersonOptions:
         A value is out of range.
     """
 
-    hip_gap_mm: float = _option(
+    hip_gap_mm: float = option(
         0.0,
         "Range of the pelvis's displacement from the thigh's hip centre, mm; 6 to 16 in real people.",
         (0, 40),
         "mm",
     )
-    lumbar_deg: float = _option(
+    lumbar_deg: float = option(
         0.0, "Range of the trunk's rotation against the pelvis, degrees; 10 to 20 in real people.", (0, 40), "degrees"
     )
-    arm_swing_deg: float = _option(0.0, "Range of the arms' swing about the shoulders, degrees.", (0, 120), "degrees")
-    heel_lift_mm: float = _option(
+    arm_swing_deg: float = option(0.0, "Range of the arms' swing about the shoulders, degrees.", (0, 120), "degrees")
+    heel_lift_mm: float = option(
         0.0, "Height of the heel while the person rises and the foot turns about the toes, mm.", (0, 60), "mm"
     )
-    held_mass_kg: float = _option(0.0, "Mass of a weight in the hands, in addition to the person's, kg.", (0, 20), "kg")
+    held_mass_kg: float = option(0.0, "Mass of a weight in the hands, in addition to the person's, kg.", (0, 20), "kg")
 
     def __post_init__(self) -> None:
-        _check(self, "simulate: people")
+        check(self, "simulate: people")
 
     @property
     def differ(self) -> bool:
@@ -92,38 +92,38 @@ class FaultOptions:
         A value is out of range.
     """
 
-    frozen_s: float = _option(0.0, "A moving marker keeps its last position for this time, s.", (0, 60), "s")
-    ghost_walks: float = _option(0.0, "1 adds a trajectory that moves through the volume and is no marker.", (0, 1))
-    ghost_reflects: float = _option(0.0, "1 adds the mirror image of a marker.", (0, 1))
-    reattached_mm: float = _option(
+    frozen_s: float = option(0.0, "A moving marker keeps its last position for this time, s.", (0, 60), "s")
+    ghost_walks: float = option(0.0, "1 adds a trajectory that moves through the volume and is no marker.", (0, 1))
+    ghost_reflects: float = option(0.0, "1 adds the mirror image of a marker.", (0, 1))
+    reattached_mm: float = option(
         0.0, "A moving marker falls off and is attached again at this distance, mm.", (0, 200), "mm"
     )
-    mislabelled_s: float = _option(0.0, "Two moving markers exchange their names for this time, s.", (0, 60), "s")
-    wander_mm: float = _option(0.0, "Slow wander (below 0.5 Hz) of every marker, mm rms.", (0, 10), "mm")
-    wobble_mm: float = _option(
+    mislabelled_s: float = option(0.0, "Two moving markers exchange their names for this time, s.", (0, 60), "s")
+    wander_mm: float = option(0.0, "Slow wander (below 0.5 Hz) of every marker, mm rms.", (0, 10), "mm")
+    wobble_mm: float = option(
         0.0, "Wobble at 4 Hz of the skin of each segment, all its markers alike, mm rms.", (0, 10), "mm"
     )
-    filter_hz: float = _option(0.0, "Cut-off of a zero-phase low-pass filter on the markers, Hz.", (0, 50), "Hz")
-    repeated_share: float = _option(0.0, "Share of the frames that repeat the frame before.", (0, 0.9))
-    camera_scale: float = _option(0.0, "Relative error of all distances between markers.", (-0.2, 0.2))
-    tilt_deg: float = _option(0.0, "Tilt of the cameras' frame in the plane of motion, degrees.", (-10, 10), "degrees")
-    rate_error: float = _option(0.0, "Relative error of the frame rate and the analog rate in the file.", (-0.5, 0.5))
-    gain: float = _option(0.0, "Relative error of all channels of the plate.", (-0.9, 1))
-    gain_fz: float = _option(0.0, "Relative error of the plate's vertical force.", (-0.9, 1))
-    gain_moments: float = _option(0.0, "Relative error of the plate's moments.", (-0.9, 1))
-    offset_fz_N: float = _option(0.0, "Constant error of the vertical force, N.", (-200, 200), "N")  # noqa: N815  a unit
-    corners_mm: float = _option(0.0, "Error of the plate's corners in the file along the motion, mm.", (0, 200), "mm")
-    foot_slide_mm: float = _option(0.0, "Distance by which the feet slide once, while seated, mm.", (0, 100), "mm")
-    foot_moves_mm: float = _option(
+    filter_hz: float = option(0.0, "Cut-off of a zero-phase low-pass filter on the markers, Hz.", (0, 50), "Hz")
+    repeated_share: float = option(0.0, "Share of the frames that repeat the frame before.", (0, 0.9))
+    camera_scale: float = option(0.0, "Relative error of all distances between markers.", (-0.2, 0.2))
+    tilt_deg: float = option(0.0, "Tilt of the cameras' frame in the plane of motion, degrees.", (-10, 10), "degrees")
+    rate_error: float = option(0.0, "Relative error of the frame rate and the analog rate in the file.", (-0.5, 0.5))
+    gain: float = option(0.0, "Relative error of all channels of the plate.", (-0.9, 1))
+    gain_fz: float = option(0.0, "Relative error of the plate's vertical force.", (-0.9, 1))
+    gain_moments: float = option(0.0, "Relative error of the plate's moments.", (-0.9, 1))
+    offset_fz_N: float = option(0.0, "Constant error of the vertical force, N.", (-200, 200), "N")  # noqa: N815  a unit
+    corners_mm: float = option(0.0, "Error of the plate's corners in the file along the motion, mm.", (0, 200), "mm")
+    foot_slide_mm: float = option(0.0, "Distance by which the feet slide once, while seated, mm.", (0, 100), "mm")
+    foot_moves_mm: float = option(
         0.0, "Largest distance of the feet from their first place in the other repetitions, mm.", (0, 100), "mm"
     )
-    turn_deg: float = _option(
+    turn_deg: float = option(
         0.0, "Angle by which the seated person turns about the vertical at mid-trial, degrees.", (0, 45), "degrees"
     )
-    plane_tilt_deg: float = _option(0.0, "Sideways lean of the plane of motion, degrees.", (-20, 20), "degrees")
+    plane_tilt_deg: float = option(0.0, "Sideways lean of the plane of motion, degrees.", (-20, 20), "degrees")
 
     def __post_init__(self) -> None:
-        _check(self, "simulate: faults")
+        check(self, "simulate: faults")
 
     @property
     def present(self) -> dict[str, float]:
@@ -144,57 +144,57 @@ class Options:
         A value is out of range.
     """
 
-    seed: int = _option(0, "Seed of the body, its motion, the direction of the plane and every error.", (0, _LARGEST))
-    repetitions: int = _option(5, "Number of sit-to-stands, or of the robot's swings.", (1, 50))
-    strategy: Strategy = _option("normal", "How the person rises.", choices=STRATEGIES)  # noqa: RUF009  a dataclass field
-    rate: float = _option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
-    analog_rate: float = _option(1000.0, "Analog sampling rate, Hz; a multiple of the frame rate.")
-    marker_noise: float = _option(0.0005, "Standard deviation of each marker coordinate, m.", (0, 0.05), "m")
-    soft_tissue: float = _option(1.0, "Factor on the motion of the skin; 0 fixes the markers to the bones.", (0, 10))
-    occlusions: float = _option(1.0, "Factor on how often markers vanish; 0 for never.", (0, 10))
-    jumps: int = _option(
+    seed: int = option(0, "Seed of the body, its motion, the direction of the plane and every error.", (0, LARGEST))
+    repetitions: int = option(5, "Number of sit-to-stands, or of the robot's swings.", (1, 50))
+    strategy: Strategy = option("normal", "How the person rises.", choices=STRATEGIES)  # noqa: RUF009  a dataclass field
+    rate: float = option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
+    analog_rate: float = option(1000.0, "Analog sampling rate, Hz; a multiple of the frame rate.")
+    marker_noise: float = option(0.0005, "Standard deviation of each marker coordinate, m.", (0, 0.05), "m")
+    soft_tissue: float = option(1.0, "Factor on the motion of the skin; 0 fixes the markers to the bones.", (0, 10))
+    occlusions: float = option(1.0, "Factor on how often markers vanish; 0 for never.", (0, 10))
+    jumps: int = option(
         0,
         "Number of times that a marker is mistaken for a reflection 20 to 80 mm away, for 5 to 100 frames.",
         (0, 10000),
     )
-    plate_sense: Sense = _option(  # noqa: RUF009  a dataclass field
+    plate_sense: Sense = option(  # noqa: RUF009  a dataclass field
         "reaction",
         "Measured force: that of the plate on the body (reaction) or of the body on the plate (action).",
         choices=("reaction", "action"),
     )
-    plate_moved: bool = _option(False, "Shift, lift and turn the plate in the laboratory.")
-    plate_origin_flipped: bool = _option(False, "Write the plate's ORIGIN with the wrong sign.")
-    plate_noise: float = _option(1.0, "Factor on the usual noise (1 N, 0.3 N·m).", (0, 100))
-    plate_bias: float = _option(0.0, "Factor on the usual channel bias (3 N, 0.3 N·m).", (0, 100))
-    clock_offset: float = _option(
+    plate_moved: bool = option(False, "Shift, lift and turn the plate in the laboratory.")
+    plate_origin_flipped: bool = option(False, "Write the plate's ORIGIN with the wrong sign.")
+    plate_noise: float = option(1.0, "Factor on the usual noise (1 N, 0.3 N·m).", (0, 100))
+    plate_bias: float = option(0.0, "Factor on the usual channel bias (3 N, 0.3 N·m).", (0, 100))
+    clock_offset: float = option(
         0.0, "Time on the markers' clock at which the first analog sample is taken, s.", (-1, 1), "s"
     )
-    seat_plate: bool = _option(False, "Put the chair on a plate of its own, the second one.")
-    chair_mass: float = _option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
-    attempts: int = _option(0, "Number of failed rises, one before each of the last repetitions.")
-    hold: float = _option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
-    rail: float = _option(0.0, "Share of the vertical load that a hand on a rail carries during each rise.", (0, 0.5))
+    seat_plate: bool = option(False, "Put the chair on a plate of its own, the second one.")
+    chair_mass: float = option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
+    attempts: int = option(0, "Number of failed rises, one before each of the last repetitions.")
+    hold: float = option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
+    rail: float = option(0.0, "Share of the vertical load that a hand on a rail carries during each rise.", (0, 0.5))
     people: PersonOptions = field(default_factory=PersonOptions)
-    rest_before: float = _option(0.0, "Rest before the first rise, s.", (0, 600), "s")
-    rest_standing: float = _option(0.0, "Additional rest in the first stand, s.", (0, 600), "s")
-    rest_after: float = _option(0.0, "Rest after the last repetition, s.", (0, 600), "s")
-    marker_set: MarkerSetName = _option(  # noqa: RUF009  a dataclass field
+    rest_before: float = option(0.0, "Rest before the first rise, s.", (0, 600), "s")
+    rest_standing: float = option(0.0, "Additional rest in the first stand, s.", (0, 600), "s")
+    rest_after: float = option(0.0, "Rest after the last repetition, s.", (0, 600), "s")
+    marker_set: MarkerSetName = option(  # noqa: RUF009  a dataclass field
         "clusters",
         "Markers of the person: clusters on every segment and on the plate, Plug-in-Gait, or one at each joint.",
         choices=MARKER_SETS,
     )
-    without: str = _option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
-    knee_on_shank: bool = _option(False, "Fix the knee marker of a conventional set to the shank, not to the thigh.")
+    without: str = option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
+    knee_on_shank: bool = option(False, "Fix the knee marker of a conventional set to the shank, not to the thigh.")
     faults: FaultOptions = field(default_factory=FaultOptions)
-    joint: JointName | None = _option(  # noqa: RUF009  a dataclass field
+    joint: JointName | None = option(  # noqa: RUF009  a dataclass field
         None, "Joint of the thesis's UR5 robot that moves; a random robot if omitted.", choices=(None, *REFERENCE)
     )
-    speed: Speed = _option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)  # noqa: RUF009  a dataclass field
-    orientation: float = _option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
+    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)  # noqa: RUF009  a dataclass field
+    orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
     subject: Subject | None = None
 
     def __post_init__(self) -> None:
-        _check(self, "simulate")
+        check(self, "simulate")
         multiple = self.analog_rate / self.rate
         if not (multiple >= 1 and multiple % 1 == 0):
             _refuse("simulate", "analog_rate", self.analog_rate, "a multiple of rate")

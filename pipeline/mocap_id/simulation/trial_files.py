@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,7 +13,9 @@ from typing import Any, get_args
 
 import numpy as np
 
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
+from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writer import write_c3d
 from mocap_id.simulation.encoder import draw_encoder, encoder_csv
 from mocap_id.simulation.joint_motion import JointMotion
@@ -52,9 +54,25 @@ def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | No
     """
     if kind not in get_args(Kind):
         raise ConfigError(f"simulate: there is no kind {kind!r}; expected one of {', '.join(get_args(Kind))}")
+    return write_trial(folder, lambda name: _contents(kind, name, options, generate(kind, options, given)))
+
+
+def write_trial(folder: Path, make: Callable[[str], Mapping[str, bytes]]) -> Path:
+    """Write a new trial whose files ``make`` returns, given the trial's name.
+
+    Returns
+    -------
+    Path
+        ``trial.yaml``.
+
+    Raises
+    ------
+    StoreError
+        The folder already holds a trial, or cannot be written.
+    """
     if (folder / "trial.c3d").exists():
         raise StoreError(f"{folder} already holds a trial: remove it or choose another folder")
-    contents = _contents(kind, folder.resolve().name, options, generate(kind, options, given))
+    contents = make(folder.resolve().name)
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)
@@ -88,26 +106,38 @@ def truth_json(
     kind: Kind, options: Options, trial: SimulatedTrial, more: Mapping[str, Any] = MappingProxyType({})
 ) -> bytes:
     """Return the content of ``truth.json``, with the entries of ``more`` added."""
-    truth = document(kind, options, trial) | dict(more)
-    return (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
+    return json_bytes(document(kind, options, trial) | dict(more))
+
+
+def json_bytes(document: Mapping[str, Any]) -> bytes:
+    """Return the content of a JSON file."""
+    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
 
 
 def c3d_bytes(options: Options, trial: SimulatedTrial) -> bytes:
     """Return the content of the C3D file."""
+    stated = 1 + options.faults.rate_error
+    plates = [
+        replace(plate, rate=plate.rate * stated) for plate in (trial.signals, trial.seat_signals) if plate is not None
+    ]
+    return points_bytes(trial.labels, trial.points, options.rate * stated, plates)
+
+
+def points_bytes(labels: Sequence[str], points: FloatArray, rate: float, plates: Sequence[PlateSignals] = ()) -> bytes:
+    """Return the content of a C3D file with the points (F, M, 3), m; other parameters as for :func:`write_c3d`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial.c3d"
-        stated = 1 + options.faults.rate_error
-        plates = [
-            replace(plate, rate=plate.rate * stated)
-            for plate in (trial.signals, trial.seat_signals)
-            if plate is not None
-        ]
-        write_c3d(path, trial.labels, trial.points, options.rate * stated, plates=plates)
+        write_c3d(path, labels, points, rate, plates=plates)
         return path.read_bytes()
 
 
 def truth_npz(trial: SimulatedTrial) -> bytes:
     """Return the content of ``truth.npz``."""
+    return npz_bytes(arrays(trial))
+
+
+def npz_bytes(values: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
+    """Return the content of a compressed NumPy archive."""
     stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays(trial))  # type: ignore[arg-type]
+    np.savez_compressed(stream, **values)  # type: ignore[arg-type]
     return stream.getvalue()

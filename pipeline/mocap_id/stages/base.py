@@ -89,7 +89,26 @@ Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint", "reach", "c
 _IN_PLANE: tuple[Protocol, ...] = ("sit-to-stand", "robot-joint")
 _IN_SPACE: tuple[Protocol, ...] = ("reach", "curl")
 
-Landmark: TypeAlias = Literal["IJ", "PX", "C7", "T8", "AC", "EL", "EM", "RS", "US"]
+Landmark: TypeAlias = Literal[
+    "IJ",
+    "PX",
+    "C7",
+    "T8",
+    "AC",
+    "AA",
+    "AI",
+    "TS",
+    "PC",
+    "GH",
+    "EL",
+    "EM",
+    "RS",
+    "US",
+    "MC3",
+    "MCP2",
+    "MCP3",
+    "MCP5",
+]
 """Anatomical landmarks of thorax and arm, named as by the ISB (Wu et al. 2005)."""
 
 
@@ -186,6 +205,11 @@ class TrialKeys(Settings):
         if value is not None and not value[0] < value[1]:
             raise ValueError("the first time must come before the last")
         return value
+
+
+def given_landmarks(trial: TrialKeys) -> dict[str, str]:
+    """Return the labels of the landmarks that the configuration names."""
+    return {str(name): label for name, label in trial.landmarks.items()}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from mocap_id.errors import StoreError
 from mocap_id.store.artefacts import LongTable, Table, Tree
 
 
@@ -89,6 +90,12 @@ class Trajectories:
         found[self.bursts[:, marker]] = np.nan
         return found
 
+    def in_space(self, markers: IntArray) -> FloatArray:
+        """Return a copy (F, m, 3) of some markers, m; NaN also during bursts."""
+        found = np.stack([np.asarray(self.planar.values[name][:, markers], np.float64) for name in "xyz"], axis=2)
+        found[self.bursts[:, markers]] = np.nan
+        return found
+
     def at(self, frames: IntArray) -> FloatArray:
         """Return some frames (f, M, 3), by their rows, m; NaN also during bursts."""
         found = np.stack([np.asarray(self.planar.values[name][frames], np.float64) for name in "xyz"], axis=2)
@@ -114,6 +121,18 @@ class Skeleton:
 
     @classmethod
     def from_tree(cls, tree: Tree) -> Skeleton:
+        """Return the chain of a trial in the plane.
+
+        Raises
+        ------
+        StoreError
+            The chain is that of a trial in space.
+        """
+        if tree.has("joints/kind"):
+            raise StoreError(
+                "this run is in space (`space: 3d`), but this command needs one in the plane: its chain of hinges in "
+                "one plane. docs/space.md lists what a run in space can be used for"
+            )
         return cls(
             joints=tree.texts("joints/name"),
             parents=tree.integers("joints/parent"),

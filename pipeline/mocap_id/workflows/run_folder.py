@@ -14,6 +14,7 @@ from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import Artefact, ArtefactSet, Folder, Provenance
 from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.spatial_views import in_space
 
 SUMMARY = "summary.json"
 
@@ -62,6 +63,11 @@ class RunFolder(ArtefactSet):
         except (OSError, ValueError) as error:
             raise StoreError(f"{file} cannot be read ({error}): delete it and run `mocap-id report` again") from error
         return found
+
+    @property
+    def in_space(self) -> bool:
+        """Whether the trial has `space: 3d`."""
+        return in_space(self.facts("planar.parquet"))
 
     def why_missing(self, file: str) -> str:
         """Return why an artefact, or the data in it, is missing."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.explanation import Explanation
+from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
@@ -14,7 +15,7 @@ from mocap_id.verdict import Level
 
 __all__ = ["EXPLANATIONS", "LEVELS", "Explanation", "as_markdown"]
 
-EXPLANATIONS: Mapping[str, Explanation] = {**RECORDING, **SKELETON, **CONTACT, **PARAMETERS, **TRANSFER}
+EXPLANATIONS: Mapping[str, Explanation] = {**RECORDING, **SKELETON, **LANDMARKS, **CONTACT, **PARAMETERS, **TRANSFER}
 """Explanations of all stages and workflows by reason code."""
 
 LEVELS: Mapping[Level, tuple[str, str]] = {

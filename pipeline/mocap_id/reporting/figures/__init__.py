@@ -35,6 +35,11 @@ FIGURE_FUNCTIONS: Mapping[str, Callable[[ReportData], Figure | str]] = {
 
 
 def drawings(data: ReportData) -> Drawings:
-    """Return all figures of :data:`mocap_id.reporting.contents.FIGURES`."""
-    made = (Drawing(one.name, one.title, caption(one, data), FIGURE_FUNCTIONS[one.name](data)) for one in FIGURES)
+    """Return all figures of :data:`mocap_id.reporting.contents.FIGURES`, or those of a trial in space."""
+    entries, functions = FIGURES, FIGURE_FUNCTIONS
+    if data.in_space:
+        from mocap_id.reporting.space import figures as spatial  # noqa: PLC0415  these use the figures above
+
+        entries, functions = spatial.FIGURES, spatial.FIGURE_FUNCTIONS
+    made = (Drawing(one.name, one.title, caption(one, data), functions[one.name](data)) for one in entries)
     return Drawings(style.printable(data.trial), tuple(made))

@@ -13,6 +13,10 @@ from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 
 _ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy, up (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
+_ROWS_IN_SPACE = (
+    ("Fx", "Fx (N)"), ("Fy", "Fy, up (N)"), ("Fz", "Fz (N)"),
+    ("taux", "τx (N·m)"), ("tauy", "τy (N·m)"), ("tauz", "τz (N·m)"),
+)  # fmt: skip
 _SOURCES: tuple[tuple[str, str, Dash, float, str], ...] = (
     ("", style.MEASURED, "-", 0.9, "measured"),
     ("_reference", style.REFERENCE, "--", 1.1, "allometric reference"),
@@ -22,7 +26,7 @@ _COP_TAIL = 0.005  # outliers of the centre of pressure at low load
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw four rows over time; without an identification, only the measurement."""
+    """Draw four rows over time, in space six; without an identification, only the measurement."""
     rows = panels(data, height=1.75)
     if not any(isinstance(item, Line) for row in rows for item in row.items):
         why = data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet")
@@ -33,7 +37,11 @@ def draw(data: ReportData) -> Figure | str:
 def panels(data: ReportData, height: float) -> tuple[Panel, ...]:
     """Return one panel per component; none without measured forces."""
     table = forces(data)
-    return () if table is None else tuple(_panel(table, name, label, height) for name, label in _ROWS)
+    rows = _ROWS_IN_SPACE if data.in_space else _ROWS
+    if table is None or not {name for name, _ in rows} <= set(table.names):
+        return ()
+    below = ["" for _ in rows[1:]] + ["time (s)"]
+    return tuple(_panel(table, row, x, height) for row, x in zip(rows, below, strict=True))
 
 
 def forces(data: ReportData) -> Table | None:
@@ -42,9 +50,9 @@ def forces(data: ReportData) -> Table | None:
     return data.table("wrench.parquet") if found is None else found
 
 
-def _panel(table: Table, name: str, label: str, height: float) -> Panel:
+def _panel(table: Table, row: tuple[str, str], below: str, height: float) -> Panel:
     """Return one component: samples of the fit shaded, model with its band, reference and measurement."""
-    time = table["time"]
+    (name, label), time = row, table["time"]
     known = {
         suffix: table[name + suffix]
         for suffix, *_ in _SOURCES
@@ -58,7 +66,6 @@ def _panel(table: Table, name: str, label: str, height: float) -> Panel:
         if suffix in known:
             items.append(Line(*envelope(time, known[suffix]), colour, what, dash, width))
     framed = style.framed(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
-    below = "time (s)" if name == _ROWS[-1][0] else ""
     ends = (float(time[0]), float(time[-1])) if len(time) else None
     height += 0.3 if below else 0.0
     return Panel(tuple(items), x=below, y=label, x_range=ends, y_range=framed, linked=True, height=height)

@@ -14,13 +14,21 @@
   const shapes = timed.map((plot) => plot.layout.shapes ?? []);
 
   const number = (whole) => (whole === frames.unknown ? null : whole * frames.step);
+  const turn = part("turn"), tilt = part("tilt"), dimensions = frames.centre ? 3 : 2;
+  const view = () => { // unit vectors across and up the view, from the angles of the sliders
+    const a = (turn.value * Math.PI) / 180, e = (tilt.value * Math.PI) / 180;
+    return [[Math.cos(a), 0, -Math.sin(a)], [-Math.sin(a) * Math.sin(e), Math.cos(e), -Math.cos(a) * Math.sin(e)]];
+  };
+  const projected = (own, along) => own[0].map((x, k) => (x === null ? null
+    : along[0] * (x - frames.centre[0]) + along[1] * (own[1][k] - frames.centre[1]) + along[2] * (own[2][k] - frames.centre[2])));
   const show = (moment) => {
-    const x = [], y = [];
+    const x = [], y = [], seen = frames.centre ? view() : null;
     let start = moment * width;
     for (const rows of frames.rows) {
-      x.push(Array.from(packed.subarray(start, start + rows), number));
-      y.push(Array.from(packed.subarray(start + rows, start + 2 * rows), number));
-      start += 2 * rows;
+      const own = Array.from({ length: dimensions }, (_, k) => Array.from(packed.subarray(start + k * rows, start + (k + 1) * rows), number));
+      x.push(seen ? projected(own, seen[0]) : own[0]);
+      y.push(seen ? projected(own, seen[1]) : own[1]);
+      start += dimensions * rows;
     }
     const time = frames.time[moment];
     part("now").value = `${time.toFixed(2)} s`;
@@ -62,6 +70,19 @@
   slider.addEventListener("keydown", (event) => {
     if (event.key === " ") { event.preventDefault(); set(!playing); }
   });
+  if (frames.centre) { // dragging the figure turns it, as the sliders do
+    const again = () => show(Number(slider.value));
+    turn.addEventListener("input", again);
+    tilt.addEventListener("input", again);
+    Plotly.relayout(moving, { dragmode: false });
+    moving.style.touchAction = "pan-y";
+    moving.addEventListener("pointermove", (event) => {
+      if (!(event.buttons & 1)) return;
+      turn.value = ((((Number(turn.value) - event.movementX / 2 + 180) % 360) + 360) % 360) - 180;
+      tilt.value = Number(tilt.value) + event.movementY / 2;
+      again();
+    });
+  }
   for (const plot of timed) {
     plot.addEventListener("click", (event) => {
       const { xaxis } = plot._fullLayout;

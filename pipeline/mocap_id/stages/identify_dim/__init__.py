@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
-from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class IdentifyDimSettings(Settings):
     """Settings of the identification; the defaults are for people and robots."""
+
+    plane_only: ClassVar[Only] = dict.fromkeys(
+        (
+            *("motion", "components", "contact", "seat_off_share", "knee_bend_rad", "seat_plate", "seat_segment"),
+            *("reference", "reference_sd", "reference_pulls", "consistency", "grid", "subject_mass_sd_kg"),
+        ),
+        (),
+    )
 
     motion: Literal["chain", "segments"] | None = Field(
         None,

@@ -1,4 +1,4 @@
-"""The ground's wrench in the plane: columns of wrench.parquet."""
+"""The ground's wrench, in the plane and in space: columns of wrench.parquet."""
 
 from __future__ import annotations
 
@@ -46,6 +46,49 @@ def ground_wrench(
             alone = frame.wrench_to_plane(plate.force, plate.moment).T.copy()
             columns |= {f"{name}_p{number}": each for name, each in zip(COMPONENTS, alone, strict=True)}
     return columns
+
+
+_IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
+_MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])  # of a wrench, for z → -z: moments are axial vectors
+
+
+def ground_wrench_in_space(
+    time: FloatArray,
+    samples: Sequence[PlateSamples],
+    choice: PlateChoice,
+    frame: PlaneFrame,
+    threshold: float,
+    *,
+    mirrored: bool = False,
+) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the six components of the sum of the feet's plates at marker times.
+
+    Parameters
+    ----------
+    time : (F,) array
+        Marker times, s.
+    samples : sequence of PlateSamples
+        Each plate's wrench at these times.
+    choice : PlateChoice
+    frame : PlaneFrame
+        Frame of the trial (y up). Moments are about its origin.
+    threshold : float
+        Vertical force up to which there is no centre of pressure, N.
+    mirrored : bool
+        Whether the trial is mirrored, z → -z.
+    """
+    feet, count = choice.indices("feet"), len(time)
+    ok = np.logical_and.reduce([samples[index].ok for index in feet]) if feet else np.zeros(count, np.bool_)
+    force = sum((samples[index].force for index in feet), np.zeros((count, 3)))
+    moment = sum((samples[index].moment for index in feet), np.zeros((count, 3))) - np.cross(frame.origin, force)
+    total = np.concatenate([force @ frame.axes.T, moment @ frame.axes.T], axis=1)
+    if mirrored:
+        total *= _MIRROR
+    total[~ok] = np.nan
+    with np.errstate(invalid="ignore"):
+        vertical = np.where(total[:, 1] > threshold, total[:, 1], np.nan)
+    columns = dict(zip(_IN_SPACE, total.T.copy(), strict=True))
+    return {"time": time, **columns, "cop_x": total[:, 5] / vertical, "plate_ok": ok}
 
 
 def lateral_pressure(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:

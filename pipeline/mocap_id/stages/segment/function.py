@@ -21,13 +21,12 @@ from mocap_id.stages.segment.bad_markers import (
     left_out_words,
     segment_without_bad,
 )
+from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
 from mocap_id.stages.segment.lifted_heel import foot_moves, lift_of_good_markers, lift_reasons, with_foot
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
-
-_UNSURE = 0.5
 
 
 def segment(context: Context) -> Outputs:
@@ -35,10 +34,10 @@ def segment(context: Context) -> Outputs:
     settings: SegmentSettings = context.settings
     trial = context.trial
     recorded = Trajectories(context.long("planar.parquet"))
-    rules = _rules(settings, LONGEST[trial.protocol])
+    rules = search_rules(settings, LONGEST[trial.protocol])
     labels = recorded.labels
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
-    constraints = _constraints(labels, settings)
+    constraints = marker_constraints(labels, settings)
 
     def segmented(count: int | None) -> SegmentedMarkers:
         counted = replace(rules, count=count, longest=max(count or 0, rules.longest))
@@ -60,7 +59,7 @@ def segment(context: Context) -> Outputs:
     foot = foot_moves(lift, labels, found)
     names, joint_names = body_names(trial.protocol, found.count, foot_turns=foot)
     if settings.names is not None:
-        names = _given_names(settings.names, found.count)
+        names = given_names(settings.names, found.count)
     facts = {
         "count": found.count,
         "names": list(names),
@@ -103,17 +102,6 @@ def _columns(
     }
 
 
-def _rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
-    return SegmentationRules(
-        still_limit=settings.still_limit_m,
-        min_arc=float(np.radians(settings.min_arc_deg)),
-        max_residual=settings.max_joint_residual_m,
-        max_body_residual=settings.max_body_residual_m,
-        count=settings.count,
-        longest=settings.count or longest,
-    )
-
-
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
     """Return the frames (f, M) in the plane, m; NaN for the markers ``out`` that the user leaves out."""
     plane = np.asarray(points[..., 0] + 1j * points[..., 1])
@@ -136,7 +124,8 @@ def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ..
     if planarity > settings.planarity_limit:
         raise Refused(
             "not-planar",
-            f"{found}: too much for a planar chain (limit {100 * settings.planarity_limit:.0f} %).",
+            f"{found}: too much for a planar chain (limit {100 * settings.planarity_limit:.0f} %). If the joints turn "
+            "about several axes, set `space: 3d`.",
             planarity,
             settings.planarity_limit,
         )
@@ -197,19 +186,6 @@ def _sorted(
         raise Refused(refused.code, text, refused.value, refused.limit) from refused
 
 
-def _constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Constraints:
-    """Return the hints `together` and `apart` as columns of markers."""
-    together = [marker_columns(labels, group, "segment: together") for group in settings.together]
-    apart = [marker_columns(labels, group, "segment: apart") for group in settings.apart]
-    constraints = Constraints.of(len(labels), together, apart)
-    if constraints.contradictory.any():
-        marker = labels[int(np.argmax(constraints.contradictory))]
-        raise ConfigError(
-            f"segment: `together` and `apart` contradict each other: they put {marker} on one segment and on two"
-        )
-    return constraints
-
-
 def _joint_markers(
     labels: tuple[str, ...], given: Mapping[str, tuple[str, ...]], joint_names: Sequence[str]
 ) -> dict[str, list[str]]:
@@ -242,15 +218,6 @@ def _links(labels: tuple[str, ...], found: Segmentation) -> dict[str, Any] | Non
         "centres": as_xy(state.centres).tolist(),
         "local": {labels[m]: as_xy(state.local[m]).tolist() for m in assigned},
     }
-
-
-def _given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
-    if len(names) != count:
-        raise ConfigError(
-            f"segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "
-            "give one for each, base first, or set segment.count too"
-        )
-    return names
 
 
 def _reason(found: Segmentation, marker: int, names: tuple[str, ...]) -> str:
@@ -300,7 +267,7 @@ def _upside_down(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:
 def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:
     """Return a caution if the segments are more likely wrong than right, with the strongest evidence against them."""
     confidence = found.confidence
-    if confidence.value >= _UNSURE:
+    if confidence.value >= UNSURE:
         return ()
     weakest = int(np.argmin(confidence.joints))
     on_none = int(np.sum(found.segment < 0))
@@ -323,7 +290,7 @@ def _doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, 
             f"the segments are doubtful: {why}. Check the skeleton; if it is wrong, set `segment: {{count: …}}`, or "
             "name markers that are `together` or `apart`, or markers to `ignore`.",
             confidence.value,
-            _UNSURE,
+            UNSURE,
         ),
     )
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
-from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.inverse_kinematics import MarkerChain
@@ -32,12 +31,11 @@ from mocap_id.stages.ukf_smooth.noise_reasons import (
 )
 from mocap_id.stages.ukf_smooth.predicted_markers import predicted_markers
 from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, assumed_skin, known_skin, lasting_errors
+from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import ANGLES, MARKERS, STATES
 from mocap_id.store.views import Skeleton, Trajectories
 from mocap_id.verdict import Reason
-
-_JITTER = 0.25  # of a frame; rounding to milliseconds causes this at 500 Hz
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -45,7 +43,7 @@ def ukf_smooth(context: Context) -> Outputs:
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    _check_uniform(view, context.trial.trial)
+    check_uniform(view, context.trial.trial)
     skeleton = Skeleton.from_tree(tree)
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
@@ -146,19 +144,6 @@ def _skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel 
         return skin_artefact.as_tree(assumed, labels, camera, "residuals of the joint fit")
     counted = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
     return skin_artefact.as_tree(skin, counted, camera, "residuals of all frames")
-
-
-def _check_uniform(view: Trajectories, trial: str) -> None:
-    """Raise RecordingError for times that are not uniform, since the process model has a fixed time step."""
-    time, period = view.time, 1.0 / view.rate
-    off = np.abs(time - time[0] - period * np.arange(len(time))) / period
-    if not np.all(off <= _JITTER):
-        k = int(np.argmax(~(off <= _JITTER)))
-        raise RecordingError(
-            f"trial {trial}: ukf-smooth: time stamps are not uniform: frame {view.frames[k]} is at "
-            f"{time[k]:.4f} s where {view.rate:g} frames per second put it at {time[0] + period * k:.4f} s; "
-            "export the trial at a constant rate with a row for every frame, or use a `window:` without the break"
-        )
 
 
 def _facts(

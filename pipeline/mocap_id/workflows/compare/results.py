@@ -21,7 +21,7 @@ _FIT = (
     ("cop_rms_m", "m"),
     ("samples", ""),
 )
-_UNITS = {"Fx": "N", "Fy": "N", "tauz": "N*m"}
+_UNITS = {"Fx": "N", "Fy": "N", "Fz": "N", "taux": "N*m", "tauy": "N*m", "tauz": "N*m"}
 
 
 def results(a: Summary, b: Summary) -> Iterator[Difference]:
@@ -30,6 +30,7 @@ def results(a: Summary, b: Summary) -> Iterator[Difference]:
     yield from _segments(a["segments"], b["segments"])
     yield from _joints(a["joints"] or (), b["joints"] or ())
     yield from _lengths(a["lengths_m"] or {}, b["lengths_m"] or {})
+    yield from _angles(a.get("angles") or {}, b.get("angles") or {})
     for group, key, unit in _PLAIN:
         yield quantity("noise", key, a[group][key], b[group][key], unit)
     yield from _base(a["dynamics"]["base"] or (), b["dynamics"]["base"] or ())
@@ -74,7 +75,8 @@ def _segments(a: Summary, b: Summary) -> Iterator[Difference]:
 
 def _joints(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[Difference]:
     for name, one, other in _paired(a, b):
-        for k, axis in enumerate("xy"):
+        sizes = (len(entry.get("centre_m") or ()) for entry in (one, other))
+        for k, axis in enumerate("xyz"[: max(*sizes, 2)]):
             yield quantity(
                 "joints",
                 f"{name} {axis}",
@@ -84,6 +86,8 @@ def _joints(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[Difference]:
                 sds=(_at(one, "sd_m", k), _at(other, "sd_m", k)),
             )
         yield quantity("joints", f"{name} arc", one.get("arc_deg"), other.get("arc_deg"), "deg")
+        if one.get("kind") != other.get("kind"):
+            yield Difference("joints", f"{name} kind", one.get("kind"), other.get("kind"))
 
 
 def _paired(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[tuple[str, Summary, Summary]]:
@@ -95,7 +99,7 @@ def _paired(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[tuple[str, S
 
 def _at(entry: Summary, key: str, k: int) -> float | None:
     values = entry.get(key)
-    return None if values is None else values[k]
+    return None if values is None or k >= len(values) else values[k]
 
 
 def _lengths(a: Summary, b: Summary) -> Iterator[Difference]:
@@ -103,6 +107,12 @@ def _lengths(a: Summary, b: Summary) -> Iterator[Difference]:
         one, other = a.get(name, {}), b.get(name, {})
         sds = (one.get("sd"), other.get("sd"))
         yield quantity("lengths", name, one.get("value"), other.get("value"), "m", sds=sds)
+
+
+def _angles(a: Summary, b: Summary) -> Iterator[Difference]:
+    for name in dict.fromkeys((*a, *b)):
+        one, other = (entry.get(name, {}).get("range_deg") for entry in (a, b))
+        yield quantity("angles", f"{name} range", one, other, "deg")
 
 
 def _base(a: Sequence[Summary], b: Sequence[Summary]) -> Iterator[Difference]:

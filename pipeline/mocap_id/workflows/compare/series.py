@@ -8,13 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.store import Column, Table
+from mocap_id.store import Table
+from mocap_id.store.parquet import columns_of
 from mocap_id.workflows.compare.difference import Difference
 from mocap_id.workflows.run_folder import RunFolder
 
 _STATES = re.compile(r"(d{0,2})theta_\d+")
-_DYNAMICS = re.compile(r"(Fx|Fy|tauz|cop_x)(_model)?|tau_\d+")
-_FILES = (("states.parquet", _STATES), ("dynamics.parquet", _DYNAMICS))
+_DYNAMICS = re.compile(r"(F[xyz]|tau[xyz]|cop_x)(_model)?|tau_\d+")
+_ANGLES = re.compile(r"(?!sd_|constant_sd_|time$).+")
+_FILES = (("states.parquet", _STATES), ("angles.parquet", _ANGLES), ("dynamics.parquet", _DYNAMICS))
 
 
 def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
@@ -26,17 +28,12 @@ def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
         one, other = a.artefacts.get(file), b.artefacts.get(file)
         if not isinstance(one, Table) or not isinstance(other, Table):
             continue
-        units = {column.name: column.unit for group in _groups(one) for column in group}
+        units = {column.name: column.unit for column in columns_of(one.schema, one.names)}
         names = [name for name in one.names if wanted.fullmatch(name) and name in other.names]
         for name in names:
-            unit = units.get(name, units.get(re.sub(r"\d+$", "{k}", name), ""))
-            found = _compared(name, unit, one, other)
+            found = _compared(name, units.get(name, ""), one, other)
             if found is not None:
                 yield found
-
-
-def _groups(table: Table) -> tuple[tuple[Column, ...], ...]:
-    return (table.schema.columns, table.schema.repeated, *table.schema.optional)
 
 
 def _compared(name: str, unit: str, a: Table, b: Table) -> Difference | None:

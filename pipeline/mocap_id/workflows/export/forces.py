@@ -33,7 +33,7 @@ class Load:
     segment : int
         Segment on which it acts; 0 is the base.
     wrench : (T, 3) array
-        Fx, Fy, tauz on the body about the origin of the plane frame, N and N·m.
+        Fx, Fy, tauz on the body about the origin of the plane frame, N and N·m; in space (T, 6).
     """
 
     name: str
@@ -50,7 +50,7 @@ def forces(run: RunFolder) -> ExportFiles:
     time, found, notes = _loads(run)
     if not found:
         return ExportFiles(notes=(*notes, f"mot: no forces: {_why(run)}"))
-    columns = [name for load in found for name in _columns(load.name)]
+    columns = [name for load in found for name in columns_of_load(load.name)]
     values = np.column_stack([_acting(load.wrench, _threshold(run)) for load in found])
     rows, lost = known_rows(forces_file(run), values)
     text = format_motion_table("forces of the surroundings on the body", columns, values[rows], time=time[rows])
@@ -59,7 +59,7 @@ def forces(run: RunFolder) -> ExportFiles:
     if tree is None:
         return parts
     bodies = body_names(Skeleton.from_tree(tree))
-    return parts + ExportFiles({loads_file(run): _external_loads(run, found, bodies)})
+    return parts + ExportFiles({loads_file(run): external_loads(run, found, bodies)})
 
 
 def _why(run: RunFolder) -> str:
@@ -115,7 +115,7 @@ def _applied_offset(run: RunFolder) -> float:
     return float(offset) if about.origin.parameters["identify-dim"]["apply_clock_offset"] else 0.0
 
 
-def _columns(name: str) -> list[str]:
+def columns_of_load(name: str) -> list[str]:
     """Return the column names of force (``_vx`` …), point (``_px`` …) and free moment (``_mx`` …)."""
     return [f"{name}_{kind}{axis}" for kind in "vpm" for axis in _AXES]
 
@@ -140,7 +140,8 @@ def _acting(wrench: FloatArray, threshold: float) -> FloatArray:
     return np.column_stack([force, zero, x, zero, zero, zero, zero, free])
 
 
-def _external_loads(run: RunFolder, loads: list[Load], bodies: tuple[str, ...]) -> bytes:
+def external_loads(run: RunFolder, loads: list[Load], bodies: tuple[str, ...]) -> bytes:
+    """Return the external loads that refer to the columns of the table of forces."""
     objects = element(
         "objects",
         children=[

@@ -15,6 +15,10 @@ from mocap_id.workflows.export.free_bodies import free_model, free_poses, free_s
 from mocap_id.workflows.export.markers import markers
 from mocap_id.workflows.export.motions import angles, states, torques
 from mocap_id.workflows.export.opensim import opensim
+from mocap_id.workflows.export.space import forces as spatial_forces
+from mocap_id.workflows.export.space import model as spatial_model
+from mocap_id.workflows.export.space import motions as spatial_motions
+from mocap_id.workflows.export.space import spreadsheets as spatial_spreadsheets
 from mocap_id.workflows.export.spreadsheets import spreadsheets
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
@@ -25,7 +29,16 @@ FORMATS: Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]] = {
     "csv": (spreadsheets,),
     "osim": (opensim, free_model),
 }
-"""Functions that make the files of each format."""
+"""Functions that make the files of each format, for a trial in the plane."""
+
+IN_SPACE: Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]] = {
+    "trc": (markers,),
+    "mot": (spatial_motions.model_motion, spatial_motions.joint_angles, spatial_forces.forces),
+    "sto": (spatial_motions.states,),
+    "csv": (spatial_spreadsheets.spreadsheets,),
+    "osim": (spatial_model.opensim,),
+}
+"""Functions that make the files of each format, for a trial in space."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +86,7 @@ def export(
         raise ConfigError(f"--to: {unknown[0] if unknown else 'nothing'}: expected some of {', '.join(FORMATS)}")
     run = open_run(trial, progress)
     folder = run.path / "export" if out is None else out
-    makers = [make for name in FORMATS if name in formats for make in FORMATS[name]]
+    makers = [make for name in FORMATS if name in formats for make in (IN_SPACE if run.in_space else FORMATS)[name]]
     made = sum((make(run) for make in makers), ExportFiles())
     if not made.files:
         raise StoreError(f"{run.path} has no data for the formats {', '.join(formats)}: {'; '.join(made.notes)}")

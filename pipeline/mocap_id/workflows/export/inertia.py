@@ -12,7 +12,7 @@ from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.workflows.run_folder import RunFolder
 
 _WIDTH = len(PLANAR_PARAMETERS)
-_LEAST_MASS = 1e-9  # kg: OpenSim rejects a chain whose last body is massless
+LEAST_MASS = 1e-9  # kg: OpenSim rejects a chain whose last body is massless
 PLACEHOLDER = (1.0, 0.0, 0.0, 0.01)
 """m, mx, my, Izz of every segment if they are unknown: OpenSim rejects a chain without mass."""
 
@@ -48,7 +48,7 @@ def about_centre(block: FloatArray) -> BodyInertia:
     """
     mass, mx, my, inertia = (float(value) for value in block)
     if mass <= 0.0:
-        return BodyInertia(_LEAST_MASS, (0.0, 0.0), max(inertia, 0.0))
+        return BodyInertia(LEAST_MASS, (0.0, 0.0), max(inertia, 0.0))
     return BodyInertia(mass, (mx / mass, my / mass), max(inertia - (mx * mx + my * my) / mass, 0.0))
 
 

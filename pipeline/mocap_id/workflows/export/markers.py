@@ -32,6 +32,8 @@ def depths(run: RunFolder) -> dict[str, float]:
 def markers(run: RunFolder) -> ExportFiles:
     """Return TRC files in the plane frame, which has OpenSim's axes: x along the motion, y up, z out of the plane.
 
+    In space they are in the frame of the trial, with y up.
+
     ``<trial>.trc`` holds the measured markers, blank where a marker was not seen. ``<trial>_model.trc`` holds the
     markers as predicted by the chain at the smoothed angles, at their median distance from the plane.
     """
@@ -39,10 +41,14 @@ def markers(run: RunFolder) -> ExportFiles:
     if planar is None:
         return ExportFiles(notes=(f"trc: no markers: {run.why_missing('planar.parquet')}",))
     labels = marker_labels(run)
-    parts = ExportFiles({measured_file(run): _text(run, planar, measured_file(run))}, renamed(labels))
+    mirrored = run.facts("planar.parquet").get("side") == "left"
+    notes = ("the arm is a left one, mirrored as in the run: z points to the left",) if mirrored else ()
+    parts = ExportFiles({measured_file(run): _text(run, planar, measured_file(run))}, (*renamed(labels), *notes))
     if predicted is None:
         return parts + ExportFiles(notes=(f"trc: no modelled markers: {run.why_missing('markers.parquet')}",))
     file = f"{run.name}_model.trc"
+    if run.in_space:
+        return parts + ExportFiles({file: _text(run, predicted, file)})
     z = np.tile([depths(run)[label] for label in predicted.labels], (len(predicted.frames), 1))
     modelled = replace(predicted, values={**predicted.values, "z": z})
     return parts + ExportFiles({file: _text(run, modelled, file)})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mocap_id.store.views import Skeleton
@@ -24,18 +26,21 @@ def opensim(run: RunFolder) -> ExportFiles:
         return ExportFiles(notes=(f"osim: no model: {run.why_missing('chain.h5')}",))
     skeleton = Skeleton.from_tree(tree)
     inertia = bodies(run, len(skeleton.segments))
-    files = {model_file(run): model(run, skeleton, inertia), f"{run.name}_ik.xml": _kinematics(run, skeleton)}
+    files = {
+        model_file(run): model(run, skeleton, inertia),
+        f"{run.name}_ik.xml": kinematics_setup(run, skeleton.markers),
+    }
     if run.table("states.parquet") is not None and inertia.known:
         files[f"{run.name}_id.xml"] = _dynamics(run)
     return ExportFiles(files, (f"osim: inertial parameters: {inertia.source}",))
 
 
-def _kinematics(run: RunFolder, skeleton: Skeleton) -> bytes:
+def kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
     """Return the set-up of inverse kinematics, with equal weights for all markers of the chain."""
     labels = marker_labels(run)
     tasks = [
         element("IKMarkerTask", name=labels.get(label, label), children=[element("weight", text="1")])
-        for label in skeleton.markers
+        for label in markers
     ]
     children = [
         element("model_file", text=model_file(run)),

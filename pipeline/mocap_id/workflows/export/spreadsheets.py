@@ -30,11 +30,11 @@ def spreadsheets(run: RunFolder) -> ExportFiles:
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
     tables = {
-        "markers": _markers(run),
+        "markers": marker_table(run),
         "states": _states(run),
         "dynamics": _dynamics(run),
         "skeleton": _skeleton(run),
-        "parameters": _parameters(run),
+        "parameters": parameter_table(run),
         "events": _artefact(run, "events.parquet"),
     }
     sources = {"markers": "planar.parquet", "states": "states.parquet", "skeleton": "chain.h5"}
@@ -53,7 +53,8 @@ def spreadsheets(run: RunFolder) -> ExportFiles:
     return ExportFiles(files, notes)
 
 
-def _headed(name: str, unit: str) -> str:
+def headed(name: str, unit: str) -> str:
+    """Return the header of a column: its name with its unit."""
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
@@ -73,10 +74,11 @@ def _artefact(run: RunFolder, file: str) -> pd.DataFrame | None:
     if not isinstance(table, Table):
         return None
     units = _units(table.schema)
-    return table.frame.rename(columns=lambda name: _headed(str(name), _unit(str(name), units)))
+    return table.frame.rename(columns=lambda name: headed(str(name), _unit(str(name), units)))
 
 
-def _markers(run: RunFolder) -> pd.DataFrame | None:
+def marker_table(run: RunFolder) -> pd.DataFrame | None:
+    """Return the measured markers; None without them."""
     table = run.long("planar.parquet")
     if table is None:
         return None
@@ -93,7 +95,7 @@ def _states(run: RunFolder) -> pd.DataFrame | None:
     units, columns = _units(table.schema), {"time (s)": table["time"]}
     for j, joint in enumerate(Skeleton.from_tree(tree).joints, start=1):
         for symbol, word in _STATES.items():
-            columns[_headed(f"{joint} {word}", units[f"{symbol}_"])] = table[f"{symbol}_{j}"]
+            columns[headed(f"{joint} {word}", units[f"{symbol}_"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
 
 
@@ -133,7 +135,8 @@ def _skeleton(run: RunFolder) -> pd.DataFrame | None:
     )
 
 
-def _parameters(run: RunFolder) -> pd.DataFrame | None:
+def parameter_table(run: RunFolder) -> pd.DataFrame | None:
+    """Return the identified base parameters; None without them."""
     tree = run.tree("dynamics.h5")
     if tree is None:
         return None

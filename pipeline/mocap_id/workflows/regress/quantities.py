@@ -64,8 +64,16 @@ def _skeleton(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
     for marker, segment in sorted((segments.get("assignment") or {}).items()):
         yield f"segments.assignment.{marker}", Quantity(str(segment))
     for joint in summary.get("joints") or []:
-        for axis, value, sd in zip("xy", joint["centre_m"], joint["sd_m"], strict=True):
+        centre = joint["centre_m"] or []
+        for axis, value, sd in zip("xyz", centre, joint["sd_m"] or [None] * len(centre), strict=False):
             yield f"joints.{joint['name']}.{axis}", _with_interval(value, sd, "m")
+        if summary.get("space") == "3d":
+            yield f"joints.{joint['name']}.kind", Quantity(joint["kind"])
+            yield f"joints.{joint['name']}.known", Quantity(str(joint["known"]))
+    for name, angle in (summary.get("angles") or {}).items():
+        low, high = angle["interval_deg"] or (None, None)
+        sd = None if low is None or high is None else (high - low) / (2 * INTERVAL)
+        yield f"angles.{name}.range_deg", _with_interval(angle["range_deg"], sd, "deg")
     for name, length in (summary.get("lengths_m") or {}).items():
         yield f"lengths_m.{name}", _with_interval(length["value"], length["sd"], "m")
     yield "markers.reprojection_rms_mm", _relative(markers.get("reprojection_rms_mm"), 0.05, "mm")

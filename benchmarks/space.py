@@ -1,0 +1,293 @@
+"""Chains in space: arms and plain chains with exact truth, run up to `report`.
+
+Rows and limits are those of docs/measured/space.md. About five seconds per trial and core.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import harness
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.errors import MocapIdError
+from mocap_id.geometry import so3
+from mocap_id.runner import run
+from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
+
+TO_TRIAL = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""From the lab's axes, Z up, to those of the trial."""
+GATE = np.sin(np.radians(15))
+ANGLES = {
+    "shoulder_plane": ("isb_shoulder", 0, 1),
+    "shoulder_elevation": ("isb_shoulder", 1, -1),
+    "shoulder_axial": ("isb_shoulder", 2, 1),
+    "elbow_flexion": ("isb_elbow", 0, 1),
+}
+ARM_KINDS = {"shoulder": {"ball"}, "elbow": {"two-axis"}, "wrist": {"two-axis", "ball"}}
+CHAIN_KINDS = {"S": "ball", "H": "hinge", "T": "two-axis"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kind of trial, with the limits that 80 % of the trials must keep."""
+
+    arm: Mapping[str, Any] | None = None
+    chain: Mapping[str, Any] | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
+
+
+_DEFAULT = {
+    **{"GH centre, mm": 5, "elbow centre, mm": 4, "elbow axis, °": 6},
+    **{"shoulder_plane, °": 4.5, "shoulder_elevation, °": 2, "shoulder_axial, °": 5.5, "elbow_flexion, °": 1.5},
+    "forearm acceleration, rad/s²": 0.6,
+}
+_HARD = {
+    **{"GH centre, mm": 12, "elbow centre, mm": 8, "elbow axis, °": 8},
+    **{"shoulder_plane, °": 6.5, "shoulder_elevation, °": 4, "shoulder_axial, °": 12, "elbow_flexion, °": 2},
+    "forearm acceleration, rad/s²": 0.7,
+}
+ROWS: Mapping[str, Row] = {
+    "arm, default": Row(arm={}, limits=_DEFAULT),
+    "arm, hard": Row(arm={"preset": "hard", "cycles": 1, "severity": 0.5, "anonymous": True}, limits=_HARD),
+    "left arm": Row(arm={"side": "left"}, limits=_DEFAULT),
+    "two balls, 40°": Row(chain={"kinds": "SS", "arc_deg": 40}, limits={"centres, mm": 0.5}),
+    "two balls, 15°": Row(chain={"kinds": "SS", "arc_deg": 15}, limits={"centres, mm": 0.8}),
+    "two balls, 40°, hard": Row(chain={"kinds": "SS", "arc_deg": 40, "preset": "hard"}, limits={"centres, mm": 1.2}),
+    "two balls, 15°, hard": Row(chain={"kinds": "SS", "arc_deg": 15, "preset": "hard"}, limits={"centres, mm": 2}),
+    "ball and hinge, 40°": Row(chain={"kinds": "SH", "arc_deg": 40}, limits={"centres, mm": 0.5}),
+    "ball, two-axis, hinge, base sways": Row(
+        chain={"kinds": "STH", "arc_deg": 40, "sway_mm": 30}, limits={"centres, mm": 0.5}
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one trial: whether the chain is right, its confidence, errors, and shares inside 95 % intervals."""
+
+    right: bool
+    kinds: bool
+    confidence: float
+    codes: tuple[str, ...]
+    errors: Mapping[str, float] = field(default_factory=dict)
+    inside: Mapping[str, float] = field(default_factory=dict)
+
+
+def measure(task: tuple[str, int]) -> Outcome:
+    """Simulate and run a trial of a row, and compare it with its truth."""
+    name, seed = task
+    row = ROWS[name]
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "trial"
+        if row.arm is not None:
+            configuration = write_arm(folder, ArmOptions(seed=seed, **row.arm))
+        else:
+            configuration = write_chain(folder, ChainOptions(seed=seed, **(row.chain or {})))
+        try:
+            outcome = run(load(configuration))
+        except MocapIdError as error:
+            return Outcome(False, False, 0.0, (type(error).__name__,))
+        return compare(configuration, outcome.folder)
+
+
+def compare(configuration: Path, out: Path) -> Outcome:
+    """Compare a finished run with the truth beside its configuration."""
+    summary = json.loads((out / "summary.json").read_text("utf-8"))
+    truth = harness.read_truth(configuration)
+    codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+    confidence = summary["segments"]["confidence"] or 0.0
+    if summary["verdict"]["level"] == "refused" or not _assigned(summary, truth):
+        return Outcome(False, False, confidence, codes)
+    with np.load(configuration.with_name("truth.npz")) as arrays:
+        true = {key: arrays[key].astype(np.float64) for key in arrays}
+    poses, angles = (_columns(out / file) for file in ("poses.parquet", "angles.parquet"))
+    if truth["kind"] == "sphere":
+        kinds = [joint["kind"] for joint in summary["joints"]] == [CHAIN_KINDS[each] for each in truth["types"]]
+        errors, inside = _chain(poses, truth, true)
+    else:
+        kinds = all(joint["kind"] in ARM_KINDS.get(joint["name"], ()) for joint in summary["joints"])
+        errors, inside = _arm(summary, poses, angles, truth, true)
+    return Outcome(True, kinds, confidence, codes, errors, inside)
+
+
+def _columns(file: Path) -> dict[str, FloatArray]:
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    table = pq.read_table(file)
+    return {name: table.column(name).to_numpy().astype(np.float64) for name in table.column_names}
+
+
+def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
+    """Return whether count and segments are right; AC rides on the girdle and is not counted."""
+    found = {label: k for label, k in summary["segments"]["assignment"].items() if label != "AC"}
+    return summary["segments"]["count"] == len(truth["segments"]) and all(
+        found.get(label) == link for label, link in truth["assignment"].items() if label != "AC"
+    )
+
+
+def _stack(columns: Mapping[str, FloatArray], segment: str, names: Sequence[str]) -> FloatArray:
+    return np.stack([columns[f"{segment}_{name}"] for name in names], axis=1)
+
+
+def _rms(error: FloatArray) -> float:
+    """Return the root of the mean squared length of the rows (F, 3) that are known."""
+    known = error[np.isfinite(error).all(axis=1)]
+    return float(np.sqrt(np.mean(np.sum(known**2, axis=1))))
+
+
+def _inside(error: FloatArray, sd: FloatArray) -> float:
+    known = np.isfinite(error) & np.isfinite(sd)
+    return float(np.mean(np.abs(error[known]) <= harness.QUANTILE * sd[known]))
+
+
+def _motion(
+    poses: Mapping[str, FloatArray], segment: str, k: int, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
+) -> tuple[float, dict[str, float]]:
+    """Return the rms error of the angular acceleration, and the shares of velocity and acceleration inside."""
+    moving = true["t"] > truth["static_s"] + 0.5
+    off = {
+        name: (_stack(poses, segment, [f"{name}_{axis}" for axis in "xyz"]) - true[name][:, k] @ TO_TRIAL.T)[moving]
+        for name in ("omega", "alpha")
+    }
+    sd = {name: np.repeat(poses[f"sd_{segment}_{name}"][moving, None], 3, axis=1) for name in off}
+    return _rms(off["alpha"]), {
+        "velocity": _inside(off["omega"], sd["omega"]),
+        "acceleration": _inside(off["alpha"], sd["alpha"]),
+    }
+
+
+def _arm(
+    summary: Mapping[str, Any],
+    poses: Mapping[str, FloatArray],
+    angles: Mapping[str, FloatArray],
+    truth: Mapping[str, Any],
+    true: Mapping[str, FloatArray],
+) -> tuple[dict[str, float], dict[str, float]]:
+    origin = true["seg_origin"] @ TO_TRIAL.T
+    if truth.get("side") == "left" and false_side(poses, origin):
+        return {}, {}
+    errors = {
+        "GH centre, mm": 1e3 * _rms(_stack(poses, "upper_arm", "xyz") - origin[:, 1]),
+        "elbow centre, mm": 1e3 * _rms(_stack(poses, "forearm", "xyz") - origin[:, 2]),
+        "elbow axis, °": _elbow_axis(summary, poses, truth, true),
+    }
+    errors["forearm acceleration, rad/s²"], inside = _motion(poses, "forearm", 2, truth, true)
+    sine = np.abs(np.sin(true["isb_shoulder"][:, 1]))
+    covered = []
+    for name, (key, column, sign) in ANGLES.items():
+        keep = sine > GATE if name in ("shoulder_plane", "shoulder_axial") else np.isfinite(sine)
+        error = (angles[name] - sign * true[key][:, column] + np.pi) % (2 * np.pi) - np.pi
+        error = error[keep]
+        errors[f"{name}, °"] = float(np.degrees(np.sqrt(np.nanmean(error**2))))
+        covered.append(_inside(error - np.nanmean(error), angles[f"sd_{name}"][keep]))
+    inside["angles"] = float(np.mean(covered))
+    return errors, inside
+
+
+def false_side(poses: Mapping[str, FloatArray], origin: FloatArray) -> bool:
+    """Return whether the run took a left arm for a right one: its shoulder is then on the other side."""
+    return _rms(_stack(poses, "upper_arm", "xyz") - origin[:, 1]) > 0.1
+
+
+def _elbow_axis(
+    summary: Mapping[str, Any],
+    poses: Mapping[str, FloatArray],
+    truth: Mapping[str, Any],
+    true: Mapping[str, FloatArray],
+) -> float:
+    """Return the angle between the elbow's first axis and the true one in the still pose, °."""
+    joint = next((each for each in summary["joints"] if each["name"] == "elbow"), None)
+    if joint is None or not joint.get("axis"):
+        return float("nan")
+    axis = np.atleast_2d(np.array(joint["axis"], dtype=np.float64))[0]
+    still = true["t"] < truth["static_s"]
+    rotation = _rotation(_stack(poses, "upper_arm", ("qx", "qy", "qz", "qw"))[still])
+    there = true["seg_R"][still, 1] @ np.array(truth["subject"]["elbow_axis_in_upper_arm"]) @ TO_TRIAL.T
+    cosine = np.abs(np.sum((rotation @ axis) * there, axis=1))
+    return float(np.degrees(np.arccos(np.clip(np.median(cosine), 0, 1))))
+
+
+def _rotation(quaternion: FloatArray) -> FloatArray:
+    vector, scalar = quaternion[:, :3], quaternion[:, 3:]
+    angle = 2 * np.arctan2(np.linalg.norm(vector, axis=1, keepdims=True), scalar)
+    unit = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), 1e-300)
+    return so3.exp(angle * unit)
+
+
+def _chain(
+    poses: Mapping[str, FloatArray], truth: Mapping[str, Any], true: Mapping[str, FloatArray]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the largest error of a centre (of a hinge across its axis), mm, and the shares inside."""
+    names = [name.removesuffix("_qw") for name in poses if name.endswith("_qw")]
+    centres = true["joint_lab"]
+    found = [_stack(poses, name, "xyz") @ TO_TRIAL for name in names]
+    best = np.inf
+    for order in permutations(range(len(found)), centres.shape[1]):
+        errors = []
+        for j, k in enumerate(order):
+            error = found[k] - centres[:, j]
+            if truth["types"][j] == "H":
+                axis = true["seg_R"][:, j] @ np.array(truth["joint_axes"][j])[:, 0]
+                error = error - np.sum(error * axis, axis=1, keepdims=True) * axis
+            errors.append(1e3 * _rms(error))
+        best = min(best, max(errors))
+    _, inside = _motion(poses, names[-1], len(truth["segments"]) - 1, truth, true)
+    return {"centres, mm": best}, inside
+
+
+def table(name: str, outcomes: Sequence[Outcome]) -> str:
+    """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
+    right = [each for each in outcomes if each.right]
+    flagged = sum(not each.right and (each.confidence < 0.5 or bool(each.codes)) for each in outcomes)
+    codes = Counter(code for each in outcomes for code in each.codes)
+    lines = [
+        f"**{name}**, {len(outcomes)} trials: chain right {len(right)}, else flagged {flagged}, kinds right "
+        f"{sum(each.kinds for each in outcomes)}. Cautions: "
+        + (", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none")
+        + "."
+    ]
+    rows = []
+    for quantity, limit in ROWS[name].limits.items():
+        values = np.array([each.errors.get(quantity, np.nan) for each in right])
+        values = np.where(np.isfinite(values), values, np.inf)
+        share = float(np.mean(values <= limit)) if len(values) else 0.0
+        middle, high = np.quantile(values, (0.5, 0.8), method="higher") if len(values) else (np.nan, np.nan)
+        rows.append([quantity, f"{limit:g}", f"{100 * share:.0f} %", f"{middle:.2f}", f"{high:.2f}"])
+    for quantity in ("angles", "velocity", "acceleration"):
+        values = np.array([each.inside[quantity] for each in right if quantity in each.inside])
+        if len(values):
+            rows.append(
+                [f"inside 95 %: {quantity}", "0.88–0.99", f"{np.mean(values):.3f}"]
+                + [f"{q:.3f}" for q in np.quantile(values, (0.1, 0.9))]
+            )
+    head = ["quantity", "limit", "within it", "median (10 %)", "80 % (90 %)"]
+    return lines[0] + "\n\n" + harness.markdown(head, rows, numbers_from=1)
+
+
+def main() -> None:
+    """Measure all rows, or those given by ``--only``."""
+    parser = harness.command_line(__doc__, parallel=True, trials=30, first=210_000)
+    parser.add_argument("--only", nargs="*", default=list(ROWS), choices=list(ROWS), help="rows to measure")
+    given = parser.parse_args()
+    tables = []
+    for name in given.only:
+        seeds = range(given.first, given.first + given.trials)
+        outcomes = harness.run_all(measure, [(name, seed) for seed in seeds], given.jobs)
+        tables.append(table(name, outcomes))
+        harness.progress(tables[-1])
+    about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
+    harness.publish({"space": "\n\n".join([about, *tables])}, write=given.write)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,247 @@
+"""Angles of the shoulder, elbow and wrist (ISB: Wu 2005) and the coordinates of other joints, with their uncertainty.
+
+Rotations are those of a right arm, child to parent:
+
+    shoulder  R_y(plane) R_x(-elevation) R_y(axial)         elevation 0 to π; plane 0: abduction, π/2: forward
+    elbow     R_z(flexion) R_x(carrying) R_y(pronation)     carrying is negative at a normal elbow
+    wrist     R_z(flexion) R_x(deviation) R_y(rest)         the rest is not an angle of the wrist and is left out
+
+Angles never come from filtered angles: the motion is filtered on SO(3) and decomposed afterwards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.anatomy.coordinates import (
+    AxisDerivatives,
+    RelativeMotion,
+    axes_of_rotation_vector,
+    axes_of_turns,
+    deviations,
+    frame_errors,
+    rates,
+)
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import SpatialJoint
+
+SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
+ELBOW = ("elbow_flexion", "elbow_carrying", "elbow_pronation")
+WRIST = ("wrist_flexion", "wrist_deviation")
+
+GIMBAL = float(np.sin(np.radians(15)))
+"""Where the sine of the elevation is smaller, plane and axial rotation have no meaning of their own."""
+
+_X, _Y, _Z = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Standard deviations of angles (F, k), rad, of rates, rad/s, and of accelerations, rad/s²."""
+
+    angle: FloatArray
+    rate: FloatArray
+    acceleration: FloatArray
+
+
+@dataclass(frozen=True)
+class JointAngles:
+    """Angles of one joint in time.
+
+    Parameters
+    ----------
+    names : tuple of str, length k
+    angle, rate, acceleration : (F, k) arrays
+        rad, rad/s, rad/s²; continuous in time.
+    sd : Deviations
+        From the motion alone: the uncertainty of changes since the still pose.
+    constant_sd : Deviations
+        From the constant errors of the landmarks' frames alone. An absolute angle has ``hypot(sd, constant_sd)``.
+    condition : (F,) array
+        Factor by which errors grow: 1/|sin elevation| at the shoulder, 1/|cos carrying| at the elbow, else 1.
+    near_gimbal : (F,) bool array
+        Samples within 15° of the pose in which two of the angles have no meaning of their own.
+    """
+
+    names: tuple[str, ...]
+    angle: FloatArray
+    rate: FloatArray
+    acceleration: FloatArray
+    sd: Deviations
+    constant_sd: Deviations
+    condition: FloatArray
+    near_gimbal: BoolArray
+
+
+def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
+    """Return plane, elevation and axial rotation of the upper arm in the thorax.
+
+    The elevation is never negative. Near 0 only plane + axial means something, near π only plane - axial, and this one
+    is continuous there: if the arm passes through the pole, the plane may jump by up to π and the axial rotation makes
+    up for it. The first sample away from the poles lies in (-π, π].
+
+    Parameters
+    ----------
+    motion : RelativeMotion
+    frames : (6, 6) array, optional
+        Covariance of the errors of both frames (:func:`~mocap_id.anatomy.frames.frame_covariance`), rad².
+    """
+    r = motion.rotation
+    elevation = np.arctan2(np.hypot(r[:, 0, 1], r[:, 2, 1]), r[:, 1, 1])
+    plane, axial = np.arctan2(-r[:, 0, 1], -r[:, 2, 1]), np.arctan2(-r[:, 1, 0], r[:, 1, 2])
+    sine = np.sin(elevation)
+    plane, axial = _follow_poles(plane, axial, elevation, sine >= GIMBAL)
+    turns = np.stack([_Y, -_X, _Y])
+    angles = np.stack([plane, elevation, axial], axis=1)
+    return _with_rates(SHOULDER, angles, axes_of_turns(turns, angles), motion, frames, sine=np.abs(sine))
+
+
+def elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
+    """Return flexion, carrying angle and pronation of the forearm in the upper arm."""
+    return _flexion_angles(ELBOW, motion, frames)
+
+
+def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
+    """Return flexion and deviation of the hand in the forearm; flexion and ulnar deviation are positive."""
+    return _flexion_angles(WRIST, motion, frames)
+
+
+def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
+    """Return a joint's own coordinates: the angle of a hinge, two angles, or the rotation vector of a ball.
+
+    Parameters
+    ----------
+    motion : RelativeMotion
+    joint : SpatialJoint
+    names : tuple of str
+        One for each coordinate.
+    """
+    r, one = motion.rotation, np.ones(len(motion.rotation))
+    if joint.kind == "ball":
+        vector = _unwrap_vector(so3.log(r))
+        return _with_rates(names, vector, axes_of_rotation_vector(vector), motion, None, sine=one)
+    a, b = joint.first_axis, joint.second_axis
+    if joint.kind == "hinge":
+        first = _turn_about(a, r @ joint.offset.T)
+        turns, offsets, columns = (joint.offset.T @ a)[None], None, [first]
+    else:
+        before, after = joint.offset @ b, r @ b
+        first = np.arctan2(np.cross(before, after) @ a, after @ before - (after @ a) * (before @ a))
+        rest = joint.offset.T @ np.swapaxes(so3.exp(first[:, None] * a), 1, 2) @ r
+        turns, offsets, columns = np.stack([a, b]), joint.offset[None], [first, _turn_about(b, rest)]
+    angles = np.stack([_unwrap(column) for column in columns], axis=1)
+    return _with_rates(names, angles, axes_of_turns(turns, angles, offsets), motion, None, sine=one)
+
+
+def _flexion_angles(names: tuple[str, ...], motion: RelativeMotion, frames: FloatArray | None) -> JointAngles:
+    r = motion.rotation
+    cosine = np.hypot(r[:, 0, 1], r[:, 1, 1])
+    flexion = _unwrap(np.arctan2(-r[:, 0, 1], r[:, 1, 1]))
+    carrying = np.arctan2(r[:, 2, 1], cosine)
+    pronation = _unwrap(np.arctan2(-r[:, 2, 0], r[:, 2, 2]))
+    angles = np.stack([flexion, carrying, pronation], axis=1)
+    return _with_rates(names, angles, axes_of_turns(np.stack([_Z, _X, _Y]), angles), motion, frames, sine=cosine)
+
+
+def _with_rates(
+    names: tuple[str, ...],
+    angles: FloatArray,
+    axes: AxisDerivatives,
+    motion: RelativeMotion,
+    frames: FloatArray | None,
+    *,
+    sine: FloatArray,
+) -> JointAngles:
+    """Return the first angles, as many as names, with rates, accelerations and standard deviations."""
+    rate, acceleration, jacobian = rates(axes, motion)
+    keep, dimension = len(names), angles.shape[1]
+    sd = deviations(jacobian, motion.covariance)
+    constant = np.zeros_like(sd) if frames is None else deviations(jacobian, frame_errors(motion, frames))
+
+    def split(values: FloatArray) -> Deviations:
+        return Deviations(*(values[:, i * dimension : i * dimension + keep] for i in range(3)))
+
+    condition = 1 / np.maximum(np.abs(sine), 1e-12)
+    return JointAngles(
+        names,
+        angles[:, :keep],
+        rate[:, :keep],
+        acceleration[:, :keep],
+        split(sd),
+        split(constant),
+        condition,
+        np.abs(sine) < GIMBAL,
+    )
+
+
+def _turn_about(axis: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return the angle (F,) of the rotation about an axis that is closest to a rotation (F, 3, 3)."""
+    sine = 2 * (so3.vee(rotation) @ axis)
+    cosine = np.trace(rotation, axis1=1, axis2=2) - np.einsum("i,fij,j->f", axis, rotation, axis)
+    return np.asarray(np.arctan2(sine, cosine))
+
+
+def _wrap(angle: FloatArray) -> FloatArray:
+    """Return an angle in (-π, π]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArray:
+    """Return a continuous angle (F,), past gaps and past samples without meaning.
+
+    Whole turns between two meaningful stretches are not counted, since noise makes them. The first meaningful sample
+    lies in (-π, π].
+    """
+    seen = np.isfinite(angle)
+    result = angle.copy()
+    if not seen.any():
+        return result
+    values = np.unwrap(angle[seen])
+    anchors = seen if meaningful is None else seen & meaningful
+    if anchors.any():
+        good = np.flatnonzero(anchors[seen])
+        kept = np.unwrap(angle[anchors])
+        kept += _wrap(kept[:1]) - kept[:1]
+        owner = np.clip(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0, None)
+        values += (kept - values[good])[owner]
+    else:
+        values += _wrap(values[:1]) - values[:1]
+    result[seen] = values
+    return result
+
+
+def _follow_poles(
+    plane: FloatArray, axial: FloatArray, elevation: FloatArray, meaningful: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return continuous plane and axial rotation; their sum or difference is continuous where only it has a meaning."""
+    seen = np.isfinite(plane)
+    plane = _unwrap(plane, meaningful)
+    if not seen.any():
+        return plane, axial
+    p, a = plane[seen], axial[seen]
+    sign = np.where((elevation[seen][1:] + elevation[seen][:-1]) < np.pi, 1.0, -1.0)
+    step = _wrap(np.diff(a) + sign * np.diff(p)) - sign * np.diff(p)
+    continuous = a[0] + np.concatenate([[0.0], np.cumsum(step)])
+    good = np.flatnonzero(meaningful[seen])
+    start = good[0] if len(good) else 0
+    continuous += _wrap(continuous[start : start + 1]) - continuous[start]
+    result = axial.copy()
+    result[seen] = continuous
+    return plane, result
+
+
+def _unwrap_vector(vector: FloatArray) -> FloatArray:
+    """Return rotation vectors (F, 3) that are continuous beyond a half turn."""
+    result = vector.copy()
+    last: FloatArray | None = None
+    for i in np.flatnonzero(np.isfinite(vector).all(axis=1)):
+        angle = float(np.linalg.norm(result[i]))
+        if last is not None and angle > 0:
+            axis = result[i] / angle
+            turns = np.round((float(last @ axis) - angle) / (2 * np.pi))
+            result[i] = (angle + 2 * np.pi * turns) * axis
+        last = result[i]
+    return result

@@ -1,0 +1,203 @@
+"""Coordinates of a joint from its rotation: their rates, accelerations and uncertainty.
+
+The coordinates q turn the child about d axes b_i, which are seen in the child's frame here:
+
+    omega = B(q) dq,   alpha = B(q) ddq + dB/dt dq,   B = [b_1 … b_d]
+
+All equations hold for any B. First and second derivatives of B carry the errors of rotation, angular velocity and
+angular acceleration into q, dq and ddq.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import so3
+
+
+@dataclass(frozen=True)
+class RelativeMotion:
+    """Motion of a child segment against its parent.
+
+    Parameters
+    ----------
+    rotation : (F, 3, 3) array
+        R, child to parent.
+    velocity, acceleration : (F, 3) arrays
+        The vector of Rᵀ dR/dt in the child's axes, rad/s, and its derivative, rad/s².
+    covariance : (F, 9, 9) array
+        Covariance of the errors of rotation, velocity and acceleration; that of the rotation is the vector e of
+        ``true = R exp(e)``, in the child's axes.
+    """
+
+    rotation: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
+class AxisDerivatives:
+    """The matrix B of a joint with its derivatives.
+
+    Parameters
+    ----------
+    axes : (F, 3, d) array
+        B.
+    first : (F, 3, d, d) array
+        Derivative of column i by q_k at [:, :, i, k].
+    second : (F, 3, d, d, d) array
+        Derivative of column i by q_k and q_l at [:, :, i, k, l].
+    """
+
+    axes: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+
+def axes_of_turns(turns: FloatArray, q: FloatArray, offsets: FloatArray | None = None) -> AxisDerivatives:
+    """Return B for successive turns, ``R = exp(a_1 q_1) O_1 exp(a_2 q_2) O_2 … exp(a_d q_d)``.
+
+    An axis seen from the child is turned by every later coordinate, hence db_i/dq_k = b_i × b_k for k > i, and zero
+    otherwise.
+
+    Parameters
+    ----------
+    turns : (d, 3) array
+        Unit axes a_i.
+    q : (F, d) array
+        rad.
+    offsets : (d - 1, 3, 3) array, optional
+        Constant rotations O_i between them, the identity if omitted.
+    """
+    count, dimension = q.shape
+    axes, later = np.empty((count, 3, dimension)), np.broadcast_to(np.eye(3), (count, 3, 3))
+    for i in reversed(range(dimension)):
+        axes[:, :, i] = np.einsum("fji,j->fi", later, turns[i])
+        later = so3.exp(q[:, i : i + 1] * turns[i]) @ later
+        if offsets is not None and i > 0:
+            later = offsets[i - 1] @ later
+    columns = np.moveaxis(axes, 1, 2)
+    after = np.arange(dimension)[:, None] < np.arange(dimension)[None, :]
+    first = np.cross(columns[:, :, None], columns[:, None, :]) * after[None, :, :, None]
+    bent = np.cross(first[:, :, None, :], columns[:, None, :, None])
+    turned = np.cross(columns[:, :, None, None], first[:, None, :, :])
+    second = (bent + turned) * after[None, :, :, None, None]
+    return AxisDerivatives(axes, np.moveaxis(first, 3, 1), np.moveaxis(second, 4, 1))
+
+
+def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
+    """Return B for ``R = exp(q)`` with a rotation vector q (F, 3), rad.
+
+    B = 1 - a(s) q^ + c(s) q^ q^ with s = |q|², a = (1 - cos |q|) / s and c = (|q| - sin |q|) / |q|³.
+    """
+    a, c = _series(np.sum(q**2, axis=1))
+    cross, unit = so3.hat(q), so3.hat(np.eye(3))
+    square = cross @ cross
+    mixed = np.einsum("kij,fjl->fkil", unit, cross) + np.einsum("fij,kjl->fkil", cross, unit)
+    pair = np.einsum("kij,ljm->klim", unit, unit)
+    pair = pair + np.swapaxes(pair, 0, 1)
+    axes = np.eye(3) - a[0][:, None, None] * cross + c[0][:, None, None] * square
+    step = 2 * q
+    a0, c0 = a[0][:, None, None, None], c[0][:, None, None, None]
+    da, dc = (a[1][:, None] * step)[:, :, None, None], (c[1][:, None] * step)[:, :, None, None]
+    first = -da * cross[:, None] - a0 * unit + dc * square[:, None] + c0 * mixed
+    outer = step[:, :, None] * step[:, None, :]
+    dda = a[2][:, None, None] * outer + 2 * a[1][:, None, None] * np.eye(3)
+    ddc = c[2][:, None, None] * outer + 2 * c[1][:, None, None] * np.eye(3)
+    second = -dda[..., None, None] * cross[:, None, None] + ddc[..., None, None] * square[:, None, None]
+    second = second + c0[..., None] * pair
+    second = second - da[:, :, None] * unit[None, None] - da[:, None, :] * unit[None, :, None]
+    second = second + dc[:, :, None] * mixed[:, None] + dc[:, None, :] * mixed[:, :, None]
+    return AxisDerivatives(axes, np.einsum("fkim->fimk", first), np.einsum("fklim->fimkl", second))
+
+
+def _series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
+    """Return a(s) and c(s) with two derivatives by s, by their power series, which converge for every s."""
+    terms = 40
+    results = []
+    for shift in (2, 3):
+        values = [np.zeros_like(square) for _ in range(3)]
+        factor = 1.0 / np.prod(np.arange(1, shift + 1))
+        powers = [np.ones_like(square)]
+        for n in range(terms):
+            values[0] += factor * powers[n]
+            if n > 0:
+                values[1] += factor * n * powers[n - 1]
+            if n > 1:
+                values[2] += factor * n * (n - 1) * powers[n - 2]
+            powers.append(powers[n] * square)
+            factor /= -(2 * n + shift + 1) * (2 * n + shift + 2)
+        results.append((values[0], values[1], values[2]))
+    return tuple(results)
+
+
+def rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rates, accelerations and the Jacobian of everything by the errors of the motion.
+
+    Parameters
+    ----------
+    axes : AxisDerivatives
+    motion : RelativeMotion
+
+    Returns
+    -------
+    rate, acceleration : (F, d) arrays
+        rad/s and rad/s²; NaN where two axes coincide.
+    jacobian : (F, 3 d, 9) array
+        Derivatives of (q, dq, ddq) by the errors of rotation, velocity and acceleration.
+    """
+    inverse = _inverse(axes.axes)
+    rate = np.einsum("fki,fi->fk", inverse, motion.velocity)
+    swept = np.einsum("fxik,fk->fxi", axes.first, rate)  # dB/dt
+    held = np.einsum("fxik,fi->fxk", axes.first, rate)
+    rest = motion.acceleration - np.einsum("fxi,fi->fx", swept, rate)
+    acceleration = np.einsum("fki,fi->fk", inverse, rest)
+    bend = np.einsum("fxik,fi->fxk", axes.first, acceleration)
+    bend = bend + np.einsum("fxikl,fk,fi->fxl", axes.second, rate, rate)
+    dimension = rate.shape[1]
+    jacobian = np.zeros((len(rate), 3 * dimension, 9))
+    angle, speed, change = (jacobian[:, i * dimension : (i + 1) * dimension] for i in range(3))
+    angle[:, :, :3] = inverse
+    speed[:, :, :3] = -inverse @ held @ inverse
+    speed[:, :, 3:6] = inverse
+    change[:, :, :3] = -inverse @ (bend @ inverse + (held + swept) @ speed[:, :, :3])
+    change[:, :, 3:6] = -inverse @ (held + swept) @ inverse
+    change[:, :, 6:] = inverse
+    return rate, acceleration, jacobian
+
+
+def _inverse(axes: FloatArray) -> FloatArray:
+    """Return the (pseudo)inverse (F, d, 3) of B; NaN where B is singular."""
+    square = np.swapaxes(axes, 1, 2) @ axes
+    usable = np.asarray(np.isfinite(square).all(axis=(1, 2)))
+    usable &= np.linalg.det(np.where(usable[:, None, None], square, 0.0)) > 1e-16
+    inverse = np.full((len(axes), axes.shape[2], 3), np.nan)
+    inverse[usable] = np.linalg.solve(square[usable], np.swapaxes(axes[usable], 1, 2))
+    return inverse
+
+
+def frame_errors(motion: RelativeMotion, frames: FloatArray) -> FloatArray:
+    """Return the covariance (F, 9, 9) of a relative motion that constant errors of the two frames cause.
+
+    Parameters
+    ----------
+    motion : RelativeMotion
+    frames : (6, 6) array
+        Covariance of the rotation vectors of the parent's and the child's frame, each in its own axes, rad².
+    """
+    lever = np.zeros((len(motion.rotation), 9, 6))
+    lever[:, :3, :3] = -np.swapaxes(motion.rotation, 1, 2)
+    lever[:, :3, 3:] = np.eye(3)
+    lever[:, 3:6, 3:] = so3.hat(motion.velocity)
+    lever[:, 6:, 3:] = so3.hat(motion.acceleration)
+    return np.asarray(lever @ frames @ np.swapaxes(lever, 1, 2))
+
+
+def deviations(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return standard deviations (F, 3 d) for a Jacobian (F, 3 d, 9) and a covariance (F, 9, 9)."""
+    variance = np.sum((jacobian @ covariance) * jacobian, axis=2)
+    return np.asarray(np.sqrt(np.maximum(variance, 0)))

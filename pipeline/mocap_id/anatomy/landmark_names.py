@@ -1,0 +1,266 @@
+"""Landmarks of the upper limb by the names of markers.
+
+A marker's name is read without separators and capitals, and without the name of a subject. A landmark of an arm has its
+side before or behind its name: ``REL``, ``EL_R``, ``Subject:right lateral epicondyle``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from mocap_id.errors import RecordingError
+from mocap_id.verdict import Reason
+
+Side: TypeAlias = Literal["right", "left"]
+
+MIDDLE = {
+    "IJ": "ij clav clavicle sternumnotch sternalnotch jugularnotch incisurajugularis suprasternale suprasternalnotch"
+    " manubrium",
+    "PX": "px xiph xiphoid xiphoidprocess xyph xyphoid xpro xp processusxiphoideus",
+    "C7": "c7 cv7 vertebrac7 c7spinalprocess c7sp",
+    "T8": "t8 th8 tv8 vertebrat8 t8spinalprocess t8sp",
+}
+"""Spellings of landmarks of the thorax that have no side."""
+
+SIDED = {
+    "AC": "ac acj acr acrom acromion acromium acromioclavicular sho acromionedge",
+    "EL": "el lel hle elb elbl elblat elbowlat elbowlateral lateralelbow latelbow latepi latepicondyle"
+    " lateralepicondyle epl epicondyluslateralis armlatepicondyle lee lhum elbowouter outerelbow",
+    "EM": "em mel hme elbm elbmed elbowmed elbowmedial medialelbow medelbow medepi medepicondyle medialepicondyle epm"
+    " epicondylusmedialis armmedepicondyle mee mhum elbowinner innerelbow",
+    "RS": "rs rsp wra wrr wrl wristrad wristradius wristradial radialstyloid radial radius radstyl rad styloidradius"
+    " wristlat wristlateral latwrist lw thumbwrist",
+    "US": "us usp wrb wru wrm wristuln wristulna wristulnar ulnarstyloid ulnar ulna ulnstyl uln styloidulna wristmed"
+    " wristmedial medwrist mw",
+    "GH": "gh ghjc glenohumeral shoulderjointcentre shoulderjointcenter gu",
+    "AA": "aa angulusacromialis acromialangle scapaa",
+    "AI": "ai angulusinferior inferiorangle scapai",
+    "TS": "ts trigonumspinae trigonumscapulae scapts",
+    "PC": "pc processuscoracoideus coracoid",
+    "MC3": "mc3 metacarpal3",
+    "MCP2": "mcp2 mc2 hmc2 hm2 hmcp2 metacarpal2 knuckle2",
+    "MCP3": "mcp3 hm3 hmcp3 knuckle3",
+    "MCP5": "mcp5 mc5 hm5 hmc5 hmcp5 metacarpal5 knuckle5",
+}
+"""Spellings of landmarks of one arm, without the side."""
+
+_DOUBTFUL = {
+    "IJ": "sternum sternumtop ster",
+    "PX": "strn sternumlow lowersternum",
+    "T8": "t10 th10",
+    "AC": "shoulder",
+    "EL": "elbow",
+}
+"""Spellings in use for more than one place; they count only where no better name is found, and with a caution."""
+
+SEGMENTS = {
+    **dict.fromkeys(("IJ", "PX", "C7", "T8", "AC", "AA", "AI", "TS", "PC"), "thorax"),
+    **dict.fromkeys(("EL", "EM", "GH"), "upper_arm"),
+    **dict.fromkeys(("RS", "US"), "forearm"),
+    **dict.fromkeys(("MC3", "MCP2", "MCP3", "MCP5"), "hand"),
+}
+"""Segment of each landmark. The acromion and the scapula ride on the shoulder girdle, which follows the thorax."""
+
+_SIDES: tuple[tuple[Side, tuple[str, ...]], ...] = (("right", ("right", "rt", "r")), ("left", ("left", "lt", "l")))
+
+
+@dataclass(frozen=True)
+class NamedLandmarks:
+    """The landmarks that a recording's names show.
+
+    Parameters
+    ----------
+    markers : dict
+        Landmark to the number of its marker.
+    side : {"right", "left"} or None
+        Arm of the landmarks; None if no name has a side.
+    reasons : tuple of Reason
+        Names in doubt.
+    """
+
+    markers: dict[str, int]
+    side: Side | None
+    reasons: tuple[Reason, ...]
+
+
+def find_landmarks(
+    labels: Sequence[str], given: Mapping[str, str] | None = None, side: Side | None = None
+) -> NamedLandmarks:
+    """Find the landmarks among the names of markers.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Names of all markers of the recording.
+    given : mapping, optional
+        Landmark to the name of its marker; these come before every name that is recognised.
+    side : {"right", "left"}, optional
+        Arm to use. Without it the arm with more landmarks, and the right one if both have as many.
+
+    Returns
+    -------
+    NamedLandmarks
+
+    Raises
+    ------
+    RecordingError
+        A given landmark or marker does not exist, or only landmarks of the other arm have names.
+
+    Examples
+    --------
+    >>> find_landmarks(["Anna:CLAV", "Anna:RELB", "Anna:RELBM", "Anna:RUPA"]).markers
+    {'IJ': 0, 'EL': 1, 'EM': 2}
+    """
+    found = _read_all(labels)
+    reasons: list[Reason] = []
+    chosen = _choose_side(found, side, labels, reasons)
+    markers: dict[str, int] = {}
+    fixed = _given_markers(labels, given or {})
+    for name in (*MIDDLE, *SIDED):
+        choice = fixed[name] if name in fixed else _pick(name, found, chosen, labels, reasons)
+        if choice is not None:
+            markers[name] = choice
+    return NamedLandmarks(markers, chosen, tuple(reasons))
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """One way to read a marker's name; rank 0 is the ISB's own name, 1 another spelling, 2 a doubtful one."""
+
+    landmark: str
+    side: Side | None
+    marker: int
+    rank: int
+
+
+def _read_all(labels: Sequence[str]) -> list[_Reading]:
+    readings: list[_Reading] = []
+    for marker, label in enumerate(labels):
+        readings.extend(_read(label, marker))
+    return readings
+
+
+def _read(label: str, marker: int) -> list[_Reading]:
+    """Return every reading of a name."""
+    text = label.rsplit(":", 1)[-1]
+    words = [word for word in re.split(r"[^A-Za-z0-9]+", text) if word]
+    if not words:
+        return []
+    bare = "".join(words).lower()
+    for side, rest in _split_side(text, bare):
+        hits = _look_up(rest, side is not None)
+        if hits:
+            return [_Reading(name, side if name in SIDED else None, marker, rank) for name, rank in hits]
+    return []
+
+
+def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
+    """Return the ways to read a name: with a side before it, without a side, with a side behind it.
+
+    Some programs put the letter p, for point, before everything.
+    """
+    before: list[tuple[Side | None, str]] = []
+    behind: list[tuple[Side | None, str]] = []
+    for side, marks in _SIDES:
+        for mark in marks:
+            before += [(side, bare[len(lead) :]) for lead in (mark, "p" + mark) if bare.startswith(lead)]
+            apart = len(mark) > 2 or text[-1:].isupper() or re.search(rf"[^A-Za-z0-9]{mark}$", text) is not None
+            if bare.endswith(mark) and apart:
+                behind.append((side, bare[: -len(mark)]))
+    return [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]
+
+
+def _look_up(bare: str, sided: bool) -> list[tuple[str, int]]:
+    hits = _BY_NAME.get(bare, [])
+    return [(name, rank) for name, rank in hits if not (sided and name in MIDDLE)]
+
+
+def _index_spellings() -> dict[str, list[tuple[str, int]]]:
+    index: dict[str, list[tuple[str, int]]] = {}
+    for table, rank in ((MIDDLE, 1), (SIDED, 1), (_DOUBTFUL, 2)):
+        for name, spellings in table.items():
+            for spelling in spellings.split():
+                index.setdefault(spelling, []).append((name, 0 if spelling == name.lower() else rank))
+    return index
+
+
+_BY_NAME = _index_spellings()
+
+
+def _choose_side(
+    found: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
+) -> Side | None:
+    """Return the arm to use, with a caution if both arms have landmarks and none was asked for."""
+    counts: dict[Side, int] = {each: len({r.landmark for r in found if r.side == each}) for each, _ in _SIDES}
+    if side is not None:
+        other: Side = "left" if side == "right" else "right"
+        if counts[side] == 0 and counts[other] > 0:
+            names = ", ".join(labels[r.marker] for r in found if r.side == other)
+            raise RecordingError(
+                f"side: {side}, but the landmarks of the recording are of the {other} arm ({names}); "
+                f"write side: {other}, or name the landmarks under `landmarks:`"
+            )
+        return side
+    if counts["right"] == counts["left"] == 0:
+        return None
+    best: Side = "left" if counts["left"] > counts["right"] else "right"
+    if min(counts.values()) > 1:
+        reasons.append(
+            Reason(
+                "two-arms",
+                f"the recording names landmarks of both arms ({counts['right']} of the right, {counts['left']} of the "
+                f"left); the {best} arm was used. Write `side: right` or `side: left` to choose",
+            )
+        )
+    return best
+
+
+def _pick(
+    name: str,
+    found: Sequence[_Reading],
+    side: Side | None,
+    labels: Sequence[str],
+    reasons: list[Reason],
+) -> int | None:
+    """Return the marker of a landmark, or None if there is none or two names are equally good."""
+    fitting = [r for r in found if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
+    if not fitting:
+        return None
+    order = min((r.rank, r.side is None and side is not None) for r in fitting)
+    best = [r for r in fitting if (r.rank, r.side is None and side is not None) == order]
+    names = " and ".join(labels[r.marker] for r in best)
+    if len(best) > 1:
+        reasons.append(
+            Reason(
+                "landmark-ambiguous",
+                f"{names} may both be the landmark {name}; neither was used. Write landmarks: {{{name}: "
+                f"{labels[best[0].marker]}}} or the other",
+            )
+        )
+        return None
+    if best[0].rank == 2:
+        reasons.append(
+            Reason(
+                "landmark-doubtful",
+                f"{names} was taken as the landmark {name}, a name that is also used for other places. Write "
+                f"landmarks: {{{name}: {names}}} if this is right, or the name of the right marker",
+            )
+        )
+    return best[0].marker
+
+
+def _given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str, int]:
+    plain = [label.rsplit(":", 1)[-1] for label in labels]
+    markers: dict[str, int] = {}
+    for name, label in given.items():
+        if name not in SEGMENTS:
+            raise RecordingError(f"landmarks: {name} is not a landmark; possible are {', '.join(SEGMENTS)}")
+        hits = [i for i, (full, part) in enumerate(zip(labels, plain, strict=True)) if label in (full, part)]
+        if len(hits) != 1:
+            what = "no marker has" if not hits else "several markers have"
+            raise RecordingError(f"landmarks: {name}: {what} the name {label!r}; the markers are {', '.join(labels)}")
+        markers[name] = hits[0]
+    return markers

@@ -1,0 +1,210 @@
+"""Landmarks from pointer trials: the tip of a rod touches the landmark while the cluster of the segment is seen.
+
+The markers of the pointer lie on one line with its tip. The distances from the tip to the markers are measured on the
+pointer, or found from trials in which the pointer turns about its resting tip (:func:`find_tip`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.anatomy.frames import PALPATION
+from mocap_id.anatomy.still_pose import LandmarkPlace
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.verdict import Reason
+
+_SD_TIP = 0.005  # m, largest standard deviation of a tip that is usable
+_BEND = 0.005  # m, rms distance of the markers from the rod
+_LASTING = 50.0  # frames in which errors of skin and hand repeat
+_MOVES = 0.005  # m, rms motion of the tip in the cluster
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """A straight pointer.
+
+    Parameters
+    ----------
+    distances : (P,) array
+        From the tip to each marker, m.
+    sd : float
+        Standard deviation of the tip along the rod, m.
+    """
+
+    distances: FloatArray
+    sd: float = 0.0
+
+
+@dataclass(frozen=True)
+class PointedLandmark:
+    """A landmark from one pointer trial.
+
+    Parameters
+    ----------
+    place : LandmarkPlace
+        In the frame of the cluster.
+    rod_residual : float
+        rms distance of the pointer's markers from their places on the rod, m.
+    reasons : tuple of Reason
+        Cautions: the rod does not fit its markers, or the tip moves.
+    """
+
+    place: LandmarkPlace
+    rod_residual: float
+    reasons: tuple[Reason, ...]
+
+
+def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the markers that every pointer trial has and the trial itself does not.
+
+    Examples
+    --------
+    >>> find_pointer_markers(["UA1", "UA2"], [["UA1", "UA2", "P1", "P2"], ["P1", "P2", "UA1"]])
+    ('P1', 'P2')
+    """
+    first, *others = pointer_trials
+    return tuple(name for name in first if name not in set(trial) and all(name in other for other in others))
+
+
+def tip_positions(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
+    """Return the positions of the tip.
+
+    A line with the markers at their distances from the tip is fitted to each frame by least squares.
+
+    Parameters
+    ----------
+    markers : (F, P, 3) array
+        The pointer's markers, m; NaN where unseen.
+    pointer : Pointer
+
+    Returns
+    -------
+    tip : (F, 3) array
+        NaN where a marker is unseen.
+    residual : (F,) array
+        rms distance of the markers from their places on the rod, m.
+    """
+    distances = np.asarray(pointer.distances, dtype=np.float64)
+    if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
+        raise RecordingError(
+            f"the pointer has {markers.shape[1]} markers and {distances.size} distances from its tip; expected one for "
+            "each marker, at least two, and 50 mm between the nearest and the farthest"
+        )
+    centred = distances - distances.mean()
+    along = np.einsum("p,fpi->fi", centred, markers)
+    length = np.linalg.norm(along, axis=1)
+    direction = along / np.where(length > 0, length, np.nan)[:, None]
+    tip = markers.mean(axis=1) - distances.mean() * direction
+    off = markers - tip[:, None] - distances[None, :, None] * direction[:, None]
+    return tip, np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=1))
+
+
+def point_landmark(
+    markers: FloatArray,
+    rotation: FloatArray,
+    origin: FloatArray,
+    pointer: Pointer,
+    palpation: float = PALPATION,
+) -> PointedLandmark:
+    """Return the landmark of a pointer trial in the frame of the segment's cluster.
+
+    Parameters
+    ----------
+    markers : (F, P, 3) array
+        The pointer's markers, m.
+    rotation : (F, 3, 3) array
+        Frame of the cluster to the trial; NaN where unknown.
+    origin : (F, 3) array
+        m.
+    pointer : Pointer
+    palpation : float
+        Standard deviation along each axis of where the tip is put, m.
+
+    Raises
+    ------
+    RecordingError
+        Pointer and cluster are never seen together.
+    """
+    tip, residual = tip_positions(markers, pointer)
+    local = np.einsum("fji,fj->fi", rotation, tip - origin)
+    seen = np.isfinite(local).all(axis=1)
+    if not seen.any():
+        raise RecordingError("the pointer is never seen together with the cluster of the landmark's segment")
+    mean = np.median(local[seen], axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((local[seen] - mean) ** 2, axis=1))))
+    bend = float(np.sqrt(np.mean(residual[seen] ** 2)))
+    sd = float(np.sqrt(palpation**2 + (spread**2 + bend**2 + pointer.sd**2) / 3))
+    reasons: list[Reason] = []
+    if bend > _BEND:
+        message = (
+            f"the pointer's markers are {1000 * bend:.1f} mm from their places on a straight rod, expected below "
+            f"{1000 * _BEND:.0f} mm; check the distances under `pointer:` and their order"
+        )
+        reasons.append(Reason("pointer-bent", message, bend, _BEND))
+    if spread > _MOVES:
+        message = (
+            f"the tip moves by {1000 * spread:.1f} mm against the segment, expected below {1000 * _MOVES:.0f} mm; "
+            "cut the trial to the touch"
+        )
+        reasons.append(Reason("pointer-moves", message, spread, _MOVES))
+    return PointedLandmark(LandmarkPlace(mean, sd, spread), bend, tuple(reasons))
+
+
+def find_tip(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
+    """Find the tip of a straight pointer from trials in which the tip rests while the pointer turns.
+
+    In the frame of the cluster the tip is constant: c(t) - l e(t) = p, with the middle c of the markers, the direction
+    e of the rod and the distance l from the tip to the middle. l and one p for each trial follow by least squares.
+    The noise of e, seen from one frame to the next, is no turn and is taken out.
+
+    Parameters
+    ----------
+    trials : sequence of (markers, rotation, origin)
+        As in :func:`point_landmark`. The order of the markers is the same in every trial.
+
+    Returns
+    -------
+    Pointer
+        With the standard deviation of l, which holds for errors that last about half a second.
+
+    Raises
+    ------
+    RecordingError
+        The pointer turned too little: the tip is uncertain by more than 5 mm.
+    """
+    gain, noise, product = 0.0, 0.0, 0.0
+    left, offsets = [], []
+    for markers, rotation, origin in trials:
+        seen = np.isfinite(markers).all(axis=(1, 2)) & np.isfinite(rotation).all(axis=(1, 2))
+        middle = np.einsum("fji,fj->fi", rotation[seen], markers[seen].mean(axis=1) - origin[seen])
+        direction, offset = _rod(markers[seen])
+        direction = np.einsum("fji,fj->fi", rotation[seen], direction)
+        offsets.append(offset)
+        middle, direction = middle - middle.mean(axis=0), direction - direction.mean(axis=0)
+        gain += float(np.sum(direction**2))
+        noise += float(np.mean(np.sum(np.diff(direction, axis=0) ** 2, axis=1)) / 2 * len(direction))
+        product += float(np.sum(direction * middle))
+        left.append((middle, direction))
+    turn = gain - noise
+    length = product / turn if turn > noise else np.nan
+    off = np.concatenate([middle - length * direction for middle, direction in left])
+    sd = float(np.sqrt(np.mean(off**2) * _LASTING / turn)) if turn > noise else np.inf
+    if not sd < _SD_TIP:
+        raise RecordingError(
+            f"the pointer turns too little to show its tip (± {1000 * sd:.0f} mm along the rod); give the distances "
+            "from the tip to its markers under `pointer:`, or a trial in which it turns by 45° about its resting tip"
+        )
+    offset = np.mean(offsets, axis=0)
+    return Pointer(length + offset if length > 0 else -length - offset, sd)
+
+
+def _rod(markers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the direction (F, 3) from the last marker to the first, and each marker's mean place (P,) along it, m."""
+    ends = markers[:, 0] - markers[:, -1]
+    direction = ends / np.linalg.norm(ends, axis=1, keepdims=True)
+    along = np.einsum("fpi,fi->fp", markers - markers.mean(axis=1, keepdims=True), direction)
+    return direction, along.mean(axis=0)

@@ -1,0 +1,207 @@
+"""Preparation of a trial in space: regressor, base parameters, filtered signals, usable samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.base_parameters import BaseSet
+from mocap_id.dynamics.body_prior import BodyPrior
+from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known, undo_averaging
+from mocap_id.dynamics.preparation import FitSettings
+from mocap_id.dynamics.space.base_parameters import SpatialBase, structural_base
+from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion, segment_regressor
+from mocap_id.geometry import se3, so3
+from mocap_id.geometry.spatial_chain import SpatialChain
+
+COMPONENTS = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
+"""Components of a wrench in space."""
+_FAST = 1 / 3  # of the fastest coordinate's velocity
+_FREE = (0, 2, 4)  # gravity along -y causes no constant Fx, Fz and tauy
+
+
+@dataclass(frozen=True)
+class SpatialRecord:
+    """Measured motion and wrench of a trial in space, sample by sample, in the trial's frame (y up).
+
+    Parameters
+    ----------
+    time : (T,) array
+        Even steps, s.
+    chain : SpatialChain
+        n joints without glide.
+    base : (4, 4) array
+        Pose of the base, which is at rest, m.
+    rotation : (T, n, 3, 3) array
+        Of the moving segments, segment to trial; NaN where unknown.
+    omega, alpha : (T, n, 3) arrays
+        Their angular velocity and acceleration in the trial's axes, rad/s and rad/s².
+    observed : (T,) bool array
+        Whether every segment is measured by markers.
+    wrench : (T, 6) array
+        Force and moment of the ground on the body about the origin of the trial's frame, N and N·m, at the times of
+        the plate's clock; NaN where unknown.
+    averaged : float
+        Time over which each plate sample is averaged, s; 0 for instantaneous samples.
+    """
+
+    time: FloatArray
+    chain: SpatialChain
+    base: FloatArray
+    rotation: FloatArray
+    omega: FloatArray
+    alpha: FloatArray
+    observed: BoolArray
+    wrench: FloatArray
+    averaged: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+    @property
+    def centred(self) -> FloatArray:
+        """Pose (4, 4) of the base in the frame of the dynamics: the trial's axes, with the origin of the base."""
+        return se3.pose(self.base[:3, :3], np.zeros(3))
+
+    @property
+    def to_base(self) -> FloatArray:
+        """Matrix (6, 6) that moves wrenches from the origin of the trial's frame to that of the base."""
+        return moved_wrench(-self.base[:3, 3])
+
+    @property
+    def to_trial(self) -> FloatArray:
+        """The inverse of :attr:`to_base`."""
+        return moved_wrench(self.base[:3, 3])
+
+    @cached_property
+    def motion(self) -> SpatialMotion:
+        """Motion of the segments in the frame of the dynamics."""
+        return segment_motion(self.chain, self.centred, self.rotation, self.omega, self.alpha)
+
+
+@dataclass(frozen=True)
+class SpatialTrial:
+    """A trial in space prepared for identification; moments are about the origin of the base.
+
+    Parameters
+    ----------
+    recorded : SpatialRecord
+    settings : FitSettings
+    lowpass : LowPass
+    structure : SpatialBase
+        Base parameters of the chain.
+    regressor : (T, 6, 10K) array
+        Full regressor in the simple frames of the structure, without filtering; NaN where a pose is.
+    filtered : (T, 6, b) array
+        Base columns after the low-pass.
+    filtered_wrench : SampledWrench
+        At the times of the plate's clock.
+    usable : (T,) bool array
+        Samples with a known filtered regressor and a known filtered wrench at every offset within the limit.
+    """
+
+    recorded: SpatialRecord
+    settings: FitSettings
+    lowpass: LowPass
+    structure: SpatialBase
+    regressor: FloatArray
+    filtered: FloatArray
+    filtered_wrench: SampledWrench
+    usable: BoolArray
+
+    @property
+    def base(self) -> BaseSet:
+        """Base parameters in the simple frames."""
+        return self.structure.base
+
+    @property
+    def rows(self) -> FloatArray:
+        """Minimal regressor (T, 6, b), unfiltered (eq. 4.7)."""
+        return self.regressor[:, :, self.base.kept]
+
+    @property
+    def step(self) -> int:
+        """Step between samples that preserves the information of the filtered signals."""
+        return self.lowpass.step
+
+    @property
+    def prior(self) -> BodyPrior | None:
+        """There is no prior of bodies in space."""
+        return None
+
+    @property
+    def constants(self) -> tuple[int, ...]:
+        """Components whose constant error is estimated: Fx, Fz and tauy, in which gravity causes no constant."""
+        return _FREE if self.settings.plate_bias else ()
+
+    def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
+        """Return the filtered wrench (..., R, 6) of samples (R,) with times (..., R) on the plates' clock, s."""
+        return self.filtered_wrench(stamped)
+
+    def measured(self, offset: float) -> FloatArray:
+        """Return the wrench (T, 6) about the origin of the base at the cameras' times, for a clock offset, s."""
+        sampled = SampledWrench.of(self.recorded.time, _whole(self.recorded))
+        return sampled(self.recorded.time - offset)
+
+    def rows_of(self, motion: SpatialMotion, gravity: float) -> FloatArray:
+        """Return the minimal regressor (T, 6, b) of another motion of the segments."""
+        return segment_regressor(motion.in_frames(self.structure.frames), gravity)[:, :, self.base.kept]
+
+
+def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
+    """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
+
+    Parameters
+    ----------
+    recorded : SpatialRecord
+    settings : FitSettings
+        With six components (:data:`COMPONENTS`).
+    """
+    structure = structural_base(recorded.chain, recorded.centred)
+    regressor = segment_regressor(recorded.motion.in_frames(structure.frames), settings.gravity)
+    moving = known(regressor)
+    cutoff = settings.cutoff or cutoff_from_velocity(_speeds(recorded), recorded.rate)
+    lowpass = LowPass(cutoff, recorded.rate)
+    filtered_wrench = undo_averaging(lowpass(_whole(recorded)), recorded.averaged * recorded.rate)
+    limit = int(np.ceil(settings.offset_limit * recorded.rate)) + 1
+    usable = erode(moving & recorded.observed, lowpass.reach_samples)
+    usable &= erode(known(filtered_wrench), lowpass.reach_samples + limit)
+    return SpatialTrial(
+        recorded=recorded,
+        settings=settings,
+        lowpass=lowpass,
+        structure=structure,
+        regressor=regressor,
+        filtered=lowpass(regressor[:, :, structure.base.kept]),
+        filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
+        usable=usable,
+    )
+
+
+def moved_wrench(arm: FloatArray) -> FloatArray:
+    """Return the matrix (6, 6) that adds the moment of the force with an arm (3,), m, to the moment."""
+    matrix = np.eye(6)
+    matrix[3:, :3] = so3.hat(arm)
+    return matrix
+
+
+def _speeds(recorded: SpatialRecord) -> FloatArray:
+    """Return the velocities (T, c) of the coordinates that move most, rad/s; slow ones show the noise's spectrum."""
+    motion, joints = recorded.motion, recorded.chain.joints
+    relative = motion.omega[:, 1:] - motion.omega[:, [joint.parent for joint in joints]]
+    each = np.repeat(relative, [joint.dimension for joint in joints], axis=1)
+    speeds = np.sum(each * motion.axis, axis=2)
+    size = np.nanstd(speeds, axis=0)
+    return np.asarray(speeds[:, size >= _FAST * size.max()])
+
+
+def _whole(recorded: SpatialRecord) -> FloatArray:
+    """Return the wrench (T, 6) about the origin of the base, NaN in all components if any is unknown."""
+    wrench = recorded.wrench @ recorded.to_base.T
+    return np.where(known(wrench)[:, None], wrench, np.nan)

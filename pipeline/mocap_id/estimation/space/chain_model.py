@@ -1,0 +1,161 @@
+"""A chain in space as the compiled filter needs it, and poses of clusters from which a search can start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose
+from mocap_id.geometry.spatial_chain import SpatialChain
+
+_LEAST_MARKERS = 3
+_LEAST_SPREAD = 5e-3  # m, of a segment's markers across their longest direction
+
+
+def chain_model(chain: SpatialChain) -> ChainModel:
+    """Return the arrays of a chain."""
+    freedom = np.array([joint.dimension for joint in chain.joints], dtype=np.int64)
+
+    def stack(name: str) -> FloatArray:
+        parts = [getattr(joint, name) for joint in chain.joints]
+        return np.array(parts, dtype=np.float64).reshape(len(parts), *((3, 3) if name == "offset" else (3,)))
+
+    return ChainModel(
+        ball=np.array([joint.kind == "ball" for joint in chain.joints], dtype=np.bool_),
+        freedom=freedom,
+        parent=np.array(chain.parents, dtype=np.int64),
+        first=3 + np.concatenate([[0, 3], 3 + np.cumsum(freedom)[:-1]])[: len(freedom) + 1].astype(np.int64),
+        centre=stack("centre"),
+        first_axis=stack("first_axis"),
+        second_axis=stack("second_axis"),
+        offset=stack("offset"),
+        glide=stack("glide"),
+        rest=stack("rest"),
+        long_axis=stack("long_axis"),
+        segment=np.array(chain.segment, dtype=np.int64),
+        local=np.array(chain.local, dtype=np.float64),
+        on_glide=np.array(chain.on_glide, dtype=np.bool_),
+    )
+
+
+def degrees_of_freedom(model: ChainModel) -> int:
+    """Return the number d of degrees of freedom: six of the base, then the joints'."""
+    return int(6 + model.freedom.sum())
+
+
+def group_columns(model: ChainModel) -> list[slice]:
+    """Return the degrees of freedom of the base (six) and of each joint."""
+    starts = model.first[1:].tolist()
+    return [slice(0, 6)] + [slice(at, at + int(size)) for at, size in zip(starts, model.freedom, strict=True)]
+
+
+def empty_track(model: ChainModel, frames: int) -> Pose:
+    """Return poses of ``frames`` frames, at rest in the zero posture."""
+    n, d = len(model.freedom), degrees_of_freedom(model)
+    return Pose(
+        np.zeros((frames, 3)),
+        np.tile(np.eye(3), (frames, n + 1, 1, 1)),
+        np.zeros((frames, n, 2)),
+        np.zeros((frames, 3, d)),
+    )
+
+
+def seen_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
+    """Return where (F, n + 1) a segment's own markers determine its pose."""
+    seen = np.isfinite(points).all(axis=2)
+    found = np.zeros((len(points), len(chain.joints) + 1), dtype=np.bool_)
+    for k in range(found.shape[1]):
+        own = _own(chain, k)
+        if len(own) >= _LEAST_MARKERS and _spread(chain.local[own]) > _LEAST_SPREAD:
+            found[:, k] = seen[:, own].sum(axis=1) >= _LEAST_MARKERS
+    return found
+
+
+def start_poses(chain: SpatialChain, model: ChainModel, points: FloatArray, frames: IntArray) -> tuple[Pose, BoolArray]:
+    """Return poses from the clusters of single frames.
+
+    Parameters
+    ----------
+    chain : SpatialChain
+    model : ChainModel
+    points : (F, M, 3) array
+        Markers, m; NaN where unseen.
+    frames : (T,) int array
+        Frames to start in.
+
+    Returns
+    -------
+    Pose
+        Of all F frames; meaningless elsewhere.
+    (F, n + 1) bool array
+        Where the base or a joint is found.
+    """
+    track, started = empty_track(model, len(points)), np.zeros((len(points), len(model.freedom) + 1), dtype=np.bool_)
+    some = points[frames]
+    known = seen_clusters(chain, some)
+    turns = np.tile(np.eye(3), (*known.shape, 1, 1))
+    for k in range(known.shape[1]):
+        turns[:, k], middle, centre = _turns(chain.local[_own(chain, k)], some[:, _own(chain, k)], known[:, k])
+        if k == 0:
+            track.origin[frames] = middle - np.einsum("fij,fj->fi", turns[:, 0], centre)
+    track.turn[frames, 0], started[frames, 0] = turns[:, 0], known[:, 0]
+    for k, joint in enumerate(chain.joints):
+        between = np.swapaxes(turns[:, joint.parent], 1, 2) @ turns[:, k + 1]
+        both = known[:, joint.parent] & known[:, k + 1]
+        if joint.kind != "ball":
+            angle = np.zeros((len(frames), 2))
+            a, b, offset = joint.first_axis, joint.second_axis, joint.offset
+            towards = offset @ b if joint.kind == "two-axis" else None
+            if towards is None or np.linalg.norm(np.cross(a, towards)) < 0.1:
+                angle[:, 0] = _twist(between @ offset.T, a)
+            else:
+                angle[:, 0] = _about(np.broadcast_to(towards, (len(frames), 3)), between @ b, a)
+            if joint.kind == "two-axis":
+                left = np.swapaxes(joint.rotation(angle * [1.0, 0.0]), 1, 2) @ between
+                angle[:, 1] = _twist(left, b)
+            between = joint.rotation(angle[:, : joint.dimension])
+            track.angle[frames, k] = angle
+        track.turn[frames, k + 1], started[frames, k + 1] = between, both
+    return track, started
+
+
+def _own(chain: SpatialChain, k: int) -> IntArray:
+    return np.flatnonzero((chain.segment == k) & ~chain.on_glide)
+
+
+def _spread(local: FloatArray) -> float:
+    return float(np.linalg.svd(local - local.mean(axis=0), compute_uv=False)[1])
+
+
+def _turns(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rotations (T, 3, 3) from local (m, 3) to seen (T, m, 3), and both centroids (T, 3)."""
+    there = np.isfinite(seen).all(axis=2)[..., None]
+    count = np.maximum(there.sum(axis=1), 1)
+    middle = np.where(there, seen, 0.0).sum(axis=1) / count
+    centre = (there * local).sum(axis=1) / count
+    arms = np.where(there, seen - middle[:, None], 0.0)
+    product = np.einsum("fmi,fmj->fij", arms, there * (local - centre[:, None]))
+    product[~known] = np.eye(3)
+    u, _, v = np.linalg.svd(product)
+    u[..., 2] *= np.linalg.det(u @ v)[:, None]
+    return u @ v, middle, centre
+
+
+def _twist(rotation: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the angle (T,) of the rotation about ``axis`` nearest to each rotation (T, 3, 3)."""
+    across = np.stack(
+        [
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ],
+        axis=1,
+    )
+    along = np.einsum("i,fij,j->f", axis, rotation, axis)
+    return np.asarray(np.arctan2(across @ axis, np.trace(rotation, axis1=1, axis2=2) - along))
+
+
+def _about(start: FloatArray, end: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the angle (T,) about ``axis`` from ``start`` to ``end`` (T, 3)."""
+    across = np.cross(start, end) @ axis
+    return np.asarray(np.arctan2(across, (start * end).sum(axis=1) - (start @ axis) * (end @ axis)))

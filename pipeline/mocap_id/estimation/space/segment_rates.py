@@ -1,0 +1,145 @@
+"""Rates of joints and segments from the states, and how errors of the states change them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.estimation.space.chain_model import group_columns
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
+
+
+@dataclass(frozen=True)
+class JointRates:
+    """Velocity, acceleration and jerk of joints (F, n, 3) in the child's axes, and their derivatives.
+
+    Parameters
+    ----------
+    velocity, acceleration, jerk : (F, n, 3) arrays
+        rad/s, rad/s², rad/s³.
+    maps : list of (F, 9, 3 c) arrays
+        Change of rotation error, velocity and acceleration by the coordinates of each joint, their velocities and
+        accelerations.
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    maps: list[FloatArray]
+
+
+def joint_rates(chain: SpatialChain, model: ChainModel, pose: Pose) -> JointRates:
+    """Return the rates of all joints in the child's axes."""
+    frames, n = len(pose.origin), len(chain.joints)
+    rates = np.zeros((3, frames, n, 3))
+    maps = []
+    for k, (joint, own) in enumerate(zip(chain.joints, group_columns(model)[1:], strict=True)):
+        rate = pose.rate[:, :, own]
+        if joint.kind == "ball":
+            rates[:, :, k] = np.swapaxes(rate, 0, 1)
+            maps.append(np.broadcast_to(np.eye(9), (frames, 9, 9)))
+            continue
+        rates[:, :, k], own_map = _by_coordinates(joint, pose.turn[:, k + 1], rate)
+        maps.append(own_map)
+    return JointRates(rates[0], rates[1], rates[2], maps)
+
+
+def _by_coordinates(joint: SpatialJoint, turn: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return velocity, acceleration and jerk (3, F, 3) of a hinge or two-axis joint, and their map (F, 9, 3 c)."""
+    first = np.einsum("fji,j->fi", turn, joint.first_axis)
+    second, c = joint.second_axis, joint.dimension
+    dq, ddq, dddq = rate[:, 0], rate[:, 1], rate[:, 2]
+    found = np.stack([dq[:, :1] * first, ddq[:, :1] * first, dddq[:, :1] * first])
+    parts = np.zeros((len(turn), 3, 3, 3, c))  # of (error, velocity, acceleration) by (q, dq, ddq)
+    for order in range(3):
+        parts[:, order, :, order, 0] = first
+    if joint.kind == "two-axis":
+        bend = -np.cross(second, first)  # derivative of the first axis by the second coordinate
+        twice = -np.cross(second, bend)
+        one, two = dq[:, :1], dq[:, 1:]
+        found[0] += two * second
+        found[1] += ddq[:, 1:] * second + one * two * bend
+        found[2] += dddq[:, 1:] * second + (2 * ddq[:, :1] * two + one * ddq[:, 1:]) * bend + one * two**2 * twice
+        for order in range(3):
+            parts[:, order, :, order, 1] = second
+        parts[:, 1, :, 0, 1] = one * bend
+        parts[:, 2, :, 0, 1] = ddq[:, :1] * bend + one * two * twice
+        parts[:, 2, :, 1, 0] = two * bend
+        parts[:, 2, :, 1, 1] = one * bend
+    return found, parts.reshape(len(turn), 9, 3 * c)
+
+
+@dataclass(frozen=True)
+class SegmentRates:
+    """Angular velocity and acceleration of segments in the axes of the trial, and their derivatives by the states.
+
+    Parameters
+    ----------
+    omega, alpha : (F, n + 1, 3) arrays
+        rad/s, rad/s².
+    """
+
+    omega: FloatArray
+    alpha: FloatArray
+
+
+def segment_rates(chain: SpatialChain, pose: Pose, turns: FloatArray, joints: JointRates) -> SegmentRates:
+    """Return angular velocity and acceleration of all segments, for their rotations (F, n + 1, 3, 3)."""
+    omega, alpha = np.empty(turns.shape[:3]), np.empty(turns.shape[:3])
+    omega[:, 0] = _turned(turns[:, 0], pose.rate[:, 0, 3:6])
+    alpha[:, 0] = _turned(turns[:, 0], pose.rate[:, 1, 3:6])
+    for k, joint in enumerate(chain.joints):
+        before, own = joint.parent, _turned(turns[:, k + 1], joints.velocity[:, k])
+        omega[:, k + 1] = omega[:, before] + own
+        grows = _turned(turns[:, k + 1], joints.acceleration[:, k]) + np.cross(omega[:, before], own)
+        alpha[:, k + 1] = alpha[:, before] + grows
+    return SegmentRates(omega, alpha)
+
+
+def rate_jacobians(
+    chain: SpatialChain, model: ChainModel, turns: FloatArray, joints: JointRates, rates: SegmentRates
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the changes of rotation, omega and alpha (F, n + 1, 3, 3 d) by the pose, velocity and acceleration.
+
+    The rotation's change is a rotation vector in the axes of the trial.
+    """
+    groups = group_columns(model)
+    d = groups[-1].stop
+    shape = (len(turns), len(groups), 3, 3, d)
+    spin, omega, alpha = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    spin[:, 0, :, 0, 3:6] = turns[:, 0]
+    omega[:, 0, :, 1, 3:6] = turns[:, 0]
+    alpha[:, 0, :, 2, 3:6] = turns[:, 0]
+    for m in range(3):  # of the base, only the rotation error turns its rates
+        omega[:, 0, m, 0, 3:6] = -(so3.hat(rates.omega[:, 0]) @ turns[:, 0])[:, m]
+        alpha[:, 0, m, 0, 3:6] = -(so3.hat(rates.alpha[:, 0]) @ turns[:, 0])[:, m]
+    flat = (len(turns), 3, 3 * d)
+    for k, (joint, own) in enumerate(zip(chain.joints, groups[1:], strict=True)):
+        before, c = joint.parent, joint.dimension
+        part = np.zeros((3, len(turns), 3, 3, d))
+        mapped = turns[:, None, k + 1] @ joints.maps[k].reshape(-1, 3, 3, 3 * c)
+        for order in range(3):
+            part[order][..., own] = mapped[:, order].reshape(-1, 3, 3, c)
+        spins, velocity, acceleration = (each.reshape(flat) for each in part)
+        spun = spin[:, before].reshape(flat) + spins
+        own_rate = _turned(turns[:, k + 1], joints.velocity[:, k])
+        own_change = velocity - so3.hat(own_rate) @ spun
+        omega[:, k + 1] = omega[:, before] + own_change.reshape(shape[0], *shape[2:])
+        change = (
+            acceleration
+            - so3.hat(_turned(turns[:, k + 1], joints.acceleration[:, k])) @ spun
+            - so3.hat(own_rate) @ omega[:, before].reshape(flat)
+            + so3.hat(rates.omega[:, before]) @ own_change
+        )
+        alpha[:, k + 1] = alpha[:, before] + change.reshape(shape[0], *shape[2:])
+        spin[:, k + 1] = spun.reshape(shape[0], *shape[2:])
+    whole = (len(turns), len(groups), 3, 3 * d)
+    return spin.reshape(whole), omega.reshape(whole), alpha.reshape(whole)
+
+
+def _turned(turns: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("fij,fj->fi", turns, vectors))

@@ -1,0 +1,58 @@
+"""Displacements of markers on the skin while they are missing, so that the pose does not step when one vanishes.
+
+The idea and the bridge are those of :mod:`mocap_id.estimation.dropouts`: a missing marker keeps the residual that it has
+beside the gap, which fades with the memory of the skin, and goes on pushing the pose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.estimation.dropouts import SKIN_MEMORY, bridge, find_gaps, frames_beside, memories_away
+
+_PAIRS = 1000  # pairs of consecutive frames for the lasting part of a residual
+
+
+def find_slips(residual: FloatArray, used: BoolArray, rate: float) -> FloatArray:
+    """Return the expected displacement (F, M, 3) of every marker where it is not used, m; zero elsewhere.
+
+    Parameters
+    ----------
+    residual : (F, M, 3) array
+        Residual in the segment's frame, m.
+    used : (F, M) bool array
+    rate : float
+        Frames per second.
+    """
+    slips = np.zeros(residual.shape)
+    for m in np.flatnonzero(~used.all(axis=0) & used.any(axis=0)).tolist():
+        own, there = residual[:, m], used[:, m]
+        edges, missing = find_gaps(there)
+        since, until = memories_away(edges, missing, len(own), SKIN_MEMORY * rate)
+        gap = np.searchsorted(edges[:, 0], missing, side="right") - 1
+        lasting, noise = _variances(own, there)
+        before, after = (
+            _shrunk(own, there, side, lasting, noise)[gap] for side in frames_beside(edges, len(own))
+        )
+        slips[missing, m] = bridge(before, after, since, until)
+    return slips
+
+
+def _variances(own: FloatArray, there: BoolArray) -> tuple[float, float]:
+    """Return the variances of the part of a residual that persists to the next frame, and of the rest."""
+    pairs = np.flatnonzero(there[1:] & there[:-1])
+    if not pairs.size:
+        return 0.0, 1.0
+    pairs = pairs[:: max(1, len(pairs) // _PAIRS)]
+    first, second = own[pairs], own[pairs + 1]
+    lasting = max(float(np.mean(first * second)), 0.0)
+    return lasting, max(float(np.mean(first**2 + second**2)) / 2 - lasting, np.finfo(np.float64).tiny)
+
+
+def _shrunk(own: FloatArray, there: BoolArray, at: FloatArray, lasting: float, noise: float) -> FloatArray:
+    """Return the mean residual (G, 3) of frames (G, b), shrunk by its noise; NaN if unseen."""
+    seen = (at >= 0) & there[at]
+    count = seen.sum(axis=1, keepdims=True)
+    total = np.where(seen[..., None], own[at], 0.0).sum(axis=1)
+    return np.where(count > 0, lasting * total / np.maximum(count * lasting + noise, np.finfo(np.float64).tiny), np.nan)

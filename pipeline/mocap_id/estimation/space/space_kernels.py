@@ -1,0 +1,934 @@
+"""Inner loops of the filter in space, in one file because numba's cache does not follow dependencies between files.
+
+The equations are in docs/concepts/rotations-in-the-filter.md. Matrices are updated row by row, which compiles to vector
+instructions.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.compilation import compiled
+
+_ROUNDS = 5  # iterations of an update from a frame's own pose
+_MOST = 20  # iterations of Gauss–Newton
+_CLOSE = 3e-3  # rad and m; a step smaller than this leaves an error of about its square
+_RIDGE = 1e-9  # relative
+_LEAP = 0.2  # rad and m; largest step that is extrapolated
+
+
+class ChainModel(NamedTuple):
+    """A chain of n joints with d degrees of freedom and M markers."""
+
+    ball: BoolArray  # (n,)
+    freedom: IntArray  # (n,) degrees of freedom of each joint
+    parent: IntArray  # (n,)
+    first: IntArray  # (n + 1,) first degree of freedom: 3 of the base's rotation, then of each joint
+    centre: FloatArray  # (n, 3)
+    first_axis: FloatArray  # (n, 3) in the parent's frame
+    second_axis: FloatArray  # (n, 3) in the child's frame
+    offset: FloatArray  # (n, 3, 3)
+    glide: FloatArray  # (n, 3)
+    rest: FloatArray  # (n, 3)
+    long_axis: FloatArray  # (n, 3)
+    segment: IntArray  # (M,)
+    local: FloatArray  # (M, 3)
+    on_glide: BoolArray  # (M,)
+
+
+class Noise(NamedTuple):
+    """Constants of the filter."""
+
+    step: FloatArray  # (4,) dt^k / k!
+    shape: FloatArray  # (4, 4) process noise of unit density
+    density: FloatArray  # (d,)
+    start: FloatArray  # (d, 4) initial variances
+    weight: FloatArray  # (M,) 1/m², by the whole error of each marker
+    white: float  # m², white part of the error
+    gate_variance: FloatArray  # (M,)
+    gate: float
+    patience: int  # frames
+    anchor_limit: float  # rad², variance above which the update starts from the frame's own pose
+
+
+class Pose(NamedTuple):
+    """State of one frame, or of F frames with a leading axis F."""
+
+    origin: FloatArray  # (3,) of the base
+    turn: FloatArray  # (n + 1, 3, 3) rotation of the base, then of each joint
+    angle: FloatArray  # (n, 2) coordinates of hinges and two-axis joints
+    rate: FloatArray  # (3, d) velocity, acceleration, jerk
+
+
+class Placed(NamedTuple):
+    """Segments in the frame of the trial."""
+
+    origin: FloatArray  # (n + 1, 3)
+    turn: FloatArray  # (n + 1, 3, 3)
+    axis: FloatArray  # (d, 3) axis of each rotation
+    slope: FloatArray  # (d,) change of the glide's share
+    glide: FloatArray  # (n, 3)
+    share: FloatArray  # (n,)
+
+
+@compiled
+def _cross(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
+    c[0] = a[1] * b[2] - a[2] * b[1]
+    c[1] = a[2] * b[0] - a[0] * b[2]
+    c[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _multiply(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
+    for i in range(3):
+        for j in range(3):
+            c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@compiled
+def _exp(v: FloatArray, scale: float, r: FloatArray) -> None:
+    """Compute the rotation by ``scale`` v."""
+    x, y, z = scale * v[0], scale * v[1], scale * v[2]
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    if angle < 1e-4:
+        s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
+    else:
+        s, c = math.sin(angle) / angle, 2.0 * (math.sin(0.5 * angle) / angle) ** 2
+    r[0, 0], r[0, 1], r[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    r[1, 0], r[1, 1], r[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
+    r[2, 0], r[2, 1], r[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+
+
+@compiled
+def _log_between(a: FloatArray, b: FloatArray, v: FloatArray) -> None:
+    """Compute the rotation vector of aᵀ b, by the quaternion."""
+    r = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            r[i, j] = a[0, i] * b[0, j] + a[1, i] * b[1, j] + a[2, i] * b[2, j]
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    v[0], v[1], v[2] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    if trace > -0.9:
+        half = math.sqrt(max(1.0 + trace, 0.0)) / 2.0  # cos of half the angle
+        for i in range(3):
+            v[i] /= 4.0 * half
+    else:
+        i = 0
+        if r[1, 1] > r[0, 0]:
+            i = 1
+        if r[2, 2] > r[i, i]:
+            i = 2
+        j, k = (i + 1) % 3, (i + 2) % 3
+        root = math.sqrt(max(1.0 + r[i, i] - r[j, j] - r[k, k], 0.0))
+        half = v[i] / (2.0 * root)
+        v[i], v[j], v[k] = root / 2.0, (r[j, i] + r[i, j]) / (2.0 * root), (r[k, i] + r[i, k]) / (2.0 * root)
+        if half < 0.0:
+            half, v[0], v[1], v[2] = -half, -v[0], -v[1], -v[2]
+    length = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    scale = 2.0 * math.atan2(length, half) / length if length > 1e-12 else 2.0
+    for i in range(3):
+        v[i] *= scale
+
+
+@compiled
+def _turn_by_angles(model: ChainModel, pose: Pose, k: int) -> None:
+    """Compute the rotation of a hinge or two-axis joint from its coordinates."""
+    first, both = np.empty((3, 3)), np.empty((3, 3))
+    _exp(model.first_axis[k], pose.angle[k, 0], first)
+    if model.freedom[k] == 1:
+        _multiply(first, model.offset[k], pose.turn[k + 1])
+        return
+    _multiply(first, model.offset[k], both)
+    _exp(model.second_axis[k], pose.angle[k, 1], first)
+    _multiply(both, first, pose.turn[k + 1])
+
+
+@compiled
+def _turn_right(r: FloatArray, v: FloatArray) -> None:
+    """Replace R by R exp(v)."""
+    by, product = np.empty((3, 3)), np.empty((3, 3))
+    _exp(v, 1.0, by)
+    _multiply(r, by, product)
+    for i in range(3):
+        for j in range(3):
+            r[i, j] = product[i, j]
+
+
+@compiled
+def _move(model: ChainModel, pose: Pose, by: FloatArray) -> None:
+    """Move a pose by a tangent vector (d,): right perturbation of rotations, sum of the others."""
+    for i in range(3):
+        pose.origin[i] += by[i]
+    _turn_right(pose.turn[0], by[3:6])
+    for k in range(len(model.ball)):
+        at = model.first[k + 1]
+        if model.ball[k]:
+            _turn_right(pose.turn[k + 1], by[at : at + 3])
+        else:
+            for c in range(model.freedom[k]):
+                pose.angle[k, c] += by[at + c]
+            _turn_by_angles(model, pose, k)
+
+
+@compiled
+def _difference(model: ChainModel, start: Pose, end: Pose, by: FloatArray) -> None:
+    """Compute the tangent vector (d,) that moves ``start`` to ``end``."""
+    for i in range(3):
+        by[i] = end.origin[i] - start.origin[i]
+    _log_between(start.turn[0], end.turn[0], by[3:6])
+    for k in range(len(model.ball)):
+        at = model.first[k + 1]
+        if model.ball[k]:
+            _log_between(start.turn[k + 1], end.turn[k + 1], by[at : at + 3])
+        else:
+            for c in range(model.freedom[k]):
+                by[at + c] = end.angle[k, c] - start.angle[k, c]
+
+
+@compiled
+def _copy_pose(source: Pose, target: Pose) -> None:
+    for i in range(3):
+        target.origin[i] = source.origin[i]
+    for k in range(source.turn.shape[0]):
+        _copy(source.turn[k], target.turn[k])
+    _copy(source.angle, target.angle)
+    _copy(source.rate, target.rate)
+
+
+@compiled
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy a matrix element by element, because numba takes seconds to compile array assignment."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@compiled
+def _frame(track: Pose, k: int) -> Pose:
+    return Pose(track.origin[k], track.turn[k], track.angle[k], track.rate[k])
+
+
+@compiled
+def _new_pose(model: ChainModel) -> Pose:
+    n, d = len(model.ball), model.first[-1] + (model.freedom[-1] if len(model.ball) > 0 else 3)
+    return Pose(np.zeros(3), np.zeros((n + 1, 3, 3)), np.zeros((n, 2)), np.zeros((3, d)))
+
+
+@compiled
+def _new_placed(n: int, d: int) -> Placed:
+    return Placed(
+        np.zeros((n + 1, 3)), np.zeros((n + 1, 3, 3)), np.zeros((d, 3)), np.zeros(d), np.zeros((n, 3)), np.zeros(n)
+    )
+
+
+@compiled
+def _place(model: ChainModel, pose: Pose, placed: Placed) -> None:
+    """Compute the poses of all segments, the axes of all rotations, and the glides."""
+    back, child = np.empty(3), np.empty(3)
+    for i in range(3):
+        placed.origin[0, i] = pose.origin[i]
+        for j in range(3):
+            placed.turn[0, i, j] = pose.turn[0, i, j]
+            placed.axis[3 + j, i] = pose.turn[0, i, j]
+    for k in range(len(model.ball)):
+        up, own, joint = placed.turn[model.parent[k]], placed.turn[k + 1], pose.turn[k + 1]
+        _multiply(up, joint, own)
+        cosine = 0.0
+        for j in range(3):
+            back[j] = joint[0, j] * model.rest[k, 0] + joint[1, j] * model.rest[k, 1] + joint[2, j] * model.rest[k, 2]
+            cosine += back[j] * model.long_axis[k, j]
+        placed.share[k] = 0.5 * (1.0 - cosine)
+        for i in range(3):
+            placed.glide[k, i] = 0.0
+            placed.origin[k + 1, i] = placed.origin[model.parent[k], i]
+            for j in range(3):
+                placed.glide[k, i] += up[i, j] * model.glide[k, j]
+                placed.origin[k + 1, i] += up[i, j] * model.centre[k, j]
+            placed.origin[k + 1, i] += placed.share[k] * placed.glide[k, i]
+        slope = np.empty(3)
+        _cross(back, model.long_axis[k], slope)
+        for c in range(model.freedom[k]):
+            at = model.first[k + 1] + c
+            for j in range(3):
+                if model.ball[k]:
+                    child[j] = 1.0 if j == c else 0.0
+                elif c == 1:
+                    child[j] = model.second_axis[k, j]
+                else:
+                    child[j] = (
+                        joint[0, j] * model.first_axis[k, 0]
+                        + joint[1, j] * model.first_axis[k, 1]
+                        + joint[2, j] * model.first_axis[k, 2]
+                    )
+            placed.slope[at] = 0.5 * (slope[0] * child[0] + slope[1] * child[1] + slope[2] * child[2])
+            for i in range(3):
+                placed.axis[at, i] = own[i, 0] * child[0] + own[i, 1] * child[1] + own[i, 2] * child[2]
+
+
+@compiled
+def _marker(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: FloatArray, columns: IntArray) -> int:
+    """Compute the position x (3,) of a marker and its Jacobian's columns ``rows`` (d, 3); return their number.
+
+    ``columns`` (d,) receives their degrees of freedom.
+    """
+    segment = model.segment[m]
+    for i in range(3):
+        x[i] = placed.origin[segment, i]
+        for j in range(3):
+            x[i] += placed.turn[segment, i, j] * model.local[m, j]
+    count, arm = 0, np.empty(3)
+    if model.on_glide[m]:
+        for i in range(3):
+            x[i] += placed.share[0] * placed.glide[0, i]
+        for c in range(model.first[1], model.first[1] + model.freedom[0]):
+            columns[count] = c
+            for i in range(3):
+                rows[count, i] = placed.glide[0, i] * placed.slope[c]
+            count += 1
+    k = segment
+    while k >= 0:
+        first, last = 3, 6
+        if k > 0:
+            first, last = model.first[k], model.first[k] + model.freedom[k - 1]
+        for i in range(3):
+            arm[i] = x[i] - placed.origin[k, i]
+        for c in range(first, last):
+            columns[count] = c
+            _cross(placed.axis[c], arm, rows[count])
+            if k > 0:
+                for i in range(3):
+                    rows[count, i] += placed.glide[k - 1, i] * placed.slope[c]
+            count += 1
+        k = model.parent[k - 1] if k > 0 else -1
+    for c in range(3):
+        columns[count] = c
+        for i in range(3):
+            rows[count, i] = 1.0 if i == c else 0.0
+        count += 1
+    return count
+
+
+@compiled
+def predict_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
+    """Fill marker positions (F, M, 3) and, unless it has no frames, their Jacobian (F, M, 3, d)."""
+    n, d = len(model.ball), track.rate.shape[2]
+    placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
+    for f in range(positions.shape[0]):
+        _place(model, _frame(track, f), placed)
+        for m in range(positions.shape[1]):
+            count = _marker(model, placed, m, positions[f, m], rows, columns)
+            if jacobian.shape[0] > 0:
+                for c in range(count):
+                    for i in range(3):
+                        jacobian[f, m, i, columns[c]] = rows[c, i]
+
+
+@compiled
+def _factor(a: FloatArray) -> bool:
+    """Replace the upper triangle by U with A = Uᵀ U; false if ``a`` is not positive definite."""
+    size = len(a)
+    for k in range(size):
+        if not a[k, k] > 0.0:
+            return False
+        root = math.sqrt(a[k, k])
+        for c in range(k, size):
+            a[k, c] /= root
+        for i in range(k + 1, size):
+            factor = a[k, i]
+            if factor != 0.0:
+                for c in range(i, size):
+                    a[i, c] -= factor * a[k, c]
+    return True
+
+
+@compiled
+def _solve(upper: FloatArray, b: FloatArray) -> None:
+    """Replace the rows of B by the solution of Uᵀ U X = B."""
+    size, width = len(upper), b.shape[1]
+    for k in range(size):
+        inverse = 1.0 / upper[k, k]
+        for c in range(width):
+            b[k, c] *= inverse
+        for i in range(k + 1, size):
+            factor = upper[k, i]
+            if factor != 0.0:
+                for c in range(width):
+                    b[i, c] -= factor * b[k, c]
+    for k in range(size - 1, -1, -1):
+        inverse = 1.0 / upper[k, k]
+        for c in range(width):
+            b[k, c] *= inverse
+        for i in range(k):
+            factor = upper[i, k]
+            if factor != 0.0:
+                for c in range(width):
+                    b[i, c] -= factor * b[k, c]
+
+
+@compiled
+def _gather(
+    a: FloatArray, b: FloatArray, g: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray,
+    weight: float,
+) -> None:
+    """Add w Jᵀ J and w² Jᵀ J to the upper triangles of A and B, and w Jᵀ y to g."""
+    for i in range(count):
+        r0, r1, r2, at = weight * rows[i, 0], weight * rows[i, 1], weight * rows[i, 2], columns[i]
+        g[at] += r0 * y[0] + r1 * y[1] + r2 * y[2]
+        for j in range(count):
+            if columns[j] >= at:
+                value = r0 * rows[j, 0] + r1 * rows[j, 1] + r2 * rows[j, 2]
+                a[at, columns[j]] += value
+                b[at, columns[j]] += weight * value
+
+
+@compiled
+def _as_white(a: FloatArray, b: FloatArray, g: FloatArray, white: float) -> bool:
+    """Replace A by A B⁻¹ A / r and g by A B⁻¹ g / r: the weighted fit as a measurement with its white error's covariance.
+
+    Directions that no marker determines have no information in A, so the ridge of B does not matter.
+    """
+    d = len(g)
+    x = np.empty((d, d + 1))
+    for r in range(d):
+        b[r, r] = b[r, r] * (1.0 + _RIDGE) if b[r, r] > 0.0 else 1.0
+        x[r, d] = g[r]
+        for c in range(r):
+            a[r, c] = a[c, r]
+    for r in range(d):
+        for c in range(d):
+            x[r, c] = a[r, c]
+    if not _factor(b):
+        return False
+    _solve(b, x)
+    for r in range(d):
+        g[r] = 0.0
+        for k in range(d):
+            g[r] += a[r, k] * x[k, d] / white
+    for r in range(d):
+        for c in range(r, d):
+            total = 0.0
+            for k in range(d):
+                total += a[r, k] * x[k, c]
+            b[r, c] = total / white
+    for r in range(d):
+        for c in range(r, d):
+            a[r, c] = b[r, c]
+            a[c, r] = b[r, c]
+    return True
+
+
+@compiled
+def _push(
+    g: FloatArray, turn: FloatArray, slip: FloatArray, rows: FloatArray, columns: IntArray, count: int, weight: float
+) -> None:
+    """Add Jᵀ R s to g for a displacement s in the segment's frame."""
+    if slip[0] == 0.0 and slip[1] == 0.0 and slip[2] == 0.0:
+        return
+    for i in range(3):
+        push = weight * (turn[i, 0] * slip[0] + turn[i, 1] * slip[1] + turn[i, 2] * slip[2])
+        for c in range(count):
+            g[columns[c]] += push * rows[c, i]
+
+
+@compiled
+def _passes(
+    p: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray, variance: float, limit: float
+) -> bool:
+    """Return whether an innovation is within ``limit`` standard deviations (Mahalanobis)."""
+    if y[0] ** 2 + y[1] ** 2 + y[2] ** 2 <= limit**2 * variance:
+        return True
+    s, u = np.zeros((3, 3)), np.empty((3, 1))
+    for i in range(count):
+        for j in range(count):
+            value = p[columns[i], columns[j]]
+            for r in range(3):
+                for c in range(r, 3):
+                    s[r, c] += rows[i, r] * value * rows[j, c]
+    for r in range(3):
+        s[r, r] += variance
+        u[r, 0] = y[r]
+    if not _factor(s):
+        return False
+    _solve(s, u)
+    squared: float = y[0] * u[0, 0] + y[1] * u[1, 0] + y[2] * u[2, 0]
+    return squared <= limit**2
+
+
+@compiled
+def _advance(model: ChainModel, noise: Noise, pose: Pose, turned: FloatArray) -> None:
+    """Move a pose by one time step; ``turned`` (d,) receives the step of each degree of freedom.
+
+    The rotation vector of a step has the second term of the Magnus series, dt³/12 ω × α.
+    """
+    d = len(turned)
+    for c in range(d):
+        v, a, j = pose.rate[0, c], pose.rate[1, c], pose.rate[2, c]
+        turned[c] = noise.step[1] * v + noise.step[2] * a + noise.step[3] * j
+    cross = np.empty(3)
+    for k in range(len(model.ball) + 1):
+        if k == 0 or model.ball[k - 1]:
+            at = model.first[k]
+            _cross(pose.rate[0, at : at + 3], pose.rate[1, at : at + 3], cross)
+            for i in range(3):
+                turned[at + i] += 0.5 * noise.step[3] * cross[i]
+    _move(model, pose, turned)
+    for c in range(d):
+        pose.rate[0, c] += noise.step[1] * pose.rate[1, c] + noise.step[2] * pose.rate[2, c]
+        pose.rate[1, c] += noise.step[1] * pose.rate[2, c]
+
+
+@compiled
+def _times_transition(model: ChainModel, step: FloatArray, turned: FloatArray, x: FloatArray) -> None:
+    """Replace the rows of X (4 d, any) by F X, with the step ``turned`` of :func:`_advance`."""
+    d, width = len(turned), x.shape[1]
+    moved, slip, back, sums = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, width))
+    for k in range(len(model.ball) + 1):
+        if k > 0 and not model.ball[k - 1]:
+            continue
+        at = model.first[k]
+        _exp(turned[at : at + 3], -1.0, moved)
+        _right_jacobian(turned[at : at + 3], slip)
+        for i in range(3):
+            for c in range(width):
+                sums[i, c] = (
+                    step[1] * x[d + at + i, c] + step[2] * x[2 * d + at + i, c] + step[3] * x[3 * d + at + i, c]
+                )
+        for c in range(width):
+            for i in range(3):
+                back[i, 0] = 0.0
+                for j in range(3):
+                    back[i, 0] += moved[i, j] * x[at + j, c] + slip[i, j] * sums[j, c]
+            for i in range(3):
+                x[at + i, c] = back[i, 0]
+    for r in range(d):
+        k = 0
+        while k < len(model.ball) and r >= model.first[k + 1]:
+            k += 1
+        if r < 3 or (k > 0 and not model.ball[k - 1]):
+            for c in range(width):
+                x[r, c] += step[1] * x[d + r, c] + step[2] * x[2 * d + r, c] + step[3] * x[3 * d + r, c]
+        for c in range(width):
+            x[d + r, c] += step[1] * x[2 * d + r, c] + step[2] * x[3 * d + r, c]
+            x[2 * d + r, c] += step[1] * x[3 * d + r, c]
+
+
+@compiled
+def _right_jacobian(v: FloatArray, j: FloatArray) -> None:
+    """Compute the right Jacobian of a small rotation vector, to third order."""
+    square = v[0] ** 2 + v[1] ** 2 + v[2] ** 2
+    for i in range(3):
+        for k in range(3):
+            j[i, k] = v[i] * v[k] / 6.0
+        j[i, i] += 1.0 - square / 6.0
+    j[0, 1] += 0.5 * v[2]
+    j[1, 0] -= 0.5 * v[2]
+    j[0, 2] -= 0.5 * v[1]
+    j[2, 0] += 0.5 * v[1]
+    j[1, 2] += 0.5 * v[0]
+    j[2, 1] -= 0.5 * v[0]
+
+
+@compiled
+def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: FloatArray) -> None:
+    """Advance a pose and its covariance by one step; ``moved`` receives F P before the step's noise."""
+    d = len(noise.density)
+    turned = np.empty(d)
+    _advance(model, noise, pose, turned)
+    _copy(p, moved)
+    _times_transition(model, noise.step, turned, moved)
+    for r in range(len(p)):
+        for c in range(len(p)):
+            p[r, c] = moved[c, r]
+    _times_transition(model, noise.step, turned, p)
+    for c in range(d):
+        for i in range(4):
+            for j in range(4):
+                p[i * d + c, j * d + c] += noise.density[c] * noise.shape[i, j]
+
+
+@compiled
+def _reset(noise: Noise, p: FloatArray, first: int, last: int) -> None:
+    """Reset the covariance of degrees of freedom to its initial value."""
+    d = len(noise.density)
+    for e in range(4):
+        for r in range(e * d + first, e * d + last):
+            for c in range(len(p)):
+                p[r, c] = 0.0
+                p[c, r] = 0.0
+            p[r, r] = noise.start[r - e * d, e]
+
+
+@compiled
+def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end: int) -> None:
+    """Hold the pose of the base (k = 0) or of a joint where it was last seen, at rest."""
+    if k == 0:
+        for i in range(3):
+            pose.origin[i] = last.origin[i]
+    else:
+        for c in range(2):
+            pose.angle[k - 1, c] = last.angle[k - 1, c]
+    _copy(last.turn[k], pose.turn[k])
+    for e in range(3):
+        for c in range(first, end):
+            pose.rate[e, c] = 0.0
+
+
+@compiled
+def _correct(
+    model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: FloatArray, change: FloatArray
+) -> bool:
+    """Update the covariance with the information A of the pose; ``change`` (4 d,) receives the change of the state.
+
+    With P_pose = Uᵀ U, T = P_(all, pose) U⁻¹ and B = I + U A Uᵀ, the change is T B⁻¹ U h and P becomes
+    P − T (I − B⁻¹) Tᵀ, with the rows of the pose T B⁻¹ U, which has no cancellation.
+    """
+    d, size = len(h), len(p)
+    u, t = np.zeros((d, d)), np.empty((d, size))
+    for r in range(d):
+        for c in range(r, d):
+            u[r, c] = p[r, c]
+    if not _factor(u):
+        return False
+    for r in range(d):
+        for c in range(size):
+            t[r, c] = p[r, c]
+    for k in range(d):  # Uᵀ T = P
+        for c in range(size):
+            t[k, c] /= u[k, k]
+        for i in range(k + 1, d):
+            factor = u[k, i]
+            for c in range(size):
+                t[i, c] -= factor * t[k, c]
+    ua, b, inverse = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
+    for r in range(d):
+        inverse[r, r] = 1.0
+        for k in range(r, d):
+            for c in range(d):
+                ua[r, c] += u[r, k] * a[k, c]
+    for r in range(d):
+        b[r, r] = 1.0
+        for c in range(r, d):
+            for k in range(c, d):
+                b[r, c] += ua[r, k] * u[c, k]
+    if not _factor(b):
+        return False
+    _solve(b, inverse)
+    z = np.zeros((d, size))  # B⁻¹ Tᵀ
+    for r in range(d):
+        for k in range(d):
+            factor = inverse[r, k]
+            for c in range(size):
+                z[r, c] += factor * t[k, c]
+    for r in range(d):
+        uh = 0.0
+        for c in range(r, d):
+            uh += u[r, c] * h[c]
+        for c in range(size):
+            change[c] += z[r, c] * uh
+    for k in range(d):
+        for r in range(d, size):
+            left, right = t[k, r], z[k, r]
+            for c in range(d, r + 1):
+                p[r, c] -= left * t[k, c]
+                p[r, c] += right * t[k, c]
+    for r in range(d):
+        for c in range(size):
+            p[r, c] = 0.0
+        for k in range(r + 1):
+            factor = u[k, r]
+            for c in range(size):
+                p[r, c] += factor * z[k, c]
+    for r in range(size):
+        for c in range(min(r, d)):
+            p[r, c] = p[c, r]
+    for r in range(d, size):
+        for c in range(d, r):
+            p[c, r] = p[r, c]
+    return True
+
+
+@compiled
+def _update(
+    model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, z: FloatArray, slip: FloatArray, used: BoolArray,
+    anchor: Pose, anchored: bool,
+) -> bool:
+    """Update with the markers of a frame, in place; from the frame's own pose, and iterated, if ``anchored``."""
+    n, d = len(model.ball), len(noise.density)
+    placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
+    x, y, at, change = np.empty(3), np.empty(3), _new_pose(model), np.zeros(4 * d)
+    prior = np.empty((4 * d, 4 * d))
+    _copy_pose(pose, at)
+    if anchored:
+        _copy(p, prior)
+        _copy_pose(anchor, at)
+    shift = np.zeros(d)
+    for turn in range(_ROUNDS if anchored else 1):
+        if anchored:
+            _difference(model, pose, at, shift)
+            if turn > 0:
+                _copy(prior, p)
+        _place(model, at, placed)
+        a, b, h = np.zeros((d, d)), np.zeros((d, d)), np.zeros(d)
+        for m in range(len(model.segment)):
+            used[m] = False
+            count = _marker(model, placed, m, x, rows, columns)
+            if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
+                _push(h, placed.turn[model.segment[m]], slip[m], rows, columns, count, noise.weight[m])
+                continue
+            for i in range(3):
+                y[i] = z[m, i] - x[i]
+            used[m] = anchored or _passes(p, rows, columns, count, y, noise.gate_variance[m], noise.gate)
+            if used[m]:
+                _gather(a, b, h, rows, columns, count, y, noise.weight[m])
+        if not _as_white(a, b, h, noise.white):
+            return False
+        for r in range(d):
+            for c in range(d):
+                h[r] += a[r, c] * shift[c]
+        for r in range(4 * d):
+            change[r] = 0.0
+        if not _correct(model, pose, p, a, h, change):
+            return False
+        _copy_pose(pose, at)
+        _move(model, at, change[:d])
+    for e in range(3):
+        for c in range(d):
+            at.rate[e, c] = pose.rate[e, c] + change[(e + 1) * d + c]
+    _copy_pose(at, pose)
+    return True
+
+
+@compiled
+def _count_failing(model: ChainModel, z: FloatArray, used: BoolArray, failing: IntArray) -> None:
+    """Count successive frames in which over half of a segment's markers fail; unchanged if none is seen."""
+    for k in range(len(failing)):
+        seen, passed = 0, 0
+        for m in range(len(model.segment)):
+            if model.segment[m] == k and not math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
+                seen += 1
+                passed += used[m]
+        if seen > 0:
+            failing[k] = failing[k] + 1 if 2 * passed < seen else 0
+
+
+@compiled
+def run_filter(
+    model: ChainModel, noise: Noise, z: FloatArray, slip: FloatArray, anchors: Pose, found: BoolArray, track: Pose,
+    covariance: FloatArray, used: BoolArray, restarted: BoolArray,
+) -> int:
+    """Fill the track, its covariance (F, 4 d, 4 d), and flags; return the frame that failed, or −1.
+
+    ``z`` (F, M, 3) has only the markers that the frames' own poses use; the others push with their displacement ``slip``.
+    ``found`` (F, n + 1) tells where the frame's own markers determine the base and each joint.
+    """
+    n, d = len(model.ball), len(noise.density)
+    pose, last, start, p = _new_pose(model), _new_pose(model), _new_pose(model), np.zeros((4 * d, 4 * d))
+    moved = np.empty((4 * d, 4 * d))
+    failing = np.zeros(n + 1, dtype=np.int64)
+    _copy_pose(_frame(anchors, 0), pose)
+    _copy_pose(pose, last)
+    for k in range(len(z)):
+        if k > 0:
+            _predict(model, noise, pose, p, moved)
+        anchored, any_found = False, False
+        for j in range(n + 1):
+            first, end = 0 if j == 0 else model.first[j], model.first[j] + (3 if j == 0 else model.freedom[j - 1])
+            lost = k == 0 or failing[j] > noise.patience
+            for c in range(max(first, 3), end):
+                lost = lost or p[c, c] > noise.start[c, 0]
+            if lost:
+                restarted[k, j] = True
+                failing[j] = 0
+                _restart(model, pose, j, last, first, end)
+                _reset(noise, p, first, end)
+            for c in range(max(first, 3), end):
+                anchored = anchored or p[c, c] > noise.anchor_limit
+            any_found = any_found or found[k, j]
+        if anchored and any_found:
+            _copy_pose(pose, start)
+            for j in range(n + 1):
+                if found[k, j]:
+                    _restart(model, start, j, _frame(anchors, k), 0, 0)
+            fine = _update(model, noise, pose, p, z[k], slip[k], used[k], start, True)
+        else:
+            fine = _update(model, noise, pose, p, z[k], slip[k], used[k], pose, False)
+        if not fine:
+            return k
+        _count_failing(model, z[k], used[k], failing)
+        for j in range(n + 1):
+            if found[k, j] and failing[j] == 0:
+                _restart(model, last, j, pose, 0, 0)
+        _copy_pose(pose, _frame(track, k))
+        _copy(p, covariance[k])
+    return -1
+
+
+@compiled
+def run_smoother(
+    model: ChainModel, noise: Noise, restarted: BoolArray, track: Pose, covariance: FloatArray
+) -> int:
+    """Smooth track and covariance in place, from the last frame to the first; return the frame that failed, or −1."""
+    n, d = len(model.ball), len(noise.density)
+    size = 4 * d
+    ahead, error, change = _new_pose(model), np.empty(size), np.empty(size)
+    pp, gain, beyond, product = (
+        np.empty((size, size)), np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    )
+    for k in range(len(covariance) - 2, -1, -1):
+        here, after = _frame(track, k), _frame(track, k + 1)
+        _copy_pose(here, ahead)
+        _copy(covariance[k], pp)
+        _predict(model, noise, ahead, pp, gain)
+        _difference(model, ahead, after, error[:d])
+        for e in range(3):
+            for c in range(d):
+                error[(e + 1) * d + c] = after.rate[e, c] - ahead.rate[e, c]
+        for j in range(n + 1):
+            if restarted[k + 1, j]:
+                first, end = 0 if j == 0 else model.first[j], model.first[j] + (3 if j == 0 else model.freedom[j - 1])
+                _reset(noise, pp, first, end)
+                for e in range(4):
+                    for r in range(e * d + first, e * d + end):
+                        for c in range(size):
+                            gain[r, c] = 0.0
+        for r in range(size):
+            for c in range(size):
+                beyond[r, c] = covariance[k + 1, r, c] - pp[r, c]
+        if not _factor(pp):
+            return k
+        _solve(pp, gain)
+        for c in range(size):
+            change[c] = 0.0
+        for r in range(size):
+            for c in range(size):
+                change[c] += gain[r, c] * error[r]
+        _move(model, here, change[:d])
+        for e in range(3):
+            for c in range(d):
+                here.rate[e, c] += change[(e + 1) * d + c]
+        _add_sandwich(gain, beyond, product, covariance[k])
+    return -1
+
+
+@compiled
+def _add_sandwich(gain: FloatArray, middle: FloatArray, product: FloatArray, total: FloatArray) -> None:
+    """Add Gᵀ M G to a symmetric matrix."""
+    size = len(total)
+    for r in range(size):
+        for c in range(size):
+            product[r, c] = 0.0
+        for k in range(size):
+            factor = middle[r, k]
+            for c in range(size):
+                product[r, c] += factor * gain[k, c]
+    for k in range(size):
+        for r in range(size):
+            factor = gain[k, r]
+            if factor != 0.0:
+                for c in range(r + 1):
+                    total[r, c] += factor * product[k, c]
+    for r in range(size):
+        for c in range(r):
+            total[c, r] = total[r, c]
+
+
+@compiled
+def find_poses(
+    model: ChainModel, z: FloatArray, slip: FloatArray, weight: FloatArray, limit: FloatArray, prior: FloatArray,
+    order: IntArray, start: Pose, started: BoolArray, track: Pose, used: BoolArray, spread: FloatArray,
+    white: FloatArray, leverage: FloatArray,
+) -> None:
+    """Find the pose of every frame by Gauss–Newton from its own markers, in a given order of frames.
+
+    A marker farther from its prediction than ``limit`` (M,) counts little. A marker that is not seen pushes with its
+    displacement ``slip`` (F, M, 3), in its segment's frame. Each frame starts from ``start`` where
+    ``started`` (F, n + 1), else from the frames before. ``prior`` (d,) is a weak information that holds what no marker
+    shows. ``spread`` (F, d) are the variances of the pose for errors of the weights' size, ``white`` (F, d) for errors of
+    1 m, and ``leverage`` (F, M) the share of an error that the pose follows.
+    """
+    n, d = len(model.ball), len(prior)
+    placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
+    x, y, pose, before = np.empty(3), np.empty(3), _new_pose(model), _new_pose(model)
+    a, b, g, step, change = np.zeros((d, d)), np.zeros((d, d)), np.zeros(d), np.zeros((d, 1)), np.zeros(d)
+    inverse = np.zeros((d, d))
+    _copy_pose(_frame(start, order[0]), pose)
+    for index in range(len(order)):
+        k = order[index]
+        if index > 1 and abs(order[index] - order[index - 1]) == 1:
+            _difference(model, before, pose, change)
+            _copy_pose(pose, before)
+            for c in range(d):
+                change[c] = min(max(change[c], -_LEAP), _LEAP)
+            _move(model, pose, change)
+        else:
+            if index > 0 and order[index - 1] > order[0] > k:  # back to the first frame
+                _copy_pose(_frame(track, order[0]), pose)
+            _copy_pose(pose, before)
+        for j in range(n + 1):
+            if started[k, j]:
+                _restart(model, pose, j, _frame(start, k), 0, 0)
+        for turn in range(_MOST):
+            _place(model, pose, placed)
+            for r in range(d):
+                g[r] = 0.0
+                for c in range(d):
+                    a[r, c] = 0.0
+                    b[r, c] = 0.0
+                a[r, r] = prior[r]
+            robust = False
+            for m in range(len(model.segment)):
+                used[k, m] = False
+                count = _marker(model, placed, m, x, rows, columns)
+                if math.isnan(z[k, m, 0] + z[k, m, 1] + z[k, m, 2]):
+                    _push(g, placed.turn[model.segment[m]], slip[k, m], rows, columns, count, weight[m])
+                    continue
+                for i in range(3):
+                    y[i] = z[k, m, i] - x[i]
+                ratio = (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / limit[m] ** 2
+                used[k, m] = ratio < 1.0
+                w = weight[m]
+                if turn > 0 and ratio > 0.5:
+                    robust = True
+                    w /= (1.0 + ratio) ** 4
+                _gather(a, b, g, rows, columns, count, y, w)
+            for r in range(d):
+                step[r, 0] = g[r]
+            if not _factor(a):
+                break
+            _solve(a, step)
+            largest = 0.0
+            for c in range(d):
+                change[c] = min(max(step[c, 0], -0.5), 0.5)
+                largest = max(largest, abs(change[c]))
+            _move(model, pose, change)
+            if largest < _CLOSE and (turn > 1 or not robust):
+                break
+        for r in range(d):
+            for c in range(d):
+                inverse[r, c] = 1.0 if r == c else 0.0
+        _solve(a, inverse)
+        for c in range(d):
+            spread[k, c], white[k, c] = inverse[c, c], 0.0
+            for i in range(d):
+                for j in range(d):
+                    white[k, c] += inverse[c, i] * b[min(i, j), max(i, j)] * inverse[j, c]
+        _place(model, pose, placed)
+        for m in range(len(model.segment)):
+            leverage[k, m] = 0.0
+            if not used[k, m]:
+                continue
+            count = _marker(model, placed, m, x, rows, columns)
+            for i in range(count):
+                for j in range(count):
+                    value = inverse[columns[i], columns[j]] * weight[m] / 3.0
+                    leverage[k, m] += value * (
+                        rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2]
+                    )
+        if index == 0:
+            _copy_pose(pose, before)
+        _copy_pose(pose, _frame(track, k))

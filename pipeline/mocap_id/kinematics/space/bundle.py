@@ -1,0 +1,250 @@
+"""One bundle over a chain in space: Levenberg-Marquardt with weights of the markers from their residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import NumericalError
+from mocap_id.geometry import so3
+from mocap_id.kinematics.space.bundle_equations import (
+    BundleProblem,
+    BundleState,
+    Columns,
+    Linear,
+    Reduced,
+    apply_step,
+    columns_of,
+    eliminate_frames,
+    joint_rotations,
+    linearise,
+    residuals,
+)
+from mocap_id.kinematics.space.chain_prior import ChainPrior
+
+_ITERATIONS = 60
+_CONVERGED = 1e-4  # relative fall of the cost
+_NEARLY = 1e-2  # the same, before the weights are renewed
+_WEIGHINGS = 5
+_HUBER = 3.0  # standard deviations of a marker
+_FINEST = 1e-4  # m; smallest standard deviation of a marker
+_SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
+_LONGEST = 40  # frames; largest number of frames that count as one
+_FREE = 1e-4  # smallest damping
+_FIXED = 1e-4  # rad, m; standard deviation of the axes of a segment about those of its markers
+_STEP = {"markers": 0.01, "centres": 0.02, "axes": 0.2, "skin": 0.2}  # m, rad, 1; usual steps
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A solved bundle.
+
+    Parameters
+    ----------
+    problem : BundleProblem
+        With the final weights.
+    state : BundleState
+    linear, reduced
+        Equations at the solution, without priors.
+    matrix : (P, P) array
+        Normal matrix with the priors, and with the rows that fix the axes of the segments to their markers.
+    sd : (M,) array
+        Standard deviation of one coordinate of each marker, m.
+    together : (M,) array
+        Number of frames that count as one, because the error of a marker lasts.
+    iterations : int
+    """
+
+    problem: BundleProblem
+    state: BundleState
+    linear: Linear
+    reduced: Reduced
+    matrix: FloatArray
+    sd: FloatArray
+    together: FloatArray
+    iterations: int
+
+    def turn_noise(self, joint: int) -> FloatArray:
+        """Return the covariance (3, 3) of the rotation of a joint in one frame, in the parent's frame, rad²."""
+        turn = joint_rotations(self.problem, self.state)[:, joint]
+        own = self._body_noise(joint + 1)
+        return np.asarray(
+            self._body_noise(self.problem.parents[joint]) + (turn @ own @ np.swapaxes(turn, 1, 2)).mean(0)
+        )
+
+    def _body_noise(self, k: int) -> FloatArray:
+        here = self.problem.segment == k
+        weight = 1 / self.sd[here] ** 2
+        about = self.state.local[here] - weight @ self.state.local[here] / weight.sum()
+        square = (weight[:, None] * about).T @ about
+        return np.asarray(np.linalg.inv(np.trace(square) * np.eye(3) - square))
+
+
+def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) -> Bundle:
+    """Return the chain that explains the markers best.
+
+    Parameters
+    ----------
+    problem : BundleProblem
+        Its weights say what is seen; their sizes are the first guess.
+    state : BundleState
+        First guess.
+    prior : ChainPrior
+
+    Raises
+    ------
+    NumericalError
+        The iteration does not converge.
+    """
+    cols = columns_of(problem)
+    seen = problem.weights > 0
+    sd, together = np.full(seen.shape[1], np.nan), np.ones(seen.shape[1])
+    scale = _step_scales(cols)
+    fixed = gauge_rows(problem, state, cols) / _FIXED
+    fixed = fixed.T @ fixed
+    damping, weighings = 1.0, 0
+    linear = linearise(problem, state)
+    cost = _cost(linear, problem, state, prior)
+    for iteration in range(1, _ITERATIONS + 1):
+        reduced = eliminate_frames(problem, linear)
+        value, rows = prior.equations(problem, state)
+        matrix, vector = reduced.matrix + rows.T @ rows, reduced.vector - rows.T @ value
+        while True:
+            step = np.linalg.solve(matrix + fixed + np.diag(damping * scale), vector)
+            tried = apply_step(problem, state, step, -reduced.gain @ step)
+            tried, tried_linear = settle_frames(problem, tried)
+            tried_cost = _cost(tried_linear, problem, tried, prior)
+            if tried_cost <= cost * (1 + 1e-9) or damping > 1e6:
+                break
+            damping *= 10
+        fall = cost - tried_cost
+        state, linear, cost, damping = tried, tried_linear, tried_cost, max(damping / 10, _FREE)
+        if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
+            sd, together = marker_errors(problem, state, linear)
+            root = 1 / (sd * np.sqrt(together))
+            problem = replace(problem, weights=seen * root * _huber(problem, state, sd))
+            problem = replace(problem, long_axes=long_axes(problem, state))
+            linear = linearise(problem, state)
+            cost = _cost(linear, problem, state, prior)
+            weighings, damping = weighings + 1, max(damping, 1e-2)
+        elif abs(fall) <= _CONVERGED * cost:
+            reduced = eliminate_frames(problem, linear)
+            rows = prior.equations(problem, state)[1]
+            matrix = reduced.matrix + rows.T @ rows + fixed
+            return Bundle(problem, state, linear, reduced, matrix, sd, together, iteration)
+    raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
+
+
+def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
+    """Return the state after a step of the frames' unknowns alone, where it helps, and its equations.
+
+    The constraints bend the valley of the cost. Without this step, the steps of the chain would be short.
+    """
+    linear = linearise(problem, state)
+    turned = np.swapaxes(linear.by_frame, 1, 2)
+    inner = turned @ linear.by_frame + 1e-9 * np.eye(problem.frame_size)
+    own = -np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0]
+    unmoved = np.zeros(columns_of(problem).size)
+    before = (linear.off**2).sum(axis=1)
+    settled = apply_step(problem, state, unmoved, own)
+    after = linearise(problem, settled)
+    worse = (after.off**2).sum(axis=1) > before
+    if worse.any():
+        settled = apply_step(problem, state, unmoved, np.where(worse[:, None], 0.0, own))
+        after = linearise(problem, settled)
+    return settled, after
+
+
+def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> FloatArray:
+    """Return the mean turn (rad) and shift (m) of the markers of every segment, by the parameters (K, P).
+
+    The axes of a segment's frame, and the origin of the base, are arbitrary. They stay with the markers.
+    """
+    rows = []
+    for k in range(len(problem.parents) + 1):
+        here = np.flatnonzero(problem.segment == k)
+        about = state.local[here] - state.local[here].mean(axis=0)
+        inertia = np.sum(about**2) * np.eye(3) - about.T @ about
+        turn, shift = np.zeros((3, cols.size)), np.zeros((3, cols.size))
+        for m, lever in zip(
+            here,
+            np.linalg.solve(inertia, so3.hat(about).transpose(1, 0, 2).reshape(3, -1))
+            .reshape(3, -1, 3)
+            .transpose(1, 0, 2),
+            strict=True,
+        ):
+            turn[:, 3 * m : 3 * m + 3] = lever
+            shift[:, 3 * m : 3 * m + 3] = np.eye(3) / len(here)
+        rows.append(turn)
+        if k == 0:
+            rows.append(shift)
+    return np.concatenate(rows)
+
+
+def _step_scales(cols: Columns) -> FloatArray:
+    """Return the inverse squares of usual steps of all parameters (P,)."""
+    scale = np.full(cols.size, _STEP["axes"])
+    scale[: 3 * cols.markers] = _STEP["markers"]
+    for place in (*cols.centre, *([cols.glide] if cols.glide else [])):
+        scale[place] = _STEP["centres"]
+    scale[cols.skin] = _STEP["skin"]
+    return 1 / scale**2
+
+
+def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the long axis of every segment (n, 3): from its next joint, or its markers, to its own joint."""
+    axes = np.zeros((len(problem.parents), 3))
+    for k in range(1, len(problem.parents) + 1):
+        children = [j for j, parent in enumerate(problem.parents) if parent == k]
+        far = state.centres[children[0]] if children else state.local[problem.segment == k].mean(axis=0)
+        axes[k - 1] = -far / max(float(np.linalg.norm(far)), 1e-6)
+    return axes
+
+
+def _cost(linear: Linear, problem: BundleProblem, state: BundleState, prior: ChainPrior) -> float:
+    return float(np.sum(linear.off**2) + np.sum(prior.equations(problem, state)[0] ** 2))
+
+
+def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) -> tuple[FloatArray, FloatArray]:
+    """Return the standard deviation of each marker (M,), m, and how many frames share one error (M,).
+
+    A residual is smaller than the error, because the frame's unknowns absorb a part (redundancy).
+    """
+    seen = problem.weights > 0
+    off = residuals(problem, state)
+    inner = np.swapaxes(linear.by_frame, 1, 2) @ linear.by_frame
+    markers = problem.points.shape[1]
+    rows = linear.by_frame[:, : 3 * markers]
+    absorbed = np.einsum("frd,frd->fr", rows, np.swapaxes(np.linalg.solve(inner, np.swapaxes(rows, 1, 2)), 1, 2))
+    left = np.where(seen, np.maximum(3 - absorbed.reshape(len(off), markers, 3).sum(axis=2), 0.05), 0).sum(axis=0)
+    size = np.linalg.norm(off, axis=2)
+    limit = _HUBER * np.sqrt(np.maximum((size**2).sum(axis=0) / np.maximum(seen.sum(axis=0), 1), 1e-12))
+    square = (np.minimum(size, limit) ** 2).sum(axis=0)
+    variance = np.empty(markers)
+    for k in np.unique(problem.segment):
+        here = problem.segment == k
+        typical = square[here].sum() / left[here].sum()
+        extra = _SHARED * left[here].mean()
+        variance[here] = (square[here] + extra * typical) / (left[here] + extra)
+    return np.sqrt(np.maximum(variance, _FINEST**2)), _frames_together(off, seen)
+
+
+def _frames_together(off: FloatArray, seen: FloatArray) -> FloatArray:
+    """Return the integrated autocorrelation of the residuals of each marker (M,), 1 or more."""
+    energy = np.maximum((off**2).sum(axis=(0, 2)), 1e-18)
+    total = np.ones(off.shape[1])
+    open_ = np.ones(off.shape[1], dtype=bool)
+    for lag in range(1, min(_LONGEST, len(off) // 4)):
+        correlation = (off[lag:] * off[:-lag]).sum(axis=(0, 2)) / energy
+        open_ &= correlation > 2 / np.sqrt(3 * len(off))
+        total += np.where(open_, 2 * correlation, 0.0)
+    return total
+
+
+def _huber(problem: BundleProblem, state: BundleState, sd: FloatArray) -> FloatArray:
+    """Return the factors (F, M) on the weights of samples far off."""
+    size = np.linalg.norm(residuals(problem, state), axis=2)
+    limit = _HUBER * np.sqrt(3) * sd
+    return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, limit))))

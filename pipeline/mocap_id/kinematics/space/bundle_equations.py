@@ -1,0 +1,429 @@
+"""Equations of the bundle over a chain in space: residuals, analytic Jacobians and normal equations.
+
+Marker m of segment k is seen at y. In the frame of its segment, whose origin is the centre of its joint, it is at
+
+    v = R_kᵀ (y - p_k),     residual  r = Eᵀ v - x_m,     E = exp(-s_m τ_k l_k)
+
+with the coordinates x_m of the marker and the twist τ_k of the segment about its long axis l_k, of which the skin under
+the marker misses the share s_m. The origin of a segment is that of its parent, plus R_parent (c + u g): the centre c of
+the joint and the glide g of the girdle, u = (1 - cos elevation) / 2. Axes are constraints on the rotation Q = R_parentᵀ
+R_k: a · Q b = κ for two axes, Q b = a for a hinge.
+
+Every frame has its own unknowns, the origin of the base and the rotations R_k ← R_k exp(δ_k). They are eliminated by a
+Schur complement, so that only the parameters of the chain remain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import JointKind
+
+FIRM = 200.0  # 1/rad; weight of a constraint on the axes, whose error is then far below 0.3°
+
+
+@dataclass(frozen=True)
+class BundleProblem:
+    """Input of the bundle.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Markers, m; 0 where unseen.
+    weights : (F, M) array
+        Square roots of the inverse variances of one coordinate, 1/m; 0 where unseen.
+    segment : (M,) int array
+    parents : tuple of int, length n
+        Parent of segment 1 … n.
+    kinds : tuple of JointKind, length n
+    rest : (3,) array
+        Direction of the second segment without elevation, in the frame of the base.
+    on_glide : (M,) bool array
+        Markers of the base that ride on the girdle.
+    glides : bool
+        Whether the glide is estimated.
+    long_axes : (n, 3) array
+        Long axis of each segment in its own frame, towards its joint.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+    segment: IntArray
+    parents: tuple[int, ...]
+    kinds: tuple[JointKind, ...]
+    rest: FloatArray
+    on_glide: BoolArray
+    glides: bool
+    long_axes: FloatArray
+
+    @property
+    def frame_size(self) -> int:
+        """Number of unknowns of a frame."""
+        return 6 + 3 * len(self.parents)
+
+    def path(self, segment: int) -> list[int]:
+        """Return the joints from a segment to the base."""
+        joints = []
+        while segment > 0:
+            joints.append(segment - 1)
+            segment = self.parents[segment - 1]
+        return joints
+
+
+@dataclass(frozen=True)
+class BundleState:
+    """Unknowns of the bundle.
+
+    Parameters
+    ----------
+    local : (M, 3) array
+        Marker coordinates, m.
+    centres : (n, 3) array
+        Joint centres in the frames of the parents, m.
+    first, second : (n, 3) arrays
+        Unit axes a (parent's frame) and b (child's frame); without meaning for a ball.
+    cosine : (n,) array
+        Cosine κ of the angle between two axes.
+    glide : (3,) array
+        Glide of joint 1, m.
+    skin : (M,) array
+        Share of the twist of its segment that each marker misses.
+    origin : (F, 3) array
+        Origin of the base, m.
+    rotations : (F, n + 1, 3, 3) array
+        Segment to trial.
+    """
+
+    local: FloatArray
+    centres: FloatArray
+    first: FloatArray
+    second: FloatArray
+    cosine: FloatArray
+    glide: FloatArray
+    skin: FloatArray
+    origin: FloatArray
+    rotations: FloatArray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Places of the parameters of the chain: markers first, then joints, glide and skin."""
+
+    markers: int
+    centre: tuple[slice, ...]
+    first: tuple[slice | None, ...]
+    second: tuple[slice | None, ...]
+    cosine: tuple[int | None, ...]
+    glide: slice | None
+    skin: slice
+    size: int
+
+
+def columns_of(problem: BundleProblem) -> Columns:
+    """Return the places of the parameters of a problem."""
+    markers, at = problem.points.shape[1], 3 * problem.points.shape[1]
+    centre: list[slice] = []
+    first: list[slice | None] = []
+    second: list[slice | None] = []
+    cosine: list[int | None] = []
+    for kind in problem.kinds:
+        centre.append(slice(at, at + 3))
+        at += 3
+        has_axes = kind != "ball"
+        first.append(slice(at, at + 2) if has_axes else None)
+        second.append(slice(at + 2, at + 4) if has_axes else None)
+        at += 4 * has_axes
+        cosine.append(at if kind == "two-axis" else None)
+        at += kind == "two-axis"
+    glide = slice(at, at + 3) if problem.glides else None
+    at += 3 * problem.glides
+    return Columns(
+        markers, tuple(centre), tuple(first), tuple(second), tuple(cosine), glide, slice(at, at + markers), at + markers
+    )
+
+
+def tangents(axis: FloatArray) -> FloatArray:
+    """Return two unit vectors (3, 2) normal to a unit axis (3,) and to each other."""
+    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    one = np.cross(axis, other)
+    one /= np.linalg.norm(one)
+    return np.stack([one, np.cross(axis, one)], axis=1)
+
+
+def share_of_glide(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return u = (1 - cos elevation) / 2 in every frame (F,)."""
+    turned = np.swapaxes(state.rotations[:, 0], 1, 2) @ (state.rotations[:, 1] @ problem.long_axes[0])[..., None]
+    return np.asarray((1 - turned[..., 0] @ problem.rest) / 2)
+
+
+def segment_origins(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the origins of the segments (F, n + 1, 3), m."""
+    origins = [state.origin]
+    for j, parent in enumerate(problem.parents):
+        step = np.broadcast_to(state.centres[j], state.origin.shape)
+        if j == 0 and problem.glides:
+            step = step + share_of_glide(problem, state)[:, None] * state.glide
+        origins.append(origins[parent] + np.einsum("fij,fj->fi", state.rotations[:, parent], step))
+    return np.stack(origins, axis=1)
+
+
+def joint_rotations(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the rotation Q of every joint, child to parent (F, n, 3, 3)."""
+    parents = np.array(problem.parents, dtype=np.int64)
+    return np.asarray(np.swapaxes(state.rotations[:, parents], 2, 3) @ state.rotations[:, 1:])
+
+
+def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the twist of every segment about its long axis (F, n), rad, and its derivatives (F, n, 3).
+
+    Returns
+    -------
+    twist : (F, n) array
+        The rotation about the long axis that is left when the shortest swing is taken off.
+    by_child, by_parent : (F, n, 3) arrays
+        Derivatives by the turns of the child and of the parent.
+    """
+    quaternion = so3.quaternion(joint_rotations(problem, state))
+    scalar, vector = quaternion[..., 0], quaternion[..., 1:]
+    axis = problem.long_axes
+    along = np.einsum("fni,ni->fn", vector, axis)
+    size = np.maximum(scalar**2 + along**2, 1e-9)[..., None]
+    common = scalar[..., None] ** 2 * axis + along[..., None] * vector
+    across = scalar[..., None] * np.cross(axis, vector)
+    twist = 2 * np.arctan2(along, scalar)
+    twist = (twist + np.pi) % (2 * np.pi) - np.pi
+    return twist, (common + across) / size, -(common - across) / size
+
+
+def residuals(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the residuals of the markers in the frames of their segments (F, M, 3), m; 0 where unseen."""
+    return np.asarray(_rows(problem, state)[0] * (problem.weights > 0)[..., None])
+
+
+def _rows(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return residuals, seen places v without skin motion (F, M, 3), skin rotations E and twists (F, M)."""
+    origins = segment_origins(problem, state)
+    at, segment = origins[:, problem.segment], problem.segment
+    seen = np.einsum("fmji,fmj->fmi", state.rotations[:, segment], problem.points - at)
+    twist = np.concatenate([np.zeros((len(origins), 1)), twists(problem, state)[0]], axis=1)[:, segment]
+    axes = np.concatenate([np.zeros((1, 3)), problem.long_axes])[segment]
+    back = so3.exp((state.skin * twist)[..., None] * axes)
+    free = np.einsum("fmij,fmj->fmi", back, seen)
+    off = free - state.local
+    if problem.glides:
+        off = off - (problem.on_glide * share_of_glide(problem, state)[:, None])[..., None] * state.glide
+    return off, free, back, twist
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Residuals and Jacobians, all weighted.
+
+    Parameters
+    ----------
+    off : (F, N) array
+        Residuals: three of each marker, then the constraints.
+    by_frame : (F, N, d) array
+        By the unknowns of the frame.
+    by_chain : (F, N, P - 3 M) array
+        By the parameters of the chain except the coordinates of the markers, by which they are minus the weights.
+    root : (F, M) array
+        The weights.
+    """
+
+    off: FloatArray
+    by_frame: FloatArray
+    by_chain: FloatArray
+    root: FloatArray
+
+
+def linearise(problem: BundleProblem, state: BundleState) -> Linear:
+    """Return residuals and Jacobians at a state."""
+    cols = columns_of(problem)
+    frames, markers = problem.weights.shape
+    off, free, back, twist = _rows(problem, state)
+    by_frame = np.zeros((frames, markers, 3, problem.frame_size))
+    by_chain = np.zeros((frames, markers, 3, cols.size - 3 * markers))
+    context = _Context(problem, state, cols, free, back, twist)
+    for k in range(len(problem.parents) + 1):
+        context.fill(k, by_frame, by_chain)
+    root = problem.weights[..., None]
+    flat = (frames, 3 * markers)
+    rows = [(off * root).reshape(flat)]
+    frame_rows = [(by_frame * root[..., None]).reshape(*flat, -1)]
+    chain_rows = [(by_chain * root[..., None]).reshape(*flat, -1)]
+    for j, kind in enumerate(problem.kinds):
+        if kind != "ball":
+            value, of_frame, of_chain = _constraint(problem, state, cols, j)
+            rows.append(FIRM * value)
+            frame_rows.append(FIRM * of_frame)
+            chain_rows.append(FIRM * of_chain)
+    return Linear(*(np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)), root=problem.weights)
+
+
+@dataclass(frozen=True)
+class _Context:
+    """What the Jacobians of all segments share."""
+
+    problem: BundleProblem
+    state: BundleState
+    cols: Columns
+    free: FloatArray
+    back: FloatArray
+    twist: FloatArray
+
+    def fill(self, k: int, by_frame: FloatArray, by_chain: FloatArray) -> None:
+        """Fill the rows of the markers of segment k."""
+        problem, state, cols = self.problem, self.state, self.cols
+        here = np.flatnonzero(problem.segment == k)
+        skip = 3 * cols.markers
+        to_own = np.swapaxes(state.rotations[:, k], 1, 2)
+        turned = self.back[:, here] @ to_own[:, None]  # trial to the frame of the skin
+        own = slice(3 + 3 * k, 6 + 3 * k)
+        by_frame[:, here, :, :3] = -turned
+        by_frame[:, here, :, own] = so3.hat(self.free[:, here]) @ self.back[:, here]
+        for j in problem.path(k):
+            parent = problem.parents[j]
+            lever = np.broadcast_to(state.centres[j], state.origin.shape)
+            axes = turned @ state.rotations[:, None, parent]
+            by_chain[:, here, :, cols.centre[j].start - skip : cols.centre[j].stop - skip] = -axes
+            if j == 0 and problem.glides:
+                lever = lever + share_of_glide(problem, state)[:, None] * state.glide
+                self._glide(here, axes, by_frame, by_chain)
+            by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += axes @ so3.hat(lever)[:, None]
+        if k == 0:
+            riding = here[problem.on_glide[here]]
+            if problem.glides and len(riding):
+                self._glide(riding, np.broadcast_to(np.eye(3), (1, 1, 3, 3)), by_frame, by_chain)
+            return
+        self._skin(k, here, by_frame, by_chain)
+
+    def _glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
+        problem, state = self.problem, self.state
+        assert self.cols.glide is not None
+        share = share_of_glide(problem, state)
+        place = slice(self.cols.glide.start - 3 * self.cols.markers, self.cols.glide.stop - 3 * self.cols.markers)
+        by_chain[:, here, :, place] = -axes * share[:, None, None, None]
+        relative = np.swapaxes(state.rotations[:, 0], 1, 2) @ state.rotations[:, 1]
+        along = -(axes @ state.glide)[..., None]
+        child = problem.rest @ relative @ so3.hat(problem.long_axes[0]) / 2
+        parent = -problem.rest @ so3.hat(relative @ problem.long_axes[0]) / 2
+        by_frame[:, here, :, 6:9] += along * child[:, None, None]
+        by_frame[:, here, :, 3:6] += along * parent[:, None, None]
+
+    def _skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
+        problem, state = self.problem, self.state
+        swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
+        place = self.cols.skin.start - 3 * self.cols.markers + here
+        by_chain[:, here, :, place] = swirl.transpose(1, 0, 2) * self.twist[:, here].T[..., None]
+        _, by_child, by_parent = twists(problem, state)
+        moved = state.skin[here, None] * swirl
+        by_frame[:, here, :, 3 + 3 * k : 6 + 3 * k] += moved[..., None] * by_child[:, k - 1, None, None]
+        parent = problem.parents[k - 1]
+        by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += moved[..., None] * by_parent[:, k - 1, None, None]
+
+
+def _constraint(
+    problem: BundleProblem, state: BundleState, cols: Columns, j: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the constraint of one joint (F, 1 or 3), with its derivatives by the frame and the chain."""
+    turn = joint_rotations(problem, state)[:, j]
+    axis, pin = state.first[j], state.second[j]
+    carried = turn @ pin
+    if problem.kinds[j] == "hinge":
+        value, project = carried - axis, np.broadcast_to(np.eye(3), turn.shape)
+        by_axis = np.broadcast_to(-tangents(axis), (*carried.shape, 2))
+    else:
+        value, project = (carried @ axis - state.cosine[j])[:, None], np.broadcast_to(axis, (len(turn), 1, 3))
+        by_axis = (carried @ tangents(axis))[:, None]
+    of_frame = np.zeros((*value.shape, problem.frame_size))
+    of_chain = np.zeros((*value.shape, cols.size - 3 * cols.markers))
+    parent, skip = problem.parents[j], 3 * cols.markers
+    of_frame[..., 6 + 3 * j : 9 + 3 * j] = -project @ turn @ so3.hat(pin)
+    of_frame[..., 3 + 3 * parent : 6 + 3 * parent] = project @ so3.hat(carried)
+    first, second, cosine = cols.first[j], cols.second[j], cols.cosine[j]
+    assert first is not None and second is not None
+    of_chain[..., first.start - skip : first.stop - skip] = by_axis
+    of_chain[..., second.start - skip : second.stop - skip] = project @ turn @ tangents(pin)
+    if cosine is not None:
+        of_chain[..., cosine - skip] = -1
+    return value, of_frame, of_chain
+
+
+def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, frames: FloatArray) -> BundleState:
+    """Return the state after a step of the chain's parameters (P,) and of the frames' unknowns (F, d)."""
+    cols = columns_of(problem)
+    first, second, cosine = state.first.copy(), state.second.copy(), state.cosine.copy()
+    for j in range(len(problem.kinds)):
+        for axes, place in ((first, cols.first[j]), (second, cols.second[j])):
+            if place is not None:
+                axes[j] += tangents(axes[j]) @ chain[place]
+                axes[j] /= np.linalg.norm(axes[j])
+        at = cols.cosine[j]
+        if at is not None:
+            cosine[j] += chain[at]
+    turns = frames[:, 3:].reshape(len(frames), -1, 3)
+    return replace(
+        state,
+        local=state.local + chain[: 3 * cols.markers].reshape(-1, 3),
+        centres=state.centres + np.stack([chain[place] for place in cols.centre]),
+        first=first,
+        second=second,
+        cosine=cosine,
+        glide=state.glide + (chain[cols.glide] if cols.glide is not None else 0.0),
+        skin=state.skin + chain[cols.skin],
+        origin=state.origin + frames[:, :3],
+        rotations=state.rotations @ so3.exp(turns),
+    )
+
+
+Prior = Callable[[BundleState], tuple[FloatArray, FloatArray]]
+"""Weighted residuals (K,) of what is known about the chain, and their derivatives (K, P) by its parameters."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations of the chain's parameters after the frames are eliminated.
+
+    Parameters
+    ----------
+    matrix : (P, P) array
+    vector : (P,) array
+    gain : (F, d, P) array
+        Change of the frames' unknowns by the chain's parameters, sign reversed.
+    own : (F, d) array
+        Step of the frames' unknowns alone.
+    """
+
+    matrix: FloatArray
+    vector: FloatArray
+    gain: FloatArray
+    own: FloatArray
+
+
+def eliminate_frames(problem: BundleProblem, linear: Linear) -> Reduced:
+    """Return the reduced normal equations (Schur complement over the frames)."""
+    markers = problem.points.shape[1]
+    frames, size = len(linear.off), linear.by_frame.shape[2]
+    turned = np.swapaxes(linear.by_frame, 1, 2)
+    inner = turned @ linear.by_frame
+    weights = np.repeat(linear.root, 3, axis=1)
+    cross = np.concatenate([-turned[:, :, : 3 * markers] * weights[:, None], turned @ linear.by_chain], axis=2)
+    right = -(turned @ linear.off[..., None])
+    solved = np.linalg.solve(inner + 1e-9 * np.eye(size), np.concatenate([cross, right], axis=2))
+    gain, own = solved[..., :-1], solved[..., -1]
+    chain = linear.by_chain.reshape(-1, linear.by_chain.shape[2])
+    matrix = np.zeros((cross.shape[2],) * 2)
+    matrix[: 3 * markers, : 3 * markers] = np.diag((weights**2).sum(axis=0))
+    mixed = -np.einsum("fr,frp->rp", weights, linear.by_chain[:, : 3 * markers])
+    matrix[: 3 * markers, 3 * markers :], matrix[3 * markers :, : 3 * markers] = mixed, mixed.T
+    matrix[3 * markers :, 3 * markers :] = chain.T @ chain
+    matrix -= cross.reshape(frames * size, -1).T @ gain.reshape(frames * size, -1)
+    vector = np.concatenate([(weights * linear.off[:, : 3 * markers]).sum(axis=0), -chain.T @ linear.off.reshape(-1)])
+    vector -= cross.reshape(frames * size, -1).T @ own.reshape(-1)
+    return Reduced(matrix, vector, gain, own)

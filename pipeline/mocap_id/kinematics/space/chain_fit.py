@@ -1,0 +1,200 @@
+"""Fit of a chain in space: kinds, centres and axes of the joints, with the markers on their segments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.errors import NumericalError
+from mocap_id.geometry.spatial_chain import JointKind
+from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.space.bundle import Bundle, long_axes, solve_bundle
+from mocap_id.kinematics.space.bundle_equations import (
+    BundleProblem,
+    BundleState,
+    joint_rotations,
+    residuals,
+    share_of_glide,
+)
+from mocap_id.kinematics.space.chain_prior import ChainPrior
+from mocap_id.kinematics.space.chain_result import SpatialFit, collect
+from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters, shared_point
+from mocap_id.kinematics.space.girdle import markers_on_girdle
+from mocap_id.kinematics.space.joint_kinds import JointAxes, axes_with_pin, hinge_axes, two_axes, weigh_kinds
+
+Estimator: TypeAlias = Literal["bundle", "score", "sphere", "helical"]
+
+_FRAMES = 180
+_FRAMES_OF_KINDS = 80
+_FEWEST = 20
+_FIRST_SD = 0.002  # m; first guess of the error of a marker
+_LASTING = 1.5  # frames that share one error; more is soft tissue
+_UP = (0.0, 1.0, 0.0)
+_NO_AXES = JointAxes(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
+
+
+def fit_spatial_chain(
+    points: FloatArray,
+    segment: IntArray,
+    parents: Sequence[int],
+    kinds: Mapping[int, JointKind] | None = None,
+    *,
+    up: Sequence[float] = _UP,
+) -> SpatialFit:
+    """Fit a chain of rigid segments to marker trajectories in one bundle.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Trajectories in the frame of the trial, m; NaN where unseen.
+    segment : (M,) int array
+        Segment of each marker, 0 = base … n; every segment has at least three markers that are not on one line.
+    parents : sequence of int, length n
+        Parent of segment 1 … n, smaller than the segment.
+    kinds : mapping of int to kind, optional
+        Given kinds of joints, by the number of their segment, 1 … n; the others are chosen by evidence.
+    up : (3,) sequence
+        Direction from which the elevation of the girdle is measured, in the frame of the trial.
+
+    Raises
+    ------
+    NumericalError
+        Too few frames show all segments, or the iteration does not converge.
+    """
+    kinds = kinds or {}
+    used = usable_frames(points, segment, _FRAMES)
+    clusters, used = fit_clusters_at(points, segment, used)
+    few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
+    count = len(parents)
+    balls: tuple[JointKind, ...] = ("ball",) * count
+    start = _Start(points[used], segment, tuple(parents), clusters, np.asarray(up, dtype=np.float64))
+    rough = solve_bundle(*start.at(few, balls))
+    evidence = tuple(
+        weigh_kinds(joint_rotations(rough.problem, rough.state)[:, j], rough.turn_noise(j), kinds.get(j + 1))
+        for j in range(count)
+    )
+    chosen = tuple(each.kind for each in evidence)
+    riding = _riders(rough, chosen)
+    problem, state, prior = start.at(np.arange(len(used)), chosen, rough, riding)
+    return collect(solve_bundle(problem, state, prior), evidence)
+
+
+def usable_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
+    """Return frames along the motion in which every segment shows three markers or more.
+
+    Raises
+    ------
+    NumericalError
+        Too few.
+    """
+    seen = np.isfinite(points).all(axis=2)
+    enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
+    among = np.flatnonzero(enough)
+    if len(among) < _FEWEST:
+        raise NumericalError(
+            f"{len(among)} frames show three markers of every segment; at least {_FEWEST} are needed to fit the joints"
+        )
+    return frames_along_motion(points.reshape(len(points), -1).astype(np.complex128), count, among)
+
+
+def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tuple[Clusters, IntArray]:
+    """Return the clusters in the frames in which all of their poses are known, and these frames."""
+    seen = np.isfinite(points[used]).all(axis=2)
+    reference = int(np.argmax(seen[: max(len(used) // 10, 1)].sum(axis=1)))
+    clusters = fit_clusters(points[used], segment, reference)
+    known = np.isfinite(clusters.rotation).all(axis=(1, 2, 3))
+    return replace(clusters, rotation=clusters.rotation[known], origin=clusters.origin[known]), used[known]
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Input of the bundles."""
+
+    points: FloatArray
+    segment: IntArray
+    parents: tuple[int, ...]
+    clusters: Clusters
+    up: FloatArray
+
+    def at(
+        self,
+        frames: IntArray,
+        kinds: tuple[JointKind, ...],
+        rough: Bundle | None = None,
+        riding: BoolArray | None = None,
+    ) -> tuple[BundleProblem, BundleState, ChainPrior]:
+        """Return problem, first guess and prior for some frames."""
+        points, clusters = self.points[frames], self.clusters
+        count, markers = len(self.parents), points.shape[1]
+        own = np.zeros((count + 1, 3))
+        centres = np.zeros((count, 3))
+        for j, parent in enumerate(self.parents):
+            centres[j], own[j + 1] = shared_point(clusters, parent, j + 1)
+        centres -= own[list(self.parents)]
+        inner = np.isin(np.arange(1, count + 1), self.parents)
+        axes, along, soft = [_NO_AXES] * count, np.zeros(count, dtype=bool), inner
+        if rough is not None:
+            pairs = [_axes_of(rough, j, kinds[j], bool(inner[j])) for j in range(count)]
+            axes, along = [each[0] for each in pairs], np.array([each[1] for each in pairs])
+            soft = inner & np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
+        seen = np.isfinite(points).all(axis=2)
+        rotation = clusters.rotation[frames]
+        rest = (np.swapaxes(clusters.rotation[:, 0], 1, 2) @ self.up).mean(axis=0)
+        riding = np.zeros(markers, dtype=bool) if riding is None else riding
+        state = BundleState(
+            clusters.local - own[self.segment],
+            centres,
+            np.array([each.first for each in axes]),
+            np.array([each.second for each in axes]),
+            np.array([each.cosine for each in axes]),
+            np.zeros(3),
+            np.zeros(markers),
+            clusters.origin[frames, 0],
+            rotation,
+        )
+        weights = seen / _FIRST_SD
+        if rough is not None:
+            local, known = rough.state.local.copy(), rough.state.centres.copy()
+            for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
+                ahead = axes[j].first @ (centres[j] - known[j])
+                known[j] += ahead * axes[j].first
+                local[self.segment == j + 1] -= ahead * axes[j].second
+                known[[i for i, parent in enumerate(self.parents) if parent == j + 1]] -= ahead * axes[j].second
+            state = replace(state, local=local, centres=known, skin=rough.state.skin)
+            weights = seen / (rough.sd * np.sqrt(rough.together))
+        problem = BundleProblem(
+            np.where(seen[..., None], points, 0.0),
+            weights,
+            self.segment,
+            self.parents,
+            kinds,
+            rest / np.linalg.norm(rest),
+            riding,
+            bool(riding.any()),
+            np.zeros((count, 3)),
+        )
+        return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft)
+
+
+def _axes_of(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[JointAxes, bool]:
+    """Return the first guess of the axes of a joint, and whether the second may be the long axis of its segment."""
+    turn = joint_rotations(rough.problem, rough.state)[:, j]
+    if kind == "ball":
+        return _NO_AXES, False
+    if kind == "hinge":
+        return hinge_axes(turn), False
+    pair = axes_with_pin(turn, rough.turn_noise(j), rough.problem.long_axes[j]) if inner else None
+    return pair or two_axes(turn), pair is not None
+
+
+def _riders(rough: Bundle, kinds: tuple[JointKind, ...]) -> BoolArray:
+    """Return the markers that ride on the girdle: those of the base that follow the elevation of segment 1."""
+    problem, state = rough.problem, rough.state
+    if kinds[0] != "ball" or problem.parents[0] != 0:
+        return np.zeros(len(problem.segment), dtype=bool)
+    seen = problem.weights > 0
+    return markers_on_girdle(residuals(problem, state), seen, problem.segment == 0, share_of_glide(problem, state))

@@ -1,0 +1,171 @@
+"""The chain among rigid bodies in space: from the body that moves least, over real joints, to the farthest tip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.kinematics.hypotheses import SegmentationRules
+from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, SpaceBody
+from mocap_id.kinematics.space.division import Partition, spanning_tree
+from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint
+
+CHANCE = 0.65
+"""Largest residual of a joint, relative to the motion of the one body in the other without a joint."""
+
+_NEAR_JOINT = 0.06  # m; bony landmarks of a joint are at most this far from its centre
+_AS_RIGID = 2.5  # a landmark near a joint is on the segment before it up to this multiple of the residual after it
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class SpaceChain:
+    """Bodies from base to tip.
+
+    Parameters
+    ----------
+    bodies : tuple of SpaceBody, length n + 1
+    joints : tuple of SpacePairJoint, length n
+        Joint k - 1 joins bodies k - 1 (first) and k (second).
+    branches : tuple of SpaceBody
+        Bodies that are not on the chain.
+    joined : tuple of bool
+        For each branch, whether joints connect it with the chain.
+    """
+
+    bodies: tuple[SpaceBody, ...]
+    joints: tuple[SpacePairJoint, ...]
+    branches: tuple[SpaceBody, ...]
+    joined: tuple[bool, ...]
+
+
+def find_chain(
+    found: Partition, points: FloatArray, rules: SegmentationRules, chance: float = CHANCE
+) -> SpaceChain | None:
+    """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
+
+    Each connected group of bodies has its own base. Of equally long chains, the one whose joints turn most is
+    chosen: the other arm of a person is a branch.
+
+    Parameters
+    ----------
+    found : Partition
+    points : (F, M, 3) array
+        Trajectories in the lab, m.
+    rules : SegmentationRules
+    chance : float, optional
+        As for :func:`is_real`.
+    """
+    count = len(found.bodies)
+    near: dict[int, list[int]] = {body: [] for body in range(count)}
+    for i, j in spanning_tree(found.joints, count):
+        if is_real(found.joints[i, j], rules, chance):
+            near[i].append(j)
+            near[j].append(i)
+    motion = [float(np.median(scatter(points[:, body.markers]))) for body in found.bodies]
+    paths: list[list[int]] = []
+    for group in _groups(near):
+        root = min(group, key=lambda body: motion[body])
+        paths += [path[: rules.longest] for path in _paths(near, [root])]
+    best = max(paths, key=lambda path: (len(path), _turned(found, path)), default=[])
+    if len(best) < 2:
+        return None
+    reached = next(group for group in _groups(near) if best[0] in group)
+    rest = [body for body in range(count) if body not in best]
+    bodies = tuple(found.bodies[body] for body in best)
+    return SpaceChain(
+        bodies,
+        joints_between(bodies),
+        tuple(found.bodies[body] for body in rest),
+        tuple(body in reached for body in rest),
+    )
+
+
+def is_real(joint: SpacePairJoint, rules: SegmentationRules, chance: float = CHANCE) -> bool:
+    """Return whether two bodies turn far enough about a common point, and not merely because they hardly move.
+
+    ``chance`` is the largest residual of the joint, relative to the motion of one body in the other without a joint.
+    """
+    return joint.residual <= min(rules.max_residual, chance * joint.free) and joint.arc >= rules.min_arc
+
+
+def joints_between(bodies: Sequence[SpaceBody]) -> tuple[SpacePairJoint, ...]:
+    """Return the joints of consecutive bodies."""
+    return tuple(fit_pair_joint(first, second) for first, second in zip(bodies[:-1], bodies[1:], strict=True))
+
+
+def give_landmarks_to_parents(chain: SpaceChain, sorter: SpaceBodies) -> SpaceChain:
+    """Return the chain with markers near a joint on the segment before it, where both fit about as well.
+
+    A marker near the centre of a joint hardly shows on which side of it it is: skin moves it more than the joint does.
+    Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment before the joint.
+    """
+    bodies = list(chain.bodies)
+    for _ in range(_ROUNDS):
+        before = [body.markers for body in bodies]
+        for k in range(1, len(bodies)):
+            bodies[k - 1], bodies[k] = _give(bodies[k - 1], bodies[k], sorter)
+        if all(map(np.array_equal, before, [body.markers for body in bodies])):
+            break
+    return SpaceChain(tuple(bodies), joints_between(bodies), chain.branches, chain.joined)
+
+
+def _give(parent: SpaceBody, child: SpaceBody, sorter: SpaceBodies) -> tuple[SpaceBody, SpaceBody]:
+    """Return two bodies after the landmarks of their joint have moved to the parent, those that fit it."""
+    joint = fit_pair_joint(parent, child)
+    place = np.nanmean(child.local(sorter.points[:, child.markers]), axis=0)
+    given = child.markers[np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT]
+    while len(given):
+        kept = np.setdiff1d(child.markers, given)
+        taken = np.sort(np.concatenate([parent.markers, given]))
+        together = bool(np.isin(sorter.constraints.unit[given], sorter.constraints.unit[kept]).any())
+        if len(kept) < LEAST or together or not sorter.constraints.allow(taken):
+            break
+        longer = sorter.body(taken)
+        fitting = given[longer.residual[given] <= _AS_RIGID * child.residual[given]]
+        if len(fitting) == len(given):
+            return longer, sorter.body(kept)
+        given = fitting
+    return parent, child
+
+
+def scatter(points: FloatArray) -> FloatArray:
+    """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN for a marker never seen."""
+    seen = np.isfinite(points[..., 0])
+    counts = seen.sum(axis=0)
+    filled = np.where(seen[..., None], points, 0.0)
+    mean = filled.sum(axis=0) / np.maximum(counts, 1)[:, None]
+    square = np.where(seen[..., None], points - mean, 0.0) ** 2
+    return np.where(counts > 0, np.sqrt(square.sum(axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
+
+
+def _groups(near: dict[int, list[int]]) -> list[set[int]]:
+    """Return the connected groups of bodies."""
+    groups: list[set[int]] = []
+    for body in near:
+        if any(body in group for group in groups):
+            continue
+        group, open_ends = {body}, [body]
+        while open_ends:
+            more = [other for other in near[open_ends.pop()] if other not in group]
+            group.update(more)
+            open_ends += more
+        groups.append(group)
+    return groups
+
+
+def _paths(near: dict[int, list[int]], path: list[int]) -> list[list[int]]:
+    """Return all paths from the end of ``path`` to a tip."""
+    onward = [body for body in near[path[-1]] if body not in path]
+    if not onward:
+        return [path]
+    return [longer for body in onward for longer in _paths(near, [*path, body])]
+
+
+def _turned(found: Partition, path: list[int]) -> float:
+    """Return the sum of the arcs of a path's joints, rad."""
+    pairs = [(min(pair), max(pair)) for pair in zip(path[:-1], path[1:], strict=True)]
+    return sum(found.joints[pair].arc for pair in pairs)

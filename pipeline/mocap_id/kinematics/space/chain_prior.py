@@ -1,0 +1,80 @@
+"""What is known about a chain in space before its motion is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.kinematics.space.bundle_equations import BundleProblem, BundleState, columns_of, tangents
+
+_CENTRE = 0.15  # m
+_GLIDE = 0.02  # m; of the girdle at 180° of elevation
+_LONG_AXIS = np.radians(12)
+_SLOPE = 0.6  # twist that the skin misses at the near end of a segment
+_SCATTER = 0.12  # of one marker about the straight line from the far end, where the skin follows the bone
+_NO_SKIN = 1e-4
+
+
+@dataclass(frozen=True)
+class ChainPrior:
+    """Likely values of the parameters of a chain.
+
+    The centre of a joint is somewhere between its clusters. The second axis of a joint of two axes is the long axis of
+    its segment: the forearm turns about the line from elbow to wrist. The skin follows the twist of the bone at the far
+    end of a segment, at the elbow and the wrist, and misses a part of it that grows towards the near end.
+
+    Parameters
+    ----------
+    centres : (n, 3) array
+        Likely centres in the frames of the parents, m.
+    along : (n,) bool array
+        Joints of two axes whose second axis may be the long axis of their segment.
+    soft : (n,) bool array
+        Segments 1 … n whose skin may move.
+    centre_sd : float
+        Standard deviation of each coordinate, m.
+    glide_sd : float
+        Standard deviation of each coordinate of the glide, m.
+    """
+
+    centres: FloatArray
+    along: BoolArray
+    soft: BoolArray
+    centre_sd: float = _CENTRE
+    glide_sd: float = _GLIDE
+
+    def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
+        """Return the weighted residuals (K,) and their derivatives by the parameters (K, P)."""
+        cols = columns_of(problem)
+        values, rows = [], []
+
+        def add(value: FloatArray, place: slice, by: FloatArray) -> None:
+            block = np.zeros((len(value), cols.size))
+            block[:, place] = by
+            values.append(value)
+            rows.append(block)
+
+        for j, place in enumerate(cols.centre):
+            add((state.centres[j] - self.centres[j]) / self.centre_sd, place, np.eye(3) / self.centre_sd)
+            second = cols.second[j]
+            if self.along[j] and second is not None:
+                across = tangents(problem.long_axes[j]).T / _LONG_AXIS
+                add(across @ state.second[j], second, across @ tangents(state.second[j]))
+        if cols.glide is not None:
+            add(state.glide / self.glide_sd, cols.glide, np.eye(3) / self.glide_sd)
+        root = self._skin_root(problem, state)
+        add(root @ state.skin, cols.skin, root)
+        return np.concatenate(values), np.concatenate(rows)
+
+    def _skin_root(self, problem: BundleProblem, state: BundleState) -> FloatArray:
+        """Return the root of the inverse covariance of the skin's shares (M, M)."""
+        root = np.eye(len(problem.segment)) / _NO_SKIN
+        for k in np.flatnonzero(self.soft) + 1:
+            here = np.flatnonzero(problem.segment == k)
+            length = np.linalg.norm(state.centres[problem.parents.index(k)])
+            height = np.clip(1 + state.local[here] @ problem.long_axes[k - 1] / length, 0, 1.2)
+            covariance = _SCATTER**2 * np.eye(len(here)) + _SLOPE**2 * np.outer(height, height)
+            root[np.ix_(here, here)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+        return root

@@ -1,0 +1,183 @@
+"""Result of the fit of a chain in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
+from mocap_id.kinematics.space.bundle import Bundle
+from mocap_id.kinematics.space.bundle_equations import (
+    BundleProblem,
+    BundleState,
+    Columns,
+    apply_step,
+    columns_of,
+    joint_rotations,
+    residuals,
+    tangents,
+)
+from mocap_id.kinematics.space.bundle_covariance import chain_covariance
+from mocap_id.kinematics.space.joint_kinds import JointEvidence
+
+_UNKNOWN = 0.02  # m; a centre with a larger standard deviation across its axis is unknown
+
+
+@dataclass(frozen=True)
+class SpatialFit:
+    """A chain fitted to markers.
+
+    Every segment has a frame of its own: its origin is the centre of its joint, and its axes are nearly those of the
+    trial in the first frame of the fit.
+
+    Parameters
+    ----------
+    chain : SpatialChain
+    evidence : tuple of JointEvidence, length n
+    arcs : (n,) array
+        2.5 to 97.5 % range of each joint's rotation about its main direction, rad.
+    residual : (M,) array
+        rms residual of each marker, m, with the motion of the skin that follows the twist.
+    lengths, length_sd : (n - 1,) arrays
+        Distances of joints 2 … n from the joint of their parent segment, m; the standard deviations.
+    skin, skin_sd : (M,) arrays
+        Share of the twist of its segment that the skin under each marker misses.
+    sd : (M,) array
+        Standard deviation of one coordinate of each marker after this correction, m.
+    together : (M,) array
+        Number of frames of the fit that share one error of the marker.
+    iterations : int
+    bundle : Bundle
+        The solution, for :func:`move_centre`.
+    covariance : (P, P) array
+        Covariance of all parameters; places in ``columns_of(bundle.problem)``.
+    """
+
+    chain: SpatialChain
+    evidence: tuple[JointEvidence, ...]
+    arcs: FloatArray
+    residual: FloatArray
+    lengths: FloatArray
+    length_sd: FloatArray
+    skin: FloatArray
+    skin_sd: FloatArray
+    sd: FloatArray
+    together: FloatArray
+    iterations: int
+    bundle: Bundle
+    covariance: FloatArray
+
+    @property
+    def centre_covariance(self) -> FloatArray:
+        """Return the covariance (3 n, 3 n) of all centres together, m²."""
+        at = np.concatenate([np.arange(place.start, place.stop) for place in columns_of(self.bundle.problem).centre])
+        return np.asarray(self.covariance[np.ix_(at, at)])
+
+    @property
+    def local_covariance(self) -> FloatArray:
+        """Return the covariance (M, 3, 3) of the coordinates of every marker in its segment, m²."""
+        return np.stack([self.covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] for m in range(len(self.sd))])
+
+
+def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: FloatArray | None = None) -> SpatialFit:
+    """Return the fit of a solved bundle."""
+    problem, state = bundle.problem, bundle.state
+    cols = columns_of(problem)
+    covariance = chain_covariance(bundle) if covariance is None else covariance
+    joints = tuple(_joint(problem, state, cols, covariance, j) for j in range(len(problem.kinds)))
+    chain = SpatialChain(joints, problem.segment, state.local, problem.on_glide)
+    seen = problem.weights > 0
+    whole = residuals(problem, replace(state, skin=np.zeros(len(problem.segment))))
+    square = (whole**2).sum(axis=2)
+    inner = [j for j, parent in enumerate(problem.parents) if parent > 0]
+    lengths = np.linalg.norm(state.centres[inner], axis=1)
+    along = state.centres[inner] / lengths[:, None]
+    length_sd = np.array(
+        [np.sqrt(a @ joints[j].covariance @ a) for a, j in zip(along, inner, strict=True)], dtype=np.float64
+    )
+    skin = covariance[cols.skin, cols.skin]
+    return SpatialFit(
+        chain,
+        evidence,
+        np.array([each.arc for each in evidence]),
+        np.sqrt(square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)),
+        lengths,
+        length_sd,
+        state.skin,
+        np.sqrt(np.diag(skin)),
+        bundle.sd,
+        bundle.together,
+        bundle.iterations,
+        bundle,
+        covariance,
+    )
+
+
+def _joint(problem: BundleProblem, state: BundleState, cols: Columns, covariance: FloatArray, j: int) -> SpatialJoint:
+    """Return one joint of the chain."""
+    kind, axis, pin = problem.kinds[j], state.first[j], state.second[j]
+    centre = covariance[cols.centre[j], cols.centre[j]]
+    joint = SpatialJoint(kind, problem.parents[j], state.centres[j], centre, known=_is_known(kind, centre, axis))
+    if kind != "ball":
+        spread = np.full((2, 3, 3), np.nan)
+        for i, (place, each) in enumerate(((cols.first[j], axis), (cols.second[j], pin))):
+            if place is not None and (i == 0 or kind == "two-axis"):
+                spread[i] = tangents(each) @ covariance[place, place] @ tangents(each).T
+        turn = joint_rotations(problem, state)[0, j]
+        cosine = state.cosine[j] if kind == "two-axis" else 1.0
+        joint = replace(
+            joint, first_axis=axis, second_axis=pin, axes_covariance=spread, offset=_offset(turn, axis, pin, cosine)
+        )
+    if j == 0 and cols.glide is not None:
+        joint = replace(
+            joint,
+            glide=state.glide,
+            glide_covariance=covariance[cols.glide, cols.glide],
+            rest=problem.rest,
+            long_axis=problem.long_axes[0],
+        )
+    return joint
+
+
+def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool:
+    """Return whether the motion shows a centre; across the axis of a hinge."""
+    across = tangents(axis) if kind == "hinge" else np.eye(3)
+    return bool(np.linalg.eigvalsh(across.T @ covariance @ across)[-1] < _UNKNOWN**2)
+
+
+def _offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
+    """Return the rotation nearest to ``turn`` that brings the pin to its angle with the axis."""
+    carried = turn @ pin
+    normal = np.cross(axis, carried)
+    size = float(np.linalg.norm(normal))
+    if size < 1e-9:
+        normal, size = tangents(axis)[:, 0], 1.0
+    angle = np.arccos(np.clip(cosine, -1, 1)) - np.arccos(np.clip(carried @ axis, -1, 1))
+    return np.asarray(so3.exp(angle * normal / size) @ turn)
+
+
+def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: FloatArray) -> SpatialFit:
+    """Return the fit after a joint centre is also measured by other means, such as palpated landmarks.
+
+    All parameters move as their covariance says (a Kalman update): markers, centres and axes stay consistent. A centre
+    that the motion shows poorly in one direction, such as along a hinge, follows the point in this direction.
+
+    Parameters
+    ----------
+    fit : SpatialFit
+    joint : int
+        Joint 1 … n, the number of its segment.
+    point : (3,) array
+        Measured centre in the frame of the parent segment of ``fit.chain``, m.
+    covariance : (3, 3) array
+        Covariance of the measured centre, m².
+    """
+    problem, state = fit.bundle.problem, fit.bundle.state
+    place = columns_of(problem).centre[joint - 1]
+    gain = np.linalg.solve(fit.covariance[place, place] + covariance, fit.covariance[place]).T
+    step = gain @ (point - state.centres[joint - 1])
+    moved = apply_step(problem, state, step, -fit.bundle.reduced.gain @ step)
+    return collect(replace(fit.bundle, state=moved), fit.evidence, fit.covariance - gain @ fit.covariance[place])

@@ -1,0 +1,51 @@
+"""Translation of the shoulder girdle: markers of the base that ride on it.
+
+The centre of the shoulder moves in the thorax by g (1 - cos elevation) / 2. Soft tissue moves the markers of the arm
+likewise, so only a marker on the girdle, such as AC, tells the two apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+
+_LEAST = 0.004  # m; motion at an elevation of 180° that is worth a model
+_EXPLAINED = 0.5  # share of the marker's motion in the base that follows the elevation
+_STANDS_OUT = 3.0  # times the typical motion of the other markers
+_RANGE = 0.15  # of u; below, the arm is hardly raised
+_FEWEST = 4  # markers of the base that do not ride
+
+
+def markers_on_girdle(off: FloatArray, seen: BoolArray, base: BoolArray, share: FloatArray) -> BoolArray:
+    """Return the markers of the base that move with the elevation of the next segment (M,).
+
+    Parameters
+    ----------
+    off : (F, M, 3) array
+        Residuals of the markers in the frame of the base, m; 0 where unseen.
+    seen : (F, M) bool array
+    base : (M,) bool array
+        Markers of the base.
+    share : (F,) array
+        u = (1 - cos elevation) / 2.
+    """
+    found = np.zeros(off.shape[1], dtype=bool)
+    low, high = np.quantile(share, [0.05, 0.95])
+    if high - low < _RANGE or base.sum() <= _FEWEST:
+        return found
+    motion, explained = np.zeros(off.shape[1]), np.zeros(off.shape[1])
+    for m in np.flatnonzero(base):
+        here = seen[:, m]
+        if here.sum() < 10:
+            continue
+        u = share[here] - share[here].mean()
+        y = off[here, m] - off[here, m].mean(axis=0)
+        slope = u @ y / (u @ u)
+        motion[m] = np.linalg.norm(slope)
+        explained[m] = motion[m] ** 2 * (u @ u) / np.sum(y**2)
+    usual = np.median(motion[base])
+    found = base & (motion > np.maximum(_LEAST, _STANDS_OUT * usual)) & (explained > _EXPLAINED)
+    if base.sum() - found.sum() < _FEWEST:
+        return np.zeros_like(found)
+    return np.asarray(found)

@@ -1,0 +1,211 @@
+"""Kind of every joint, weighed by what each kind leaves of the rotation between two clusters.
+
+Soft tissue lets every joint look like a ball. A kind is therefore good enough when the rotation that it cannot explain
+is no larger than the shaking of the clusters themselves explains. The simplest such kind is chosen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import JointKind
+from mocap_id.kinematics.space.bundle_equations import tangents
+
+_EXPLAINED: dict[JointKind, float] = {"hinge": 1.3, "two-axis": 3.4, "ball": np.inf}
+"""Multiples of the rotation noise of the clusters that a kind may leave; soft tissue adds to two large rotations."""
+_SHOWN = np.radians(10)  # smaller arcs show no kind
+_LEAST_NOISE = np.radians(0.15)
+_PARALLEL = 0.75  # cosine of the angle between two axes above which they do not make a joint of two axes
+_UPRIGHT = 0.05  # pull of two axes to a right angle, as a share of the motion, while they are searched
+_TURNS = 40
+_STARTS = 12
+
+
+@dataclass(frozen=True)
+class JointEvidence:
+    """What the motion says about the kind of a joint.
+
+    Parameters
+    ----------
+    kind : {"ball", "two-axis", "hinge"}
+        The kind in use.
+    likely : {"ball", "two-axis", "hinge"}
+        The simplest kind that explains the rotation; a ball if the joint hardly turns.
+    left : mapping of kind to float
+        rms rotation that each kind leaves unexplained, rad.
+    ratio : mapping of kind to float
+        The same in its least explained direction, as a multiple of the noise of the clusters there.
+    noise : float
+        rms rotation about the worst direction that the residuals of the clusters explain, rad.
+    arc : float
+        2.5 to 97.5 % range of the rotation about its main direction, rad.
+    """
+
+    kind: JointKind
+    likely: JointKind
+    left: dict[JointKind, float]
+    ratio: dict[JointKind, float]
+    noise: float
+    arc: float
+
+
+@dataclass(frozen=True)
+class JointAxes:
+    """Axes of a joint: the first in the parent's frame, the second in the child's, and the cosine between them."""
+
+    first: FloatArray
+    second: FloatArray
+    cosine: float
+
+
+def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = None) -> JointEvidence:
+    """Return the evidence for the kind of a joint.
+
+    Parameters
+    ----------
+    turn : (F, 3, 3) array
+        Rotation of the child in the parent.
+    noise : (3, 3) array
+        Covariance of this rotation in one frame, in the parent's frame, rad².
+    kind : {"ball", "two-axis", "hinge"}, optional
+        Kind given by the user.
+    """
+    noise = noise + _LEAST_NOISE**2 * np.eye(3)
+    hinge, pair = hinge_axes(turn), two_axes(turn)
+    tilt = np.cross(hinge.first, turn @ hinge.second) @ tangents(hinge.first)
+    shaken = tangents(hinge.first).T @ noise @ tangents(hinge.first)
+    over = np.linalg.eigvals(np.linalg.solve(shaken, tilt.T @ tilt / len(turn))).real.max()
+    gap, size = _gap(turn, pair, noise)
+    left: dict[JointKind, float]
+    ratio: dict[JointKind, float]
+    noise: float
+    arc: float
+
+
+@dataclass(frozen=True)
+class JointAxes:
+    """Axes of a joint: the first in the parent's frame, the second in the child's, and the cosine between them."""
+
+    first: FloatArray
+    second: FloatArray
+    cosine: float
+
+
+def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = None) -> JointEvidence:
+    """Return the evidence for the kind of a joint.
+
+    Parameters
+    ----------
+    turn : (F, 3, 3) array
+        Rotation of the child in the parent.
+    noise : (3, 3) array
+        Covariance of this rotation in one frame, in the parent's frame, rad².
+    kind : {"ball", "two-axis", "hinge"}, optional
+        Kind given by the user.
+    """
+    noise = noise + _LEAST_NOISE**2 * np.eye(3)
+    hinge, pair = hinge_axes(turn), two_axes(turn)
+    tilt = np.cross(hinge.first, turn @ hinge.second) @ tangents(hinge.first)
+    shaken = tangents(hinge.first).T @ noise @ tangents(hinge.first)
+    over = np.linalg.eigvals(np.linalg.solve(shaken, tilt.T @ tilt / len(turn))).real.max()
+    carried = turn @ pair.second
+    normal = np.cross(pair.first, carried)
+    gap = (carried @ pair.first - pair.cosine) / np.sqrt(1 - pair.cosine**2)
+    size = np.einsum("fi,ij,fj->f", normal, noise, normal) / np.maximum((normal**2).sum(axis=1), 1e-9)
+    left: dict[JointKind, float] = {
+        "hinge": float(np.sqrt(np.mean(np.sum(tilt**2, axis=1)))),
+        "two-axis": float(np.sqrt(np.mean(gap**2))),
+        "ball": 0.0,
+    }
+    ratio: dict[JointKind, float] = {
+        "hinge": float(np.sqrt(over)),
+        "two-axis": float(np.sqrt(np.mean(gap**2 / size))),
+        "ball": 0.0,
+    }
+    arc = rotation_arc(turn)
+    fits: list[JointKind] = [each for each in ratio if ratio[each] <= _EXPLAINED[each]]
+    likely: JointKind = fits[0] if arc >= _SHOWN else "ball"
+    worst = float(np.sqrt(np.linalg.eigvalsh(noise)[-1]))
+    return JointEvidence(kind or likely, likely, left, ratio, worst, arc)
+
+
+def _gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the angle that two axes leave unexplained (F,), rad, and the variance of its noise, rad²."""
+    carried = turn @ pair.second
+    normal = np.cross(pair.first, carried)
+    gap = (carried @ pair.first - pair.cosine) / np.sqrt(max(1 - pair.cosine**2, 1e-6))
+    return gap, np.einsum("fi,ij,fj->f", normal, noise, normal) / np.maximum((normal**2).sum(axis=1), 1e-9)
+
+
+def axes_with_pin(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointAxes | None:
+    """Return two axes of which the second is ``pin`` (3,), or None if these do not explain the rotation."""
+    middle = turn.mean(axis=0)
+    carried = turn @ pin
+    spread = carried - middle @ pin
+    pull = _UPRIGHT * np.sum(spread**2) / len(turn)
+    first = _least(spread.T @ spread / len(turn) + pull * np.outer(middle @ pin, middle @ pin))
+    pair = JointAxes(first, pin, float(first @ middle @ pin))
+    gap, size = _gap(turn, pair, noise + _LEAST_NOISE**2 * np.eye(3))
+    return pair if np.sqrt(np.mean(gap**2 / size)) <= _EXPLAINED["two-axis"] else None
+
+
+def rotation_arc(turn: FloatArray) -> float:
+    """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about their main direction, rad."""
+    vectors = so3.log(np.swapaxes(middle_rotation(turn), 0, 1) @ turn)
+    vectors = vectors - vectors.mean(axis=0)
+    main = np.linalg.eigh(vectors.T @ vectors)[1][:, -1]
+    low, high = np.quantile(vectors @ main, [0.025, 0.975])
+    return float(high - low)
+
+
+def middle_rotation(turn: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to all of (F, 3, 3)."""
+    left, _, right = np.linalg.svd(turn.mean(axis=0))
+    left[:, 2] *= np.linalg.det(left @ right)
+    return np.asarray(left @ right)
+
+
+def hinge_axes(turn: FloatArray) -> JointAxes:
+    """Return the axis that keeps its direction in both bodies best."""
+    left, _, right = np.linalg.svd(turn.mean(axis=0))
+    return JointAxes(left[:, 0], right[0], 1.0)
+
+
+def two_axes(turn: FloatArray) -> JointAxes:
+    """Return the two axes, one in each body, whose angle changes least.
+
+    The cosine of the angle is a · Q b. Its variance is a quadratic form in each axis, so the axes are found in turn.
+    """
+    middle = turn.mean(axis=0)
+    spread = (turn - middle).reshape(len(turn), 9)
+    form = (spread.T @ spread / len(turn)).reshape(3, 3, 3, 3)
+    size = float(np.trace(spread.T @ spread)) / len(turn)
+    found = []
+    for second in _directions(_STARTS):
+        for pull in (*[_UPRIGHT * size] * _TURNS, *[1e-3 * size] * _TURNS):
+            carried = middle @ second
+            first = _least(np.einsum("ijkl,j,l->ik", form, second, second) + pull * np.outer(carried, carried))
+            carried = middle.T @ first
+            second = _least(np.einsum("ijkl,i,k->jl", form, first, first) + pull * np.outer(carried, carried))
+        cosine = float(first @ middle @ second)
+        value = float(np.einsum("ijkl,i,j,k,l->", form, first, second, first, second)) / max(1 - cosine**2, 1e-6)
+        found.append((value + (abs(cosine) > _PARALLEL) * size, first, second, cosine))
+    _, first, second, cosine = min(found, key=lambda each: each[0])
+    return JointAxes(first, second, cosine)
+
+
+def _least(form: FloatArray) -> FloatArray:
+    """Return the eigenvector of the smallest eigenvalue."""
+    return np.asarray(np.linalg.eigh(form)[1][:, 0])
+
+
+def _directions(count: int) -> FloatArray:
+    """Return directions spread over a half sphere (count, 3)."""
+    at = np.arange(count) + 0.5
+    height, around = at / count, np.pi * (1 + np.sqrt(5)) * at
+    flat = np.sqrt(1 - height**2)
+    return np.stack([flat * np.cos(around), flat * np.sin(around), height], axis=1)

@@ -1,0 +1,78 @@
+"""The joint between two rigid bodies in space: the point of each that stay closest together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import so3
+from mocap_id.kinematics.space.bodies import SpaceBody
+
+_RIDGE = 1e-4  # a hinge has many common points: take the one nearest to the markers
+_FEWEST = 10  # frames
+
+
+@dataclass(frozen=True)
+class SpacePairJoint:
+    """A point that two bodies share, and how far they turn about it.
+
+    Parameters
+    ----------
+    in_first, in_second : (3,) arrays
+        The point in the bodies' frames, m.
+    residual : float
+        rms distance between the two points over the frames, m; inf if the bodies are hardly seen together.
+    free : float
+        rms motion of the markers of one body in the frame of the other, whichever is smaller, m. Any two bodies that
+        hardly move against each other share a point; a joint needs ``residual`` far below ``free``.
+    arc : float
+        2.5 to 97.5 % range of the relative rotation about its main axis, rad.
+    """
+
+    in_first: FloatArray
+    in_second: FloatArray
+    residual: float
+    free: float
+    arc: float
+
+
+def fit_pair_joint(first: SpaceBody, second: SpaceBody) -> SpacePairJoint:
+    """Fit the common point of two bodies by linear least squares (SCoRE).
+
+    The points x of the first and y of the second body obey ``x - C y = d`` in the first body's frame, with the relative
+    rotation C and the second body's origin d.
+    """
+    turn = np.swapaxes(first.rotation, 1, 2) @ second.rotation
+    shift = np.einsum("fji,fj->fi", first.rotation, second.origin - first.origin)
+    both = np.isfinite(shift[:, 0])
+    if both.sum() < _FEWEST:
+        return SpacePairJoint(np.zeros(3), np.zeros(3), np.inf, 0.0, 0.0)
+    turn, shift = turn[both], shift[both]
+    mean, back = turn.mean(axis=0), -np.einsum("fji,fj->fi", turn, shift)
+    normal = np.block([[np.eye(3), -mean], [-mean.T, np.eye(3)]]) + _RIDGE * np.eye(6)
+    solution = np.linalg.solve(normal, np.concatenate([shift.mean(axis=0), back.mean(axis=0)]))
+    off = solution[:3] - turn @ solution[3:] - shift
+    free = min(_rms(first.residual[second.markers]), _rms(second.residual[first.markers]))
+    return SpacePairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, _arc(turn))
+
+
+def mean_rotation(rotation: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to the mean of rotations (F, 3, 3)."""
+    left, _, right = np.linalg.svd(rotation.mean(axis=0))
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _arc(turn: FloatArray) -> float:
+    """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about the axis about which they turn most, rad."""
+    vector = so3.log(mean_rotation(turn).T @ turn)
+    _, axes = np.linalg.eigh(vector.T @ vector)
+    angle = np.sort(vector @ axes[:, 2])
+    last = len(angle) - 1
+    low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
+    return float(high - low)

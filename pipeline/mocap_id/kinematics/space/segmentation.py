@@ -1,0 +1,325 @@
+"""Number, order and markers of the segments of a chain in space, from the motion alone.
+
+The markers are divided into rigid bodies (:mod:`.division`), the bodies are ordered along real joints from the one that
+moves least (:mod:`.chain_order`), and what is left over goes to the segment with which it is most rigid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.errors import Refused
+from mocap_id.geometry import so3
+from mocap_id.kinematics.constraints import Constraints
+from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.hypotheses import SegmentationRules
+from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, distance_deviation
+from mocap_id.kinematics.space.chain_order import CHANCE, SpaceChain, joints_between, scatter
+from mocap_id.kinematics.space.chain_search import SpaceSearch, search_chain
+from mocap_id.kinematics.space.confidence import SpaceConfidence, assess_space_confidence
+from mocap_id.kinematics.space.pair_joint import fit_pair_joint
+
+_SEARCH_FRAMES = 120
+_STEPS = 60  # rotations are compared over this share of the frames, so that noise has little part in them
+_SEEN = 0.05  # share of the frames in which a marker must be seen
+_RIGID = 3e-3  # m; deviation of every mutual distance below which nothing moves
+_FOREIGN = 6.0  # residual of a marker that is on no segment, relative to the usual one of its segment
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class SpatialHypothesis:
+    """One body or two: a division that was made or refused.
+
+    Parameters
+    ----------
+    parts : tuple of two int arrays
+        Columns of the markers of the two parts.
+    evidence : float
+        Evidence for two bodies over what is required; 1 or more if they were divided.
+    gain : float
+        Summed log gain of the markers' residuals by the division.
+    chosen : bool
+        Whether the body was divided.
+    """
+
+    parts: tuple[IntArray, IntArray]
+    evidence: float
+    gain: float
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class SpatialSegmentation:
+    """Markers sorted into the segments of a chain in space.
+
+    Parameters
+    ----------
+    segment : (M,) int array
+        0 = base, 1 … n from base to tip, -1 = none.
+    parents : tuple of int
+        Parent of segments 1 … n.
+    residual : (M,) array
+        rms distance of each marker from its place on its segment, which the other markers give, m; NaN for none.
+    reasons : tuple of str
+        Why each marker is where it is.
+    count : int
+        Number of segments with the base.
+    confidence : SpaceConfidence
+    ratios : tuple of float
+        For each joint, the motion of one segment in the other without a joint over the residual of their common point.
+    joint_residuals, arcs : tuple of float
+        rms distance between the two segments' points at each joint, m, and how far it turns about its main axis, rad.
+    moving_base : bool
+        Whether the base moves in the lab.
+    planarity : float
+        Share of the rotation of the moving segments against the base that is not about one axis: 0 if a planar trial
+        would do, 2/3 if they turn about all axes alike.
+    hypotheses : tuple of SpatialHypothesis
+        The divisions made and refused, the largest gain first.
+    branches : tuple of int arrays
+        Columns of the bodies that were left out.
+    """
+
+    segment: IntArray
+    parents: tuple[int, ...]
+    residual: FloatArray
+    reasons: tuple[str, ...]
+    count: int
+    confidence: SpaceConfidence
+    ratios: tuple[float, ...]
+    joint_residuals: tuple[float, ...]
+    arcs: tuple[float, ...]
+    moving_base: bool
+    planarity: float
+    hypotheses: tuple[SpatialHypothesis, ...] = field(repr=False)
+    branches: tuple[IntArray, ...] = field(default=(), repr=False)
+
+
+def segment_in_space(
+    points: FloatArray,
+    rules: SegmentationRules | None = None,
+    constraints: Constraints | None = None,
+    frames: int = 400,
+) -> SpatialSegmentation:
+    """Sort markers into the segments of a chain in space, whose base may move.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Trajectories in the lab, m; NaN where unseen, and for markers that the user leaves out.
+    rules : SegmentationRules, optional
+        ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not move), ``count``
+        and ``longest`` are used.
+    constraints : Constraints, optional
+        Markers that the user wants together or apart.
+    frames : int, optional
+        Largest number of frames, chosen along the motion.
+
+    Raises
+    ------
+    Refused
+        ``no-motion`` or ``no-chain``, with the numbers and what to do.
+    """
+    rules = rules or SegmentationRules()
+    constraints = constraints or Constraints.of(points.shape[1])
+    points = points[frames_along_motion(points, frames)]
+    seen = np.isfinite(points[..., 0]).sum(axis=0) >= max(LEAST, _SEEN * len(points))
+    markers = np.flatnonzero(seen)
+    _require_motion(points[:, markers])
+    search = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
+    found = _find_counted(SpaceBodies(search, markers, constraints), rules)
+    return _assemble(found, points, seen, rules, constraints)
+
+
+def _require_motion(points: FloatArray) -> None:
+    """Refuse trajectories (F, M, 3) of fewer than two bodies, or without motion against each other."""
+    count = points.shape[1]
+    if count < 2 * LEAST:
+        raise Refused(
+            "no-chain",
+            f"{count} markers are seen often enough, but two segments in space need at least {2 * LEAST}: three each. "
+            "Add markers.",
+            float(count),
+            float(2 * LEAST),
+        )
+    largest = float(distance_deviation(points).max())
+    if largest < _RIGID:
+        raise Refused(
+            "no-motion",
+            f"no joint moves: all distances between markers stay constant within {1e3 * largest:.1f} mm rms (a joint "
+            f"changes some by more than {1e3 * _RIGID:.0f}). Record a movement of the joints.",
+            largest,
+            _RIGID,
+        )
+
+
+def _find_counted(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
+    """Return the chain, with the requested number of segments if there is one."""
+    found = search_chain(sorter, rules, 1.0)
+    lengths = set()
+    for _ in range(_ROUNDS):
+        length = 0 if found.chain is None else len(found.chain.bodies)
+        lengths.add(length)
+        sizes = [each.evidence for each in (found.refused if length < (rules.count or 0) else found.made)]
+        if rules.count is None or length == rules.count or not sizes:
+            break
+        found = search_chain(sorter, rules, max(sizes) if length < rules.count else min(sizes) * (1 + 1e-9))
+    length = 0 if found.chain is None else len(found.chain.bodies)
+    if found.chain is not None and rules.count in (None, length):
+        return found
+    if lengths - {0}:
+        raise Refused(
+            "no-chain",
+            f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; there are "
+            f"chains of {', '.join(map(str, sorted(lengths - {0})))}. Remove `count`, or list markers that are `apart`.",
+            float(rules.count or 0),
+            float(max(lengths)),
+        )
+    raise _no_chain(found, sorter, rules)
+
+
+def _no_chain(found: SpaceSearch, sorter: SpaceBodies, rules: SegmentationRules) -> Refused:
+    """Return the refusal: no two bodies turn about a common point."""
+    bodies = sum(len(body.markers) >= LEAST for body in found.bodies)
+    if bodies < 2:
+        return Refused(
+            "no-chain",
+            f"the {len(sorter.markers)} markers form one body (residual {1e3 * found.bodies[0].usual:.0f} mm rms), so "
+            "there is no joint. Record a larger movement of the joints, with at least three markers on each segment, "
+            "or take the chain from another trial (`calibration:`).",
+            float(bodies),
+            2.0,
+        )
+    joints = [fit_pair_joint(first, second) for first, second in combinations(found.bodies, 2)]
+    best = min(joints, key=lambda joint: joint.residual / max(joint.free, 1e-6))
+    return Refused(
+        "no-chain",
+        f"none of {bodies} rigid bodies turns about a point of another: the best pair keeps a common point within "
+        f"{1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f}) over an arc of "
+        f"{np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). Record a larger movement of the "
+        "joints, with at least three markers on each segment.",
+        best.residual,
+        rules.max_residual,
+    )
+
+
+def _assemble(
+    found: SpaceSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
+) -> SpatialSegmentation:
+    """Return the result, with the bodies fitted to all chosen frames and the markers left over assigned."""
+    assert found.chain is not None
+    sorter = SpaceBodies(points, np.flatnonzero(seen), constraints)
+    bodies = [sorter.body(body.markers) for body in found.chain.bodies]
+    chain = SpaceChain(tuple(bodies), joints_between(bodies), found.chain.branches, found.chain.joined)
+    residuals = np.stack([body.residual for body in bodies])
+    segment = np.full(points.shape[1], -1)
+    for k, body in enumerate(bodies):
+        segment[body.markers] = k
+    branched = np.isin(np.arange(len(segment)), [marker for body in chain.branches for marker in body.markers])
+    _adopt(segment, residuals, seen & ~branched, rules, constraints)
+    residual = np.where(segment >= 0, residuals[segment, np.arange(len(segment))], np.nan)
+    motion = scatter(points)
+    base, tip = (float(np.median(motion[segment == k])) for k in (0, len(bodies) - 1))
+    beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
+    explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
+    confidence = assess_space_confidence(
+        chain, found.made, found.refused, tip / max(base, 1e-6), 1 - explained / max(int(seen.sum()), 1)
+    )
+    return SpatialSegmentation(
+        segment=segment,
+        parents=tuple(range(len(bodies) - 1)),
+        residual=residual,
+        reasons=tuple(_reason(m, segment, residuals, chain, motion, seen) for m in range(len(segment))),
+        count=len(bodies),
+        confidence=confidence,
+        ratios=tuple(joint.free / max(joint.residual, 1e-6) for joint in chain.joints),
+        joint_residuals=tuple(joint.residual for joint in chain.joints),
+        arcs=tuple(joint.arc for joint in chain.joints),
+        moving_base=base > rules.still_limit,
+        planarity=_planarity(chain),
+        hypotheses=_hypotheses(found),
+        branches=tuple(branch.markers for branch in chain.branches),
+    )
+
+
+def _adopt(
+    segment: IntArray, residuals: FloatArray, free: BoolArray, rules: SegmentationRules, constraints: Constraints
+) -> None:
+    """Take foreign markers off their segments, and give markers left over to the segment with which they are most rigid.
+
+    Parameters
+    ----------
+    segment : (M,) int array
+        Changed in place.
+    residuals : (n + 1, M) array
+        Residual of every marker on every segment, m.
+    free : (M,) bool array
+        Markers that are seen and on no branch.
+    """
+    for k in range(len(residuals)):
+        own = np.flatnonzero(segment == k)
+        usual = float(np.median(residuals[k, own]))
+        foreign = own[residuals[k, own] > max(_FOREIGN * usual, rules.max_body_residual)]
+        if len(own) - len(foreign) >= LEAST:
+            segment[foreign] = -1
+    for marker in np.flatnonzero(free & (segment < 0)):
+        unit = np.flatnonzero((constraints.unit == constraints.unit[marker]) & (segment >= 0))
+        taken = segment[constraints.barred[marker]]
+        cost = np.where(np.isin(np.arange(len(residuals)), taken), np.inf, residuals[:, marker])
+        if len(unit):
+            segment[marker] = segment[unit[0]]
+        elif cost.min() <= rules.max_body_residual:
+            segment[marker] = int(np.argmin(cost))
+
+
+def _reason(
+    marker: int, segment: IntArray, residuals: FloatArray, chain: SpaceChain, motion: FloatArray, seen: BoolArray
+) -> str:
+    """Return in words why a marker is on its segment, or on none."""
+    k = int(segment[marker])
+    if k >= 0:
+        better = int(np.argmin(residuals[:, marker]))
+        own = f"rigid with {'the base' if k == 0 else f'segment {k}'} to {1e3 * residuals[k, marker]:.1f} mm rms"
+        if better == k:
+            return own
+        return f"{own}; at the joint to segment {better}, which fits it to {1e3 * residuals[better, marker]:.1f} mm"
+    if not seen[marker]:
+        return "seen in too few frames"
+    for branch, joined in zip(chain.branches, chain.joined, strict=True):
+        if marker in branch.markers:
+            with_others = f"rigid with {len(branch.markers) - 1} other markers"
+            where = "on a branch beside the chain" if joined else "that no joint connects with the chain"
+            return f"{with_others} {where}"
+    nearest = int(np.argmin(residuals[:, marker]))
+    return (
+        f"on no segment: it moves by {1e3 * residuals[nearest, marker]:.0f} mm rms against the nearest one "
+        f"({'the base' if nearest == 0 else f'segment {nearest}'}), and fewer than three markers move with it"
+    )
+
+
+def _planarity(chain: SpaceChain) -> float:
+    """Return the share of the rotation of the segments against the base, frame by frame, that is not about one axis."""
+    base = chain.bodies[0].rotation
+    moment = np.zeros((3, 3))
+    for body in chain.bodies[1:]:
+        turn = np.swapaxes(base, 1, 2) @ body.rotation
+        turn = turn[np.isfinite(turn[:, 0, 0])]
+        step = max(1, len(turn) // _STEPS)
+        vector = so3.log(turn[step:] @ np.swapaxes(turn[:-step], 1, 2))
+        moment += vector.T @ vector
+    values = np.linalg.eigvalsh(moment)
+    return float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0
+
+
+def _hypotheses(found: SpaceSearch) -> tuple[SpatialHypothesis, ...]:
+    """Return the divisions made and refused, the largest gain first."""
+    every = [(each, True) for each in found.made] + [(each, False) for each in found.refused]
+    return tuple(
+        SpatialHypothesis((each.parts[0].markers, each.parts[1].markers), each.evidence, each.gain, chosen)
+        for each, chosen in sorted(every, key=lambda pair: -pair[0].gain)
+    )

@@ -1,0 +1,1 @@
+"""Report of a trial in space: summary, tables, figures and player."""

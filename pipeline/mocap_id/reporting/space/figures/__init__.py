@@ -1,0 +1,62 @@
+"""Figures of a trial in space; those of residuals, wrench and parameters are shared with the plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from mocap_id.reporting.contents import FigureEntry
+from mocap_id.reporting.figure import Figure
+from mocap_id.reporting.figures import parameters, residuals, wrench
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.space.figures import angles, skeleton
+
+FIGURES: tuple[FigureEntry, ...] = (
+    FigureEntry(
+        "skeleton",
+        "Skeleton and markers in three views",
+        "Recovered chain, if one was found, at the two extremes of the motion, without perspective: seen from the side "
+        "of +z, from the side of −x, and from above. Dots: measured markers. Large circles: joint centres that the "
+        "motion shows. Grey is the base; every other colour is one segment, here and in the figure of the residuals. "
+        "The player above shows the same chain from any side.",
+    ),
+    FigureEntry(
+        "angles",
+        "Angles",
+        "Angles of every joint with 95 % confidence bands of their changes; the table has the constant error by the "
+        "landmarks. Grey: intervals in which a segment of the joint is not observed and is bridged. Blue: the "
+        "elevation is within 15° of 0 or 180°, where plane and axial rotation of the shoulder have no meaning and are "
+        "not drawn.",
+    ),
+    FigureEntry(
+        "rates",
+        "Velocities and accelerations",
+        "First and second derivatives of the angles above, with 95 % confidence bands and the same shades.",
+    ),
+    FigureEntry(
+        "residuals",
+        "Residual of each marker",
+        "Distance between measured and predicted markers: root mean square (bar) and 95 % quantile (tick). An "
+        "unusually long bar is a marker that slides, is swapped or is assigned to the wrong segment.",
+    ),
+    FigureEntry(
+        "wrench",
+        "Ground reaction wrench",
+        "Wrench of the ground on the base about the origin of the trial's frame: measured, and identified model with "
+        "its 95 % confidence band. Shaded: samples used for identification.",
+    ),
+    FigureEntry(
+        "parameters",
+        "Base parameters",
+        "Identified base parameters with 95 % confidence intervals.",
+    ),
+)
+"""Figures of a trial in space in reading order."""
+
+FIGURE_FUNCTIONS: Mapping[str, Callable[[ReportData], Figure | str]] = {
+    "skeleton": skeleton.draw,
+    "angles": angles.draw,
+    "rates": angles.draw_rates,
+    "residuals": residuals.draw,
+    "wrench": wrench.draw,
+    "parameters": parameters.draw,
+}

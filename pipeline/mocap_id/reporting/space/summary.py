@@ -1,0 +1,177 @@
+"""Joints, lengths, angles and landmarks of a trial in space for ``summary.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry.spatial_chain import SpatialJoint
+from mocap_id.reporting.numbers import NORMAL_95, all_known, known
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, LandmarkEntry, WorkspaceEntry
+from mocap_id.reporting.summary_entry import join_sentences, why_unknown
+from mocap_id.reporting.summary_schema import JointEntry, LengthEntry
+from mocap_id.store.spatial_views import GATED, SpatialAngles
+
+AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
+"""Number of axes of each kind of joint."""
+
+_NOT_FINITE = "the joint fit gave no finite value"
+_HIDDEN = "the motion does not show the centre of this joint: use `calibration:`, or record a larger motion"
+
+
+def joints(data: ReportData) -> list[JointEntry] | None:
+    """Return the joints; None if no chain was found."""
+    skeleton = data.spatial_skeleton
+    if skeleton is None:
+        return None
+    weighed = data.facts("chain.h5").get("evidence") or {}
+    named = zip(skeleton.joints, skeleton.chain.joints, skeleton.arc, strict=True)
+    return [_joint(name, joint, float(arc), weighed.get(name) or {}) for name, joint, arc in named]
+
+
+def _joint(name: str, joint: SpatialJoint, arc: float, weighed: Mapping[str, Any]) -> JointEntry:
+    centre, sd = (all_known(each) if joint.known else None for each in (joint.centre, _sd(joint.covariance)))
+    axes = [all_known(axis) for axis in (joint.first_axis, joint.second_axis)[: AXES[joint.kind]]]
+    arc_deg = known(np.degrees(arc))
+    axis = axes[0] if len(axes) == 1 else axes
+    why = (
+        why_unknown(_NOT_FINITE if joint.known else _HIDDEN, centre, sd),
+        why_unknown("axis: a ball has no axis" if not axes else "axis: " + _NOT_FINITE, *(axes or [None])),
+        why_unknown(f"arc_deg: {_NOT_FINITE}", arc_deg),
+    )
+    return JointEntry(
+        name=name,
+        parent=joint.parent,
+        kind=joint.kind,
+        centre_m=centre,
+        sd_m=sd,
+        axis=None if not axes or None in axes else axis,  # type: ignore[arg-type]
+        axis_sd_deg=[
+            spread for each in joint.axes_covariance[: len(axes)] if (spread := axis_sd_deg(each)) is not None
+        ],
+        glide_m=_glide(joint.glide, joint.glide),
+        glide_sd_m=_glide(joint.glide, _sd(joint.glide_covariance)),
+        arc_deg=arc_deg,
+        known=joint.known,
+        evidence={str(kind): cost for kind, value in weighed.items() if (cost := known(value)) is not None},
+        why=join_sentences(why),
+    )
+
+
+def _glide(glide: FloatArray, values: FloatArray) -> list[float]:
+    """Return values of the glide; none for a joint without one."""
+    return (all_known(values) or []) if np.any(glide) else []
+
+
+def _sd(covariance: FloatArray) -> FloatArray:
+    variance = np.diagonal(covariance)
+    return np.sqrt(np.where(variance >= 0, variance, np.nan))
+
+
+def axis_sd_deg(covariance: FloatArray) -> float | None:
+    """Return the standard deviation of the direction of an axis, degrees, from its covariance (3, 3)."""
+    return known(np.degrees(np.sqrt(np.trace(covariance) / 2)))
+
+
+def lengths(data: ReportData) -> dict[str, LengthEntry] | None:
+    """Return the lengths of the segments; None if no chain was found."""
+    skeleton = data.spatial_skeleton
+    if skeleton is None:
+        return None
+    entries = {}
+    for name, (length, spread) in skeleton.lengths.items():
+        value, sd = known(length), known(spread)
+        why = why_unknown("the motion does not show both ends of the segment", value, sd)
+        entries[name] = LengthEntry(value=value, sd=sd, why=why)
+    return entries
+
+
+def angles(data: ReportData) -> dict[str, AngleEntry]:
+    """Return the statistics of every angle; empty without ``angles.parquet``."""
+    found = data.angles
+    return {} if found is None else {name: _angle(found, k) for k, name in enumerate(found.names)}
+
+
+def _angle(found: SpatialAngles, k: int) -> AngleEntry:
+    name = found.names[k]
+    usable = found.usable(name)
+    share = float(usable.mean()) if len(usable) else 0.0
+    if not usable.any():
+        why = "the angle is unknown in every sample"
+        if name in GATED and np.isfinite(found.mean[:, k, 0]).any():
+            why = "the elevation is within 15° of 0 or 180° in every sample, where this angle has no meaning"
+        nothing = dict.fromkeys(("low_deg", "high_deg", "range_deg", "interval_deg", "sd_deg", "constant_sd_deg"))
+        return AngleEntry(**nothing, used_share=share, why=why)
+    values = np.degrees(found.mean[usable, k, 0])
+    if name in GATED:
+        values = on_shortest_arc(values)
+    sd = np.degrees(found.sd[usable, k, 0])
+    ends = [int(values.argmin()), int(values.argmax())]
+    low, high = (float(values[end]) for end in ends)
+    spread = known(np.hypot(*sd[ends]))
+    interval = None if spread is None else [max(high - low - NORMAL_95 * spread, 0.0), high - low + NORMAL_95 * spread]
+    typical = known(np.sqrt(np.mean(np.square(sd))))
+    constant = known(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
+    return AngleEntry(
+        low_deg=low,
+        high_deg=high,
+        range_deg=high - low,
+        interval_deg=interval,
+        sd_deg=typical,
+        constant_sd_deg=constant,
+        used_share=share,
+        why=why_unknown("the standard deviation is unknown", interval, typical, constant),
+    )
+
+
+def on_shortest_arc(degrees: FloatArray) -> FloatArray:
+    """Return angles (K,) shifted by whole turns onto the shortest arc that holds them, near zero, degrees.
+
+    An angle loses count of its turns where it has no meaning.
+
+    Examples
+    --------
+    >>> on_shortest_arc(np.array([350.0, 20.0, 380.0]))
+    array([-10.,  20.,  20.])
+    """
+    wrapped = np.mod(degrees, 360.0)
+    around = np.sort(wrapped)
+    gaps = np.diff(around, append=around[0] + 360.0)
+    start = around[(int(gaps.argmax()) + 1) % len(around)]
+    on_arc = np.mod(wrapped - start, 360.0) + start
+    turns = np.round((on_arc.min() + on_arc.max()) / 2 / 360.0)
+    return np.asarray(on_arc - 360.0 * turns)
+
+
+def landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
+    """Return the anatomical landmarks by name; empty without any."""
+    skeleton = data.spatial_skeleton
+    if skeleton is None:
+        return {}
+    entries = {}
+    rows = zip(
+        skeleton.landmarks, skeleton.landmark_segment, skeleton.landmark_local, skeleton.landmark_sd, strict=True
+    )
+    for name, segment, local, spread in rows:
+        local_m, sd = all_known(local), known(spread)
+        why = why_unknown("no still pose and no pointer trial shows it", local_m, sd)
+        entries[name] = LandmarkEntry(segment=skeleton.segments[int(segment)], local_m=local_m, sd_m=sd, why=why)
+    return entries
+
+
+def workspace(data: ReportData) -> WorkspaceEntry:
+    """Return the reachable volume, which a run does not compute yet."""
+    return WorkspaceEntry(why=_later(data, "the reachable volume"))
+
+
+def curls(data: ReportData) -> CurlsEntry:
+    """Return the number of curls, which a run does not count yet."""
+    return CurlsEntry(why=_later(data, "the number of curls"))
+
+
+def _later(data: ReportData, what: str) -> str:
+    return f"this version does not compute {what}" if data.in_space else f"{what} needs `space: 3d`"

@@ -1,0 +1,19 @@
+"""Simulated trials in space with exact truth: an arm, and plain chains."""
+
+from mocap_id.simulation.arm.arm import generate_arm, simulate_arm
+from mocap_id.simulation.arm.chain import generate_chain, simulate_chain
+from mocap_id.simulation.arm.files import write_arm, write_chain
+from mocap_id.simulation.arm.options import ArmOptions, ChainOptions
+from mocap_id.simulation.arm.trial import SpatialTrial
+
+__all__ = [
+    "ArmOptions",
+    "ChainOptions",
+    "SpatialTrial",
+    "generate_arm",
+    "generate_chain",
+    "simulate_arm",
+    "simulate_chain",
+    "write_arm",
+    "write_chain",
+]

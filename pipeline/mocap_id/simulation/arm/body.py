@@ -1,0 +1,102 @@
+"""The simulated arm: bones, joint axes and landmarks of a random person (axes of the ISB, Wu 2005)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.simulation.subject import Subject, draw_subject
+
+SEGMENTS = ("thorax", "upper_arm", "forearm", "hand")
+THORAX, UPPER_ARM, FOREARM, HAND = range(4)
+
+
+@dataclass(frozen=True)
+class ArmBody:
+    """A right arm on a thorax, in ISB axes: x forward, y up, z to the right.
+
+    Parameters
+    ----------
+    subject : Subject
+    upper_arm, forearm : float
+        Lengths GH to elbow centre and elbow centre to wrist along y, m.
+    shoulder : (3,) array
+        Centre of the shoulder GH in the thorax at zero elevation, m.
+    glide : (3,) array
+        Translation of GH in the thorax at 180° of elevation, m.
+    elbow_axis : (3,) array
+        Unit axis of the elbow's hinge in the upper arm.
+    carrying : float
+        Constant carrying angle of the bones, rad; negative as for most right elbows.
+    pronation_axis : (3,) array
+        Unit axis in the forearm.
+    landmarks : mapping
+        Name to segment and (3,) position of the bony landmark in it, m; AC at zero elevation.
+    """
+
+    subject: Subject
+    upper_arm: float
+    forearm: float
+    shoulder: FloatArray
+    glide: FloatArray
+    elbow_axis: FloatArray
+    carrying: float
+    pronation_axis: FloatArray
+    landmarks: Mapping[str, tuple[int, FloatArray]]
+
+    @property
+    def elbow(self) -> FloatArray:
+        """Elbow centre (3,) in the upper arm, m."""
+        return np.array([0.0, -self.upper_arm, 0.0])
+
+    @property
+    def wrist(self) -> FloatArray:
+        """Wrist centre (3,) in the forearm, the middle of RS and US, m."""
+        middle: FloatArray = (self.landmarks["RS"][1] + self.landmarks["US"][1]) / 2
+        return middle
+
+
+def draw_arm(seed: int, glide: float) -> ArmBody:
+    """Draw a person; ``glide`` is the translation of the shoulder at 180° of elevation, m."""
+    subject = draw_subject(seed, 1 + seed % 2)
+    rng = np.random.default_rng([seed, 1])
+    height = subject.height
+    upper_arm = height * rng.normal(0.186, 0.006)
+    forearm = height * rng.normal(0.150, 0.005)
+    shoulder = height * rng.normal((-0.022, -0.0155, 0.0965), (0.002, 0.002, 0.003))
+    direction = np.array([rng.normal(-0.2, 0.02), 0.9, -0.4])
+    landmarks = _thorax_landmarks(rng, height)
+    landmarks["AC"] = (THORAX, shoulder + np.array([-0.004 * height, 0.0258 * height, 0.010]))
+    elbow, wrist = height * rng.normal(0.019, 0.001), height * rng.normal(0.0295, 0.001)
+    landmarks["EL"] = (UPPER_ARM, np.array([0.0, -upper_arm, elbow]))
+    landmarks["EM"] = (UPPER_ARM, np.array([0.0, -upper_arm, -elbow]))
+    landmarks["US"] = (FOREARM, np.array([0.0, 0.004 - forearm, 0.0]))
+    landmarks["RS"] = (FOREARM, np.array([0.0, -0.004 - forearm, wrist]))
+    return ArmBody(
+        subject=subject,
+        upper_arm=upper_arm,
+        forearm=forearm,
+        shoulder=shoulder,
+        glide=glide * direction / np.linalg.norm(direction),
+        elbow_axis=_unit(np.array([*rng.normal(0, 0.05, 2), 1.0])),
+        carrying=-np.radians(np.clip(rng.normal(10, 3), 3, 17)),
+        pronation_axis=_unit(np.insert(rng.normal(0, 0.025, 2), 1, 1.0)),
+        landmarks=landmarks,
+    )
+
+
+def _thorax_landmarks(rng: np.random.Generator, height: float) -> dict[str, tuple[int, FloatArray]]:
+    """Return IJ, PX, C7 and T8; the middles of PX, T8 and of IJ, C7 lie above each other."""
+    px = height * rng.normal((0.027, -0.095, 0.0), (0.003, 0.007, 0.0))
+    c7 = height * rng.normal((-0.061, 0.028, 0.0), (0.002, 0.004, 0.0))
+    t8 = np.array([c7[0] - px[0], height * rng.normal(-0.096, 0.003), 0.0])
+    points = {"IJ": np.zeros(3), "PX": px, "C7": c7, "T8": t8}
+    return {name: (THORAX, point) for name, point in points.items()}
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    unit: FloatArray = vector / np.linalg.norm(vector)
+    return unit

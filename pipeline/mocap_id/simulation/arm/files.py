@@ -1,0 +1,82 @@
+"""Simulated trials in space on disk: recording, truth, and a configuration that is ready to run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from mocap_id.simulation.arm.arm import generate_arm
+from mocap_id.simulation.arm.chain import generate_chain
+from mocap_id.simulation.arm.options import ArmOptions, ChainOptions
+from mocap_id.simulation.arm.trial import SpatialTrial
+from mocap_id.simulation.arm.truth import arm_document, arrays, chain_document
+from mocap_id.simulation.trial_files import json_bytes, npz_bytes, points_bytes, write_trial
+
+_TRIAL = """\
+# {what}
+# Made by `mocap-id simulate {kind}` with seed {seed}. The exact truth is beside it, in truth.json and truth.npz.
+# Paths are relative to this file.
+trial: {name}
+recording: trial.c3d  # markers
+space: 3d
+protocol: {protocol}
+"""
+
+
+def write_arm(folder: Path, options: ArmOptions) -> Path:
+    """Simulate an arm and write it with its exact truth.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``. The trial is
+        named after the folder.
+    options : ArmOptions
+
+    Returns
+    -------
+    Path
+        ``trial.yaml``.
+
+    Raises
+    ------
+    StoreError
+        The folder already holds a trial, or cannot be written.
+    """
+
+    def make(name: str) -> dict[str, bytes]:
+        trial = generate_arm(options)
+        reach = options.movement == "reach"
+        what = "rounds of reaches" if reach else "curls"
+        count = options.cycles if reach else options.repetitions
+        entries = {"kind": "arm", "seed": options.seed, "protocol": options.movement}
+        text = _yaml(name, what=f"A {options.side} arm, {count} {what}.", **entries)
+        return _contents(trial, arm_document(options, trial), text + f"side: {options.side}\n")
+
+    return write_trial(folder, make)
+
+
+def write_chain(folder: Path, options: ChainOptions) -> Path:
+    """Simulate a chain of bodies and write it with its exact truth; parameters as for :func:`write_arm`."""
+
+    def make(name: str) -> dict[str, bytes]:
+        trial = generate_chain(options)
+        what = f"A chain of {len(options.kinds)} joints ({options.kinds})."
+        text = _yaml(name, what=what, kind="chain", seed=options.seed, protocol="free")
+        return _contents(trial, chain_document(options, trial), text)
+
+    return write_trial(folder, make)
+
+
+def _contents(trial: SpatialTrial, document: dict[str, Any], text: str) -> dict[str, bytes]:
+    return {
+        "trial.c3d": points_bytes(trial.labels, trial.positions, trial.rate),
+        "truth.npz": npz_bytes(arrays(trial)),
+        "truth.json": json_bytes(document),
+        "trial.yaml": text.encode(),
+    }
+
+
+def _yaml(name: str, **entries: Any) -> str:
+    return _TRIAL.format(name=json.dumps(name, ensure_ascii=False), **entries)  # the name may be 12 or yes

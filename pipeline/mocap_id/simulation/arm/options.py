@@ -1,0 +1,121 @@
+"""Options of simulated trials in space, each declared once with its default, limits and help text.
+
+The command line and its documentation are generated from these fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+from mocap_id.errors import ConfigError
+from mocap_id.simulation.options import LARGEST, check, option
+
+Preset: TypeAlias = Literal["clean", "default", "hard"]
+Movement: TypeAlias = Literal["reach", "curl"]
+Side: TypeAlias = Literal["right", "left"]
+KINDS = "SHT"
+"""Letters of joint kinds: ball (spherical), hinge, two-axis."""
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """Sizes of the errors of a preset.
+
+    Parameters
+    ----------
+    marker_noise : float
+        Standard deviation of each marker coordinate, m.
+    soft_tissue : float
+        Factor on the sliding of the skin.
+    twist_loss : float
+        Factor on the share of the twist that the skin does not follow.
+    palpation : float
+        Standard deviation of each coordinate of a landmark's marker on its bone, m.
+    occlusions : float
+        Factor on how often markers vanish.
+    tremor : float
+        Factor on the irregularity of the motion.
+    """
+
+    marker_noise: float
+    soft_tissue: float
+    twist_loss: float
+    palpation: float
+    occlusions: float
+    tremor: float
+
+
+PRESETS: Mapping[Preset, Difficulty] = {
+    "clean": Difficulty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "default": Difficulty(0.0005, 1.0, 1.0, 0.003, 1.0, 1.0),
+    "hard": Difficulty(0.0008, 2.0, 1.5, 0.006, 2.0, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """Options of a simulated arm; the same options give the same files.
+
+    ``subject`` fixes the person, the markers and the skin: the seed then determines only the motion and the noise.
+
+    Raises
+    ------
+    ConfigError
+        A value is out of range.
+    """
+
+    seed: int = option(0, "Seed of the person, the motion and every error.", (0, LARGEST))
+    subject: int | None = option(
+        None, "Seed of the person and the markers; that of the trial if omitted.", (0, LARGEST)
+    )
+    preset: Preset = option(  # noqa: RUF009  a dataclass field
+        "default", "Size of noise, soft tissue, palpation error and occlusions.", choices=PRESETS
+    )
+    movement: Movement = option(  # noqa: RUF009  a dataclass field
+        "reach", "Functional reaches, or curls on a bench.", choices=get_args(Movement)
+    )
+    side: Side = option("right", "Arm that carries the markers.", choices=get_args(Side))  # noqa: RUF009  a dataclass field
+    severity: float = option(0.3, "Limitation of the reaches: 0 healthy, 1 hardly any reach.", (0, 1))
+    cycles: int = option(2, "Number of rounds through all reaches.", (1, 20))
+    repetitions: int = option(8, "Number of curls.", (1, 100))
+    failed: int = option(0, "Number of failed curls at the end.", (0, 20))
+    compensation: float = option(0.25, "Size of the shoulder's motion in tired curls.", (0, 2))
+    glide_mm: float = option(15.0, "Shift of the shoulder at 180° of elevation in reaches, mm.", (0, 40), "mm")
+    rate: float = option(120.0, "Frame rate, Hz.", (20, 2000), "Hz")
+    soft_tissue: float = option(1.0, "Factor on the preset's soft tissue; 0 fixes the markers to the bones.", (0, 10))
+    anonymous: bool = option(False, "Name the markers of the clusters M000, M001, ….")
+
+    def __post_init__(self) -> None:
+        check(self, "simulate arm")
+
+
+@dataclass(frozen=True)
+class ChainOptions:
+    """Options of a simulated chain of bodies with no names or anatomy.
+
+    Raises
+    ------
+    ConfigError
+        A value is out of range, or ``kinds`` holds an unknown letter.
+    """
+
+    seed: int = option(0, "Seed of the chain, the motion and every error.", (0, LARGEST))
+    preset: Preset = option(  # noqa: RUF009  a dataclass field
+        "default", "Size of noise and occlusions.", choices=PRESETS
+    )
+    kinds: str = option("SS", "Joints from the base outwards: S ball, H hinge, T two-axis.")
+    arc_deg: float = option(40.0, "Largest angle of every coordinate from the start, degrees.", (0, 120), "degrees")
+    sway_mm: float = option(0.0, "Sway of the base, mm; 0 for a fixed base.", (0, 200), "mm")
+    duration: float = option(20.0, "Duration, s.", (3, 600), "s")
+    rate: float = option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
+    soft_tissue_mm: float = option(0.0, "Largest sliding of the markers, mm.", (0, 50), "mm")
+    markers: int = option(4, "Number of markers on every body.", (3, 20))
+
+    def __post_init__(self) -> None:
+        check(self, "simulate chain")
+        if not 1 <= len(self.kinds) <= 8 or set(self.kinds) - set(KINDS):
+            raise ConfigError(
+                f"simulate chain: kinds is {self.kinds!r}; expected 1 … 8 of the letters {', '.join(KINDS)}"
+            )

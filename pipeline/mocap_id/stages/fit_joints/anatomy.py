@@ -1,0 +1,193 @@
+"""Landmarks of the body in a fitted chain: centres refined by them, and the chain in anatomical frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from mocap_id.anatomy.frames import PALPATION
+from mocap_id.anatomy.landmark_names import SEGMENTS, find_landmarks
+from mocap_id.anatomy.segment_frames import AnatomicalFrames, SegmentPoses, express_chain, fit_segment_frames
+from mocap_id.anatomy.still_pose import LandmarkPlace, find_still_pose, place_landmarks
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.stages.base import Context, given_landmarks
+from mocap_id.stages.fit_joints import FitJointsSettings
+from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
+
+_MIDDLES = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+"""Landmarks whose middle is the centre of the joint above a segment."""
+
+
+@dataclass(frozen=True)
+class AnatomicalChain:
+    """A fitted chain in anatomical frames, or in frames of its own without landmarks.
+
+    Parameters
+    ----------
+    fit : SpatialFit
+        With centres refined by landmarks, in frames of its own.
+    chain : SpatialChain
+    landmarks : mapping
+        Nodes of the group ``landmarks`` of chain.h5.
+    facts : mapping
+        ``frames`` ("isb" or "own"), ``still_s`` and ``frame_covariance``.
+    """
+
+    fit: SpatialFit
+    chain: SpatialChain
+    landmarks: Mapping[str, Any]
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    reasons: tuple[Reason, ...] = ()
+
+
+def in_anatomical_frames(
+    context: Context, view: Trajectories, fit: SpatialFit, columns: IntArray, names: Sequence[str]
+) -> AnatomicalChain:
+    """Refine the centres of elbow and wrist by landmarks and express the chain in the frames of the ISB.
+
+    Parameters
+    ----------
+    context : Context
+    view : Trajectories
+    fit : SpatialFit
+        Of the markers in ``columns``.
+    columns : (M,) int array
+    names : sequence of str, length n + 1
+        Names of the segments; the frames of those with anatomical names are changed.
+    """
+    numbers = {name: k for k, name in enumerate(names)}
+    side = context.trial.side
+    named = find_landmarks(view.labels, given_landmarks(context.trial), side)
+    wanted = {name: marker for name, marker in named.markers.items() if SEGMENTS.get(name) in numbers}
+    if not wanted:
+        return AnatomicalChain(fit, fit.chain, _landmarks({}, {}), {"frames": "own"})
+    segment = {name: numbers[SEGMENTS[name]] for name in wanted}
+    tracks = view.in_space(np.array(list(wanted.values()), dtype=np.int64))
+    points = view.in_space(columns)
+    static = context.trial.static
+    start = None if static is None else (static[0] - float(view.time[0]), static[1] - float(view.time[0]))
+    still = find_still_pose(points, view.rate, start)
+    moving = dict(zip(wanted, np.moveaxis(tracks, 1, 0), strict=True))
+
+    def placed(fit: SpatialFit) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...], _ClusterPoses]:
+        poses = _ClusterPoses.of(points, fit.chain, still.frames)
+        return *place_landmarks(moving, segment, poses.rotations, poses.origins, frames=still.frames), poses
+
+    fit = _with_middles(fit, placed(fit)[0], numbers)
+    places, reasons, poses = placed(fit)
+    settings: FitJointsSettings = context.settings
+    frames = _frames(fit, places, {**segment, **numbers}, poses, settings.humerus)
+    turns = np.stack([frames.frames[name].rotation if name in frames.frames else np.eye(3) for name in names])
+    base = frames.frames[names[0]].origin if names[0] in frames.frames else np.zeros(3)
+    shifts = np.zeros((len(names), 3))
+    shifts[0] = base
+    local = {name: turns[segment[name]].T @ (each.local - shifts[segment[name]]) for name, each in places.items()}
+    facts = {
+        "frames": "isb" if frames.frames else "own",
+        "still_s": [float(view.time[still.frames.start]), float(view.time[still.frames.stop - 1])],
+        "frame_covariance": _covariances(frames, names),
+    }
+    found = _landmarks({name: (segment[name], local[name]) for name in places}, places)
+    chain = express_chain(fit.chain, turns, base)
+    return AnatomicalChain(fit, chain, found, facts, (*named.reasons, *still.reasons, *reasons, *frames.reasons))
+
+
+@dataclass(frozen=True)
+class _ClusterPoses:
+    """Poses of all clusters, (F, S, 3, 3) and (F, S, 3), in the frames of the chain, and the still frames."""
+
+    rotations: FloatArray
+    origins: FloatArray
+    still: slice
+
+    @classmethod
+    def of(cls, points: FloatArray, chain: SpatialChain, still: slice) -> _ClusterPoses:
+        rotations, origins = [], []
+        for k in range(len(chain.joints) + 1):
+            here = (chain.segment == k) & ~chain.on_glide
+            rotation, origin, _ = rigid_poses(points[:, here], chain.local[here])
+            rotations.append(rotation)
+            origins.append(origin)
+        return cls(np.stack(rotations, axis=1), np.stack(origins, axis=1), still)
+
+    def standing(self) -> SegmentPoses:
+        """Return the pose in the middle of the still frames that show all clusters."""
+        seen = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
+        middle = int(seen[len(seen) // 2]) if len(seen) else self.still.start
+        return SegmentPoses(self.rotations[middle], self.origins[middle])
+
+
+def _with_middles(fit: SpatialFit, places: Mapping[str, LandmarkPlace], numbers: Mapping[str, int]) -> SpatialFit:
+    """Return the fit with the centres of elbow and wrist also measured by their landmarks."""
+    for child, pair in _MIDDLES.items():
+        if child not in numbers or not all(name in places for name in pair):
+            continue
+        middle = np.mean([places[name].local for name in pair], axis=0)
+        variance = np.mean([places[name].sd ** 2 for name in pair]) / 2
+        fit = move_centre(fit, numbers[child], middle, variance * np.eye(3))
+    return fit
+
+
+def _frames(
+    fit: SpatialFit,
+    places: Mapping[str, LandmarkPlace],
+    where: Mapping[str, int],
+    poses: _ClusterPoses,
+    option: int,
+) -> AnatomicalFrames:
+    """Return the ISB frames in the frames of the chain; ``where`` are the numbers of segments and of landmarks'."""
+    at = {name: place.local for name, place in places.items()}
+    spread: dict[str, FloatArray | float] = {name: place.sd for name, place in places.items()}
+    if "upper_arm" in where and (joint := fit.chain.joints[where["upper_arm"] - 1]).known:
+        at["GH"], spread["GH"] = np.zeros(3), _gh_covariance(joint.covariance)
+        where = {**where, "GH": where["upper_arm"]}
+    standing = poses.standing()
+    bent = _bent_pose(at, where, poses) if option == 2 else None
+    return fit_segment_frames(at, where, standing, covariances=spread, bent=bent)
+
+
+def _gh_covariance(covariance: FloatArray) -> FloatArray:
+    return covariance if np.isfinite(covariance).all() else PALPATION**2 * np.eye(3)
+
+
+def _bent_pose(at: Mapping[str, FloatArray], where: Mapping[str, int], poses: _ClusterPoses) -> SegmentPoses | None:
+    """Return the pose in which the elbow is nearest to a right angle."""
+    if not {"GH", "EL", "EM", "US"} <= at.keys():
+        return None
+    place = {
+        name: np.einsum("fij,j->fi", poses.rotations[:, where[name]], at[name]) + poses.origins[:, where[name]]
+        for name in ("GH", "EL", "EM", "US")
+    }
+    elbow = (place["EL"] + place["EM"]) / 2
+    upper, lower = place["GH"] - elbow, elbow - place["US"]
+    cosine = np.sum(upper * lower, axis=1) / np.linalg.norm(upper, axis=1) / np.linalg.norm(lower, axis=1)
+    if not np.isfinite(cosine).any():
+        return None
+    frame = int(np.nanargmin(np.abs(cosine)))
+    return SegmentPoses(poses.rotations[frame], poses.origins[frame])
+
+
+def _covariances(frames: AnatomicalFrames, names: Sequence[str]) -> list[list[list[float]] | None]:
+    """Return for each joint the covariance (6, 6) of the errors of its two frames, rad²; None without frames."""
+    pairs = pairwise(names)
+    return [
+        frames.covariance(parent, child).tolist() if parent in frames.frames and child in frames.frames else None
+        for parent, child in pairs
+    ]
+
+
+def _landmarks(found: Mapping[str, tuple[int, FloatArray]], places: Mapping[str, LandmarkPlace]) -> dict[str, Any]:
+    return {
+        "name": np.array(list(found), dtype=object),
+        "segment": np.array([k for k, _ in found.values()], dtype=np.int64),
+        "local": np.array([local for _, local in found.values()], dtype=np.float64).reshape(-1, 3),
+        "sd": np.array([places[name].sd for name in found], dtype=np.float64),
+    }

@@ -1,0 +1,170 @@
+"""Function of the stage fit-joints for a trial in space: kinds, centres and axes of the joints, and landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError
+from mocap_id.geometry.spatial_chain import JointKind, SpatialJoint
+from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
+from mocap_id.kinematics.space.chain_result import SpatialFit
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.fit_joints import FitJointsSettings
+from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames
+from mocap_id.store import Tree
+from mocap_id.store.schemas import CHAIN
+from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
+
+
+def fit_chain_in_space(context: Context) -> Outputs:
+    """Return chain.h5 of a trial in space."""
+    if context.trial.calibration is not None:
+        return (_calibrated(context),)
+    settings: FitJointsSettings = context.settings
+    segments = context.table("segments.parquet")
+    view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
+    assigned = np.flatnonzero(segments["segment"] >= 0)
+    labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
+    columns = np.array([view.labels.index(label) for label in labels], dtype=np.int64)
+    points = view.in_space(columns)
+    names, joint_names = segments.facts["names"], segments.facts["joint_names"]
+    kinds = _given_kinds(settings.kinds, joint_names)
+    if settings.estimator == "bundle":
+        fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds)
+    else:
+        from mocap_id.kinematics.space.centre_estimators import fit_pairs  # noqa: PLC0415
+
+        fit = fit_pairs(points, segment, segments.facts["parents"], settings.estimator, kinds)
+    framed = in_anatomical_frames(context, view, fit, columns, names)
+    facts = {
+        "estimator": settings.estimator,
+        "iterations": framed.fit.iterations,
+        "reprojection_rms_m": float(np.sqrt(np.mean(framed.fit.residual[segment > 0] ** 2))),
+        "evidence": {name: dict(each.ratio) for name, each in zip(joint_names, fit.evidence, strict=True)},
+        "likely": {name: each.likely for name, each in zip(joint_names, fit.evidence, strict=True)},
+        **framed.facts,
+    }
+    reasons = _for_comparison(settings) + _weak_joints(fit, joint_names, settings) + framed.reasons
+    return (Tree(CHAIN, _data(framed, labels, names, joint_names), facts, reasons),)
+
+
+def _given_kinds(given: Mapping[str, JointKind], joint_names: Sequence[str]) -> dict[int, JointKind]:
+    unknown = [name for name in given if name not in joint_names]
+    if unknown:
+        raise ConfigError(
+            f"fit-joints: kinds: there is no joint {', '.join(unknown)}; expected one of {', '.join(joint_names)}"
+        )
+    return {joint_names.index(name) + 1: kind for name, kind in given.items()}
+
+
+def _data(framed: AnatomicalChain, labels: list[str], names: list[str], joint_names: list[str]) -> dict[str, Any]:
+    """Return the nodes of chain.h5."""
+    chain, fit = framed.chain, framed.fit
+    inner = len(chain.joints) - 1
+    return {
+        "joints": {
+            "name": np.array(joint_names, dtype=object),
+            "parent": np.array(chain.parents, dtype=np.int64),
+            "arc": fit.arcs,
+            **joint_arrays(chain.joints),
+        },
+        "segments": {
+            "name": np.array(names, dtype=object),
+            "length": fit.lengths[:inner],
+            "length_sd": fit.length_sd[:inner],
+        },
+        "markers": {
+            "name": np.array(labels, dtype=object),
+            "segment": chain.segment,
+            "local": chain.local,
+            "residual": fit.residual,
+            "on_glide": chain.on_glide,
+        },
+        "landmarks": framed.landmarks,
+    }
+
+
+def joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
+    """Return the joints as arrays, one row a joint."""
+
+    def stacked(*names: str) -> FloatArray:
+        rows = [[getattr(joint, name) for name in names] for joint in joints]
+        return np.array([row if len(names) > 1 else row[0] for row in rows], dtype=np.float64)
+
+    return {
+        "kind": np.array([joint.kind for joint in joints], dtype=object),
+        "axes": stacked("first_axis", "second_axis"),
+        "known": np.array([joint.known for joint in joints], dtype=np.bool_),
+        **{
+            name: stacked(name)
+            for name in (
+                *("centre", "covariance", "axes_covariance", "offset"),
+                *("glide", "glide_covariance", "rest", "long_axis"),
+            )
+        },
+    }
+
+
+def _calibrated(context: Context) -> Tree:
+    """Return the calibration's chain, with the markers that this trial has."""
+    assert context.trial.calibration is not None
+    tree = read_calibration(context.trial.calibration)
+    segments = context.table("segments.parquet")
+    there = {str(label) for label, k in zip(segments["marker"], segments["segment"], strict=True) if k >= 0}
+    keep = np.array([name in there for name in tree.texts("markers/name")], dtype=np.bool_)
+    markers: Mapping[str, Any] = tree.data["markers"]  # type: ignore[assignment]
+    data = {**tree.data, "markers": {name: np.asarray(values)[keep] for name, values in markers.items()}}
+    name = context.trial.calibration.trial.name
+    note = Reason("calibrated", f"centres, axes and landmark frames of the joints are those of {name}.", level="ok")
+    kept = tuple(reason for reason in tree.reasons if reason.level != "ok")
+    return Tree(CHAIN, data, {**tree.facts, "calibration": name}, (note, *kept))
+
+
+def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:
+    """Return a caution if the estimator is not the default."""
+    if settings.estimator == "bundle":
+        return ()
+    return (
+        Reason(
+            "estimator",
+            f"the joints are fitted by `{settings.estimator}`, which is only for comparison; its joints and lengths "
+            "have no standard deviations. Remove `fit-joints: {estimator: …}` to fit the whole chain.",
+        ),
+    )
+
+
+def _weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJointsSettings) -> tuple[Reason, ...]:
+    """Return a caution for every joint whose centre the motion does not show, or shows poorly."""
+    reasons = []
+    for name, arc, joint in zip(names, np.degrees(fit.arcs), fit.chain.joints, strict=True):
+        if not joint.known:
+            reasons.append(
+                Reason(
+                    "centre-unknown",
+                    f"the motion does not show the centre of the {name}, which turns by {arc:.0f}°: no lengths and "
+                    "angles depend on it. Name a trial of the same person with a larger motion as `calibration:`.",
+                    float(arc),
+                )
+            )
+        elif joint.kind != "hinge" and (sd := _largest_sd(joint)) > settings.large_sd_m:
+            reasons.append(
+                Reason(
+                    "joint-uncertain",
+                    f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm.",
+                    sd,
+                    settings.large_sd_m,
+                )
+            )
+    return tuple(reasons)
+
+
+def _largest_sd(joint: SpatialJoint) -> float:
+    if not np.isfinite(joint.covariance).all():
+        return 0.0
+    return float(np.sqrt(np.linalg.eigvalsh(joint.covariance)[-1]))

@@ -1,0 +1,109 @@
+"""Function of the stage identify-dim for a trial in space, where a plate carries the base."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mocap_id.dynamics.cautions import find_cautions_in_space
+from mocap_id.dynamics.excitation import WEAK
+from mocap_id.dynamics.space.identification import SpatialIdentification, excitation_in_space, identify
+from mocap_id.dynamics.space.prediction import SpatialPrediction, predict
+from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.identify_dim import space_artefacts as artefacts
+from mocap_id.stages.identify_dim.sit_to_stand_events import events_table
+from mocap_id.stages.identify_dim.space_inputs import SpatialInputs, calibration, read_spatial_inputs
+from mocap_id.store import Table, Tree
+from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
+from mocap_id.verdict import Reason
+
+_EXPLAINED = 0.5  # least share of the variance of a horizontal force that the model explains
+_ADVICE = "Larger angles and higher speeds of all joints, one after the other and together, determine them better."
+
+
+def identify_in_space(context: Context) -> Outputs:
+    """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in space."""
+    inputs = read_spatial_inputs(context)
+    events = events_table(())
+    if inputs.trial is None or inputs.obstacle is not None:
+        table, tree = _unknown(context, inputs)
+    else:
+        table, tree = _identified(context, inputs, inputs.trial)
+    return events, table, tree, artefacts.no_averages()
+
+
+def _identified(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> tuple[Table, Tree]:
+    settings = context.settings
+    found = identify(trial, np.ones(len(inputs.time), dtype=np.bool_), calibration(settings))
+    excited = excitation_in_space(trial, found, settings.weak_share or WEAK)
+    model = predict(trial, found)
+    facts = artefacts.facts(trial, found, model, _threshold(context))
+    reasons = find_cautions_in_space(trial, found, excited, _ADVICE) + _unexplained(found)
+    tree = Tree(DYNAMICS_TREE, artefacts.data(trial, found, excited), facts, reasons)
+    return Table(DYNAMICS_TABLE, _columns(context, inputs, model, found)), tree
+
+
+def _columns(
+    context: Context, inputs: SpatialInputs, model: SpatialPrediction, found: SpatialIdentification
+) -> dict[str, Any]:
+    return artefacts.columns(
+        inputs.time,
+        measured=model.measured,
+        model=model.wrench,
+        model_sd=model.wrench_sd,
+        torque=model.torque,
+        torque_sd=model.torque_sd,
+        in_fit=found.fit.in_fit,
+        threshold=_threshold(context),
+    )
+
+
+def _unknown(context: Context, inputs: SpatialInputs) -> tuple[Table, Tree]:
+    """Return dynamics.parquet and dynamics.h5 without values, and why."""
+    obstacle = inputs.obstacle
+    assert obstacle is not None
+    coordinates = sum(joint.dimension for joint in inputs.chain.joints)
+    absent = np.full((len(inputs.time), len(COMPONENTS)), np.nan)
+    torque = np.full((len(inputs.time), coordinates), np.nan)
+    columns = artefacts.columns(
+        inputs.time,
+        measured=inputs.wrench,
+        model=absent,
+        model_sd=absent,
+        torque=torque,
+        torque_sd=torque,
+        in_fit=np.zeros(len(inputs.time), dtype=np.bool_),
+        threshold=_threshold(context),
+    )
+    data = artefacts.empty_data(len(inputs.segments), obstacle.mass)
+    reasons = (Reason(obstacle.code, obstacle.why),)
+    return Table(DYNAMICS_TABLE, columns), Tree(
+        DYNAMICS_TREE, data, artefacts.empty_facts_in_space(inputs.chain, obstacle.why), reasons
+    )
+
+
+def _unexplained(found: SpatialIdentification) -> tuple[Reason, ...]:
+    """Return a caution if the chain's motion does not explain the horizontal force, below the fit's low-pass."""
+    fit, base = found.fit, found.base
+    target = fit.target[:, [0, 2]] - fit.target[:, [0, 2]].mean(axis=0)
+    rest = (fit.target - fit.design[..., : len(base)] @ base)[:, [0, 2]]
+    share = 1.0 - float(np.var(rest, axis=0).sum() / max(float(np.sum(target**2) / len(target)), 1e-300))
+    if share >= _EXPLAINED:
+        return ()
+    return (
+        Reason(
+            "wrench-unexplained",
+            f"the motion of the chain explains {100 * max(share, 0.0):.0f} % of the variance of the horizontal force "
+            f"on the plate, expected at least {100 * _EXPLAINED:.0f} %: the plate does not carry this base, or "
+            "something else on the plate moves; do not use the parameters",
+            value=share,
+            limit=_EXPLAINED,
+        ),
+    )
+
+
+def _threshold(context: Context) -> float:
+    """Return the vertical force up to which there is no centre of pressure, N, as used in planarise."""
+    return float(context.table("wrench.parquet").facts["cop_threshold_N"])

@@ -1,0 +1,195 @@
+"""Contents of dynamics.parquet, dynamics.h5 and phases.parquet of a trial in space."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.comparison import agreement
+from mocap_id.dynamics.excitation import Excitation
+from mocap_id.dynamics.space.base_parameters import full_names
+from mocap_id.dynamics.space.identification import SpatialIdentification
+from mocap_id.dynamics.space.prediction import SpatialPrediction
+from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
+from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.stages.identify_dim.dynamics_artefacts import empty_facts
+from mocap_id.store import Table
+from mocap_id.store.schemas import PHASES
+
+_PLANAR = [COMPONENTS.index(name) for name in ("Fx", "Fy", "tauz")]
+
+
+def columns(
+    time: FloatArray,
+    *,
+    measured: FloatArray,
+    model: FloatArray,
+    model_sd: FloatArray,
+    torque: FloatArray,
+    torque_sd: FloatArray,
+    in_fit: BoolArray,
+    threshold: float,
+) -> dict[str, Any]:
+    """Return the columns of dynamics.parquet.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    measured, model, model_sd : (T, 6) arrays
+        Wrench of the ground about the origin of the trial's frame, N and N·m.
+    torque, torque_sd : (T, N) arrays
+        Torque of each joint coordinate, N·m.
+    in_fit : (T,) bool array
+    threshold : float
+        Vertical force up to which there is no centre of pressure, N.
+    """
+    absent = np.full(len(time), np.nan)
+    found: dict[str, Any] = {"time": time}
+    for prefix, suffix, wrench in (("", "", measured), ("", "_model", model), ("sd_", "_model", model_sd)):
+        found |= {f"{prefix}{name}{suffix}": wrench[:, k] for k, name in enumerate(COMPONENTS)}
+    found["cop_x"] = centre_of_pressure(measured[:, _PLANAR], threshold)
+    found["cop_x_model"] = centre_of_pressure(model[:, _PLANAR], threshold)
+    units = np.broadcast_to(np.eye(3), (len(time), 3, 3))
+    change = centre_of_pressure_rows(units, model[:, _PLANAR], threshold)
+    found["sd_cop_x_model"] = np.sqrt(np.sum((change * model_sd[:, _PLANAR]) ** 2, axis=1))
+    for suffix in ("_reference", "_held_out"):
+        found |= {f"{name}{suffix}": absent for name in ("Fx", "Fy", "tauz", "cop_x")}
+    for j in range(torque.shape[1]):
+        found[f"tau_{j + 1}"], found[f"sd_tau_{j + 1}"] = torque[:, j], torque_sd[:, j]
+    return found | {"in_fit": in_fit}
+
+
+def data(trial: SpatialTrial, found: SpatialIdentification, excited: Excitation) -> dict[str, dict[str, Any]]:
+    """Return the nodes of dynamics.h5."""
+    structure = trial.structure
+    return _nodes(found.full, len(found.base)) | {
+        "base": {
+            "name": np.array(structure.names, dtype=object),
+            "value": found.base,
+            "sd": found.base_sd,
+            "covariance": found.covariance,
+            "unit": np.array(structure.units, dtype=object),
+            "verdict": np.array(excited.verdict, dtype=object),
+            "excitation": excited.own,
+            "own_share": excited.share,
+            "relative_sd": excited.relative_sd,
+            "prior_share": np.zeros(len(found.base)),
+            "regrouping": structure.mapping,
+        }
+    }
+
+
+def empty_data(segments: int, mass: float | None) -> dict[str, dict[str, Any]]:
+    """Return the nodes of dynamics.h5 in which at most the mass is known."""
+    value = np.array([np.nan if mass is None else mass])
+    absent = np.full(1, np.nan)
+    full = np.full(10 * segments, np.nan)
+    regrouping = np.zeros((1, 10 * segments))
+    regrouping[0, ::10] = 1.0
+    return _nodes(full, 1) | {
+        "base": {
+            "name": np.array(["+".join(full_names(segments)[::10])], dtype=object),
+            "value": value,
+            "sd": absent,
+            "covariance": absent[:, None],
+            "unit": np.array(["kg"], dtype=object),
+            "verdict": np.array(["not identifiable" if mass is None else "known"], dtype=object),
+            "excitation": absent,
+            "own_share": absent,
+            "relative_sd": absent,
+            "prior_share": absent,
+            "regrouping": regrouping,
+        }
+    }
+
+
+def _nodes(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
+    """Return the nodes beside the base parameters; there is no reference body, and no grid."""
+    absent = np.full(len(full), np.nan)
+    return {
+        "full": {
+            "name": np.array(full_names(len(full) // 10), dtype=object),
+            "value": full,
+            "reference": absent,
+        },
+        "bodies": {"value": full, "reference": absent, "covariance": np.full((len(full), len(full)), np.nan)},
+        "grid": {"segment": np.zeros(0, dtype=np.int64), "position": np.zeros((0, 2)), "mass": np.zeros(0)},
+        "held_out": {"base": np.zeros((0, base)), "clock_offset": np.zeros(0)},
+    }
+
+
+def facts(
+    trial: SpatialTrial, found: SpatialIdentification, model: SpatialPrediction, threshold: float
+) -> dict[str, Any]:
+    """Return facts about the fit over its samples."""
+    fit, answer = found.fit, found.solution.answer
+    compared = {
+        name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
+    }
+    cop = agreement(
+        centre_of_pressure(model.wrench[:, _PLANAR], threshold),
+        centre_of_pressure(model.measured[:, _PLANAR], threshold),
+        fit.in_fit,
+    )
+    bias = {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)}
+    return empty_facts_in_space(trial.recorded.chain, None) | {
+        "condition_number": fit.condition,
+        "condition_number_scaled": fit.condition_scaled,
+        "clock_offset_s": fit.found if fit.offset_known else None,
+        "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
+        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
+        "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
+        "samples": int(fit.in_fit.sum()),
+        "consistency": "cone",
+        "solver": {
+            "name": answer.solver,
+            "status": answer.status,
+            "iterations": answer.iterations or None,
+            "kkt": answer.optimality.excess,
+            "proven": answer.optimality.proven,
+            **asdict(answer.optimality),
+            "asked": "cone",
+            "price_of_consistency": found.solution.price,
+        },
+        "reference_pulls": False,
+        "cutoff_hz": trial.lowpass.cutoff,
+        "plate_bias": bias,
+        "residual_covariance": found.residual_covariance.tolist(),
+        "error_modes": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
+        "frames": trial.structure.frames[:, :3, :3].tolist(),
+        "moments_about_m": trial.recorded.base[:3, 3].tolist(),
+    }
+
+
+def empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str, Any]:
+    """Return the facts of dynamics.h5 without an identification, and why there is none.
+
+    ``torques`` names the joint and the direction of each column ``tau_k``.
+    """
+    motion = {"source": "chain", "why": "the joints of a chain in space hold"}
+    return empty_facts(why) | {"motion": motion, "rivals": {}, "torques": torque_directions(chain)}
+
+
+def torque_directions(chain: SpatialChain) -> list[dict[str, Any]]:
+    """Return for each column ``tau_k`` its joint, from 1, and the direction about which it acts."""
+    words = {
+        "hinge": ("axis",),
+        "two-axis": ("first axis", "second axis"),
+        "ball": ("x of the parent", "y of the parent", "z of the parent"),
+    }
+    every = [(k, word) for k, joint in enumerate(chain.joints, start=1) for word in words[joint.kind]]
+    return [{"column": f"tau_{number}", "joint": joint, "about": word} for number, (joint, word) in enumerate(every, 1)]
+
+
+def no_averages() -> Table:
+    """Return phases.parquet without rows."""
+    empty = np.zeros(0)
+    names = np.zeros(0, dtype=object)
+    values = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
+    why = "a trial in space has no repetitions of a protocol here"
+    return Table(PHASES, values | {"count": empty}, {"repetitions": {}, "compared": [], "why": why})

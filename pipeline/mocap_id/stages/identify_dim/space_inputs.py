@@ -1,0 +1,235 @@
+"""Inputs of the identification in space: chain, motion of the segments, base at rest, wrench of six components."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.fit import determined, select
+from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
+from mocap_id.dynamics.lowpass import known
+from mocap_id.dynamics.preparation import FitSettings
+from mocap_id.dynamics.space.calibration import SpatialCalibration
+from mocap_id.dynamics.space.trial import COMPONENTS, SpatialRecord, SpatialTrial, prepare
+from mocap_id.errors import StoreError
+from mocap_id.geometry import se3, so3
+from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim import IdentifyDimSettings
+from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.store import Table
+from mocap_id.store.spatial_views import SpatialSkeleton
+
+_AT_REST = 5e-3, np.radians(1.0)  # m and rad: largest motion of a base at rest, 95 % of the frames
+_PLATE_WIDTH = 0.5  # m: an error of a corner's place turns the plate by twice this error over its width
+_POSITION_SD = 0.005  # m: default standard deviation of the plate's position
+_PERSON, _OF_PERSONS = "thorax", ("reach", "curl")
+
+
+@dataclass(frozen=True)
+class SpatialInputs:
+    """What the identification of a trial in space reads.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    chain : SpatialChain
+    segments, joints : tuples of str
+        Names of the segments, base first, and of the joints.
+    wrench : (T, 6) array
+        Measured wrench of the ground about the origin of the trial's frame; NaN where unknown or not measured.
+    trial : SpatialTrial or None
+        The prepared trial; None if there is an obstacle.
+    obstacle : NotIdentifiable or None
+    """
+
+    time: FloatArray
+    chain: SpatialChain
+    segments: tuple[str, ...]
+    joints: tuple[str, ...]
+    wrench: FloatArray
+    trial: SpatialTrial | None = None
+    obstacle: NotIdentifiable | None = None
+
+
+def read_spatial_inputs(context: Context) -> SpatialInputs:
+    """Read the artefacts of a trial in space, prepare it, and say why nothing can be identified if so.
+
+    Raises
+    ------
+    StoreError
+        Poses and wrench have different times.
+    """
+    settings: IdentifyDimSettings = context.settings
+    poses, wrench = context.table("poses.parquet"), context.table("wrench.parquet")
+    time = poses["time"]
+    if len(time) != wrench.length or not np.allclose(time, wrench["time"], atol=1e-6):
+        raise StoreError(
+            f"trial {context.trial.trial}, identify-dim: poses.parquet has {len(time)} samples and wrench.parquet "
+            f"{wrench.length}, expected the same times; run the trial again from planarise"
+        )
+    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, skeleton.joints, _wrench(wrench))
+    obstacle = _without_plate(context, inputs) or _not_carried(context, inputs)
+    if obstacle is not None:
+        return replace(inputs, obstacle=obstacle)
+    base = _base_at_rest(poses, inputs)
+    if isinstance(base, NotIdentifiable):
+        return replace(inputs, obstacle=base)
+    record = _record(poses, inputs, base)
+    width = recording.averaging_width(wrench.facts["analog_rate_hz"], record.rate)
+    trial = prepare(replace(record, averaged=width), _fit_settings(settings))
+    return replace(inputs, trial=trial, obstacle=_not_excited(settings, trial))
+
+
+def calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
+    """Return the standard deviations of the instruments' errors from the settings of the stage."""
+    position = _POSITION_SD if settings.plate_position_sd_m is None else settings.plate_position_sd_m
+    return SpatialCalibration(
+        gain=settings.plate_gain_sd,
+        moments=settings.plate_moments_sd,
+        force=settings.plate_zero_sd_n,
+        moment=settings.plate_zero_sd_nm,
+        position=position,
+        yaw=2 * position / _PLATE_WIDTH,
+        lengths=settings.camera_scale_sd,
+        tilt=float(np.radians(settings.camera_tilt_sd_deg)),
+    )
+
+
+def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
+    return FitSettings(
+        components=tuple(range(len(COMPONENTS))),
+        cutoff=settings.cutoff_hz,
+        offset_limit=settings.clock_offset_limit_s,
+        apply_offset=settings.apply_clock_offset,
+        plate_bias=settings.plate_bias,
+        block=settings.block_s,
+        gravity=settings.gravity,
+    )
+
+
+def _wrench(table: Table) -> FloatArray:
+    """Return the six components (T, 6); NaN where the plate is not valid."""
+    if not set(COMPONENTS) <= set(table.names):
+        return np.full((table.length, len(COMPONENTS)), np.nan)
+    return np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
+
+
+def _without_plate(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
+    if known(inputs.wrench).any():
+        return None
+    why = context.table("wrench.parquet").facts.get("why") or "the recording has no usable force plate"
+    return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
+
+
+def _not_carried(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
+    """Return why a plate does not carry the base alone, by what the base is; None for a robot."""
+    person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
+    if not person and all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
+        return None
+    what = "a person's thorax" if person else "not fixed to the chain by joints whose centres are known"
+    return NotIdentifiable(
+        "base-not-carried",
+        f"the base is {what}, so the plates also measure segments without markers; the parameters are only identified "
+        "where a plate carries the base, as under a robot",
+    )
+
+
+def _base_at_rest(poses: Table, inputs: SpatialInputs) -> FloatArray | NotIdentifiable:
+    """Return the pose (4, 4) of the base, or why it is not at rest."""
+    rotation, origin, seen = segment_poses(poses, inputs.segments, 0)
+    seen = seen & np.isfinite(origin).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
+    if not seen.any():
+        return NotIdentifiable("base-unseen", "no frame shows the pose of the base: put three markers on it")
+    rotation, origin = rotation[seen], origin[seen]
+    first = rotation[len(rotation) // 2]
+    mean = first @ so3.exp(np.median(so3.log(first.T @ rotation), axis=0))
+    place = np.median(origin, axis=0)
+    moved = float(np.quantile(np.linalg.norm(origin - place, axis=1), 0.95))
+    turned = float(np.quantile(np.linalg.norm(so3.log(mean.T @ rotation), axis=1), 0.95))
+    if moved <= _AT_REST[0] and turned <= _AT_REST[1]:
+        return se3.pose(mean, place)
+    return NotIdentifiable(
+        "base-moves",
+        f"the base moves by {1e3 * moved:.0f} mm and {np.degrees(turned):.1f}°, expected a base at rest on the plate "
+        f"(up to {1e3 * _AT_REST[0]:g} mm and {np.degrees(_AT_REST[1]):g}°): fix it, or the plates carry other "
+        "segments too",
+    )
+
+
+def _record(poses: Table, inputs: SpatialInputs, base: FloatArray) -> SpatialRecord:
+    moving = range(1, len(inputs.segments))
+    each = [segment_poses(poses, inputs.segments, k) for k in moving]
+    names = [column_prefix(poses, inputs.segments, k) for k in moving]
+    omega, alpha = (
+        np.stack([poses.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for name in names], axis=1)
+        for rate in ("omega", "alpha")
+    )
+    return SpatialRecord(
+        time=inputs.time,
+        chain=inputs.chain,
+        base=base,
+        rotation=np.stack([rotation for rotation, _, _ in each], axis=1),
+        omega=omega,
+        alpha=alpha,
+        observed=np.logical_and.reduce([seen for _, _, seen in each]),
+        wrench=inputs.wrench,
+    )
+
+
+def column_prefix(poses: Table, segments: tuple[str, ...], k: int) -> str:
+    """Return the prefix of a segment's columns in poses.parquet: its name, or ``segment_k``."""
+    return segments[k] if f"{segments[k]}_qw" in poses.names else f"segment_{k}"
+
+
+def segment_poses(poses: Table, segments: tuple[str, ...], k: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return rotations (T, 3, 3), origins (T, 3), m, and whether the segment is observed (T,)."""
+    name = column_prefix(poses, segments, k)
+    scalar, vector = poses[f"{name}_qw"], poses.stack([f"{name}_q{axis}" for axis in "xyz"])
+    cross = so3.hat(vector)
+    rotation = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
+    return rotation, poses.stack([f"{name}_{axis}" for axis in "xyz"]), poses[f"{name}_observed"].astype(np.bool_)
+
+
+def _not_excited(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
+    """Return why the usable samples do not determine the parameters, else None."""
+    everywhere = np.ones(len(trial.usable), dtype=np.bool_)
+    chosen = select(trial, everywhere)
+    recorded = trial.recorded
+    if chosen.sum() < LEAST_SECONDS * recorded.rate:
+        return NotIdentifiable(
+            "too-few-samples",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, with all segments and the plate known and farther from "
+            f"gaps than the filter's reach of {trial.lowpass.reach:.2f} s; expected at least {LEAST_SECONDS:g} s: "
+            "record longer or with fewer gaps",
+        )
+    mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
+    arc = float(np.degrees(_arcs(recorded, chosen).max()))
+    if arc < settings.still_arc_deg:
+        return NotIdentifiable(
+            "standing-still",
+            f"no segment turns more than {arc:.1f}°, expected at least {settings.still_arc_deg:g}°: only the mass is "
+            "known; record a movement",
+            mass,
+        )
+    if not determined(trial, everywhere):
+        return NotIdentifiable(
+            "not-excited",
+            "a joint rests, so the parameters of its segment cannot be separated from the others'; record a movement "
+            "of every joint",
+            mass,
+        )
+    return None
+
+
+def _arcs(recorded: SpatialRecord, chosen: BoolArray) -> FloatArray:
+    """Return the rotation (n,) of each moving segment, from the 2.5 to the 97.5 % quantile, rad."""
+    rotation = recorded.rotation[chosen]
+    turned = so3.log(np.swapaxes(rotation[:1], -1, -2) @ rotation)
+    low, high = np.quantile(turned, [0.025, 0.975], axis=0)
+    return np.asarray(np.linalg.norm(high - low, axis=-1))

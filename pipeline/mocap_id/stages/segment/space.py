@@ -1,0 +1,250 @@
+"""Function of the stage segment for a trial in space: sorts the markers into the segments of a chain."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.anatomy.landmark_names import SEGMENTS as LANDMARK_SEGMENTS
+from mocap_id.anatomy.landmark_names import find_landmarks
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
+from mocap_id.stages.base import Context, Outputs, given_landmarks
+from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.segment import SegmentSettings
+from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
+from mocap_id.store import Table
+from mocap_id.store.schemas import SEGMENTS
+from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
+
+_LONGEST = 9
+_ARM = ("thorax", "upper_arm", "forearm", "hand")
+_ARM_JOINTS = ("shoulder", "elbow", "wrist")
+_WHY = {
+    "weakest": "two neighbouring segments could nearly be one",
+    "runner-up": "one of the segments could nearly be two",
+    "hidden-tip": "the last segment may be two that hardly move against each other",
+    "joint": "two neighbouring segments hardly share a point",
+    "base": "both ends of the chain move about as much, so either could be the base",
+    "left-out": "many markers are on no segment",
+}
+
+
+def segment_bodies(context: Context) -> Outputs:
+    """Return segments.parquet of a trial in space."""
+    settings: SegmentSettings = context.settings
+    view = Trajectories(context.long("planar.parquet"))
+    if context.trial.calibration is not None:
+        return (_calibrated(context, view),)
+    labels = view.labels
+    out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
+    points = view.in_space(np.arange(len(labels)))
+    points[:, out] = np.nan
+    hints = marker_constraints(labels, settings)
+    found = segment_in_space(points, search_rules(settings, _LONGEST), hints, settings.frames)
+    names = given_names(settings.names, found.count) if settings.names else _names(context, labels, found)
+    joint_names = _joint_names(names)
+    why = ["left out by `segment: ignore`" if marker in out else reason for marker, reason in enumerate(found.reasons)]
+    columns = {
+        "marker": np.array(labels, dtype=object),
+        "segment": found.segment,
+        "residual": found.residual,
+        "reason": np.array(why, dtype=object),
+    }
+    facts = _facts(found, names, joint_names, labels)
+    return (Table(SEGMENTS, columns, facts, _unsure(found) + _branches(found, labels)),)
+
+
+def _names(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:
+    """Return names of the segments: those of an arm if its landmarks are on them in this order."""
+    named = find_landmarks(labels, given_landmarks(context.trial), context.trial.side)
+    votes: dict[int, Counter[str]] = {}
+    for name, marker in named.markers.items():
+        votes.setdefault(int(found.segment[marker]), Counter())[LANDMARK_SEGMENTS[name]] += 1
+    names: list[str] = []
+    for k, name in enumerate(_ARM[: found.count]):
+        if name == "hand" or votes.get(k, Counter())[name] > 0:
+            names.append(name)
+        else:
+            break
+    if len(names) < 2:
+        names = ["base"]
+    return (*names, *(f"segment_{k}" for k in range(len(names), found.count)))
+
+
+def _joint_names(names: Sequence[str]) -> list[str]:
+    """Return names of the joints; joint k leads to segment k."""
+    return [_ARM_JOINTS[k - 1] if k < len(_ARM) and names[k] == _ARM[k] else f"joint {k}" for k in range(1, len(names))]
+
+
+def _facts(
+    found: SpatialSegmentation, names: Sequence[str], joint_names: Sequence[str], labels: Sequence[str]
+) -> dict[str, Any]:
+    """Return the facts of segments.parquet; those of the plane alone are empty."""
+    return {
+        "count": found.count,
+        "names": list(names),
+        "joint_names": list(joint_names),
+        "parents": list(found.parents),
+        "joint_markers": {},
+        "links": None,
+        "bad_stretches": [],
+        "confidence": found.confidence.value,
+        "against": dict(found.confidence.against),
+        "planarity": found.planarity,
+        "moving_base": found.moving_base,
+        "joint_confidences": list(found.confidence.joints),
+        "joint_ratios": list(found.ratios),
+        "joint_residuals_m": list(found.joint_residuals),
+        "asymmetry_deg": [],
+        "noise_floor_m": None,
+        "static_gap": None,
+        "hypotheses": [],
+        "divisions": [
+            {
+                "parts": [[labels[m] for m in part] for part in each.parts],
+                "evidence": each.evidence,
+                "gain": each.gain,
+                "chosen": each.chosen,
+            }
+            for each in found.hypotheses
+        ],
+    }
+
+
+def _unsure(found: SpatialSegmentation) -> tuple[Reason, ...]:
+    """Return a caution if the segments are more likely wrong than right, with the strongest evidence against them."""
+    confidence = found.confidence
+    if confidence.value >= UNSURE:
+        return ()
+    gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
+    return (
+        Reason(
+            "segments-unsure",
+            f"the segments are doubtful: {_WHY[gravest]}. Check the skeleton; if it is wrong, set `segment: {{count: "
+            "…}`, or name markers that are `together` or `apart`, or markers to `ignore`.",
+            confidence.value,
+            UNSURE,
+        ),
+    )
+
+
+def _branches(found: SpatialSegmentation, labels: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a note about bodies that are not on the chain."""
+    if not found.branches:
+        return ()
+    groups = "; ".join(", ".join(labels[m] for m in branch) for branch in found.branches)
+    return (
+        Reason(
+            "branches-left-out",
+            f"{len(found.branches)} bodies are on no segment of the chain, which has no branches: {groups}.",
+            float(len(found.branches)),
+            level="ok",
+        ),
+    )
+
+
+def _calibrated(context: Context, view: Trajectories) -> Table:
+    """Return the assignment of the calibration, for the markers that this trial has."""
+    assert context.trial.calibration is not None
+    settings: SegmentSettings = context.settings
+    tree = read_calibration(context.trial.calibration)
+    local, owner = tree.numbers("markers/local", (-1, 3)), tree.integers("markers/segment")
+    place = {label: k for k, label in enumerate(tree.texts("markers/name"))}
+    out = marker_columns(view.labels, settings.ignore, "segment: ignore")
+    there = np.array([m for m, label in enumerate(view.labels) if label in place and m not in out], dtype=np.int64)
+    segment = np.full(len(view.labels), -1, dtype=np.int64)
+    segment[there] = owner[[place[view.labels[m]] for m in there]]
+    residual = np.full(len(view.labels), np.nan)
+    points, own = view.in_space(there), local[[place[view.labels[m]] for m in there]]
+    for k in range(int(owner.max()) + 1):
+        here = segment[there] == k
+        residual[there[here]] = _residuals(points[:, here], own[here])
+    names = tree.texts("segments/name")
+    why = [
+        f"as in the calibration: {names[segment[m]].replace('_', ' ')}" if segment[m] >= 0 else "not in the calibration"
+        for m in range(len(view.labels))
+    ]
+    columns = {
+        "marker": np.array(view.labels, dtype=object),
+        "segment": segment,
+        "residual": residual,
+        "reason": np.array(why, dtype=object),
+    }
+    facts = _calibrated_facts(names, tree.integers("joints/parent"))
+    return Table(SEGMENTS, columns, facts, _moved(view.labels, residual) + _few(names, segment))
+
+
+_MOVED = 0.02
+"""rms distance of a marker from its place in the calibration, m, beyond which it counts as another marker."""
+
+
+def _residuals(points: FloatArray, local: FloatArray) -> FloatArray:
+    """Return the rms distance of markers (F, k, 3) from their places on a rigid body (k, 3), m."""
+    if points.shape[1] < 3:
+        return np.full(points.shape[1], np.nan)
+    rotation, origin, _ = rigid_poses(points, local)
+    off = points - origin[:, None] - np.einsum("fij,kj->fki", rotation, local)
+    square = np.sum(off**2, axis=2)
+    seen = np.isfinite(square)
+    return np.asarray(np.sqrt(np.where(seen, square, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)))
+
+
+def _moved(labels: Sequence[str], residual: FloatArray) -> tuple[Reason, ...]:
+    """Return a caution for markers that are not where the calibration has them."""
+    far = np.flatnonzero(residual > _MOVED)
+    if not len(far):
+        return ()
+    worst = int(far[np.argmax(residual[far])])
+    return (
+        Reason(
+            "calibration-differs",
+            f"{', '.join(labels[int(m)] for m in far)} are not where the calibration has them ({labels[worst]}: "
+            f"{1e3 * residual[worst]:.0f} mm rms away): markers were moved or exchanged between the trials. Use a "
+            "calibration with the same markers, or leave them out with `segment: {ignore: …}`.",
+            float(residual[worst]),
+            _MOVED,
+        ),
+    )
+
+
+def _few(names: Sequence[str], segment: IntArray) -> tuple[Reason, ...]:
+    """Return a caution for segments of the calibration with fewer than three markers in this trial."""
+    few = [name for k, name in enumerate(names) if np.count_nonzero(segment == k) < 3]
+    if not few:
+        return ()
+    return (
+        Reason(
+            "calibration-differs",
+            f"fewer than three markers of the calibration's {', '.join(few)} are in this trial; the poses of these "
+            "segments are uncertain. Use the same marker labels in both trials.",
+        ),
+    )
+
+
+def _calibrated_facts(names: Sequence[str], parents: IntArray) -> Mapping[str, Any]:
+    return {
+        "count": len(names),
+        "names": list(names),
+        "joint_names": _joint_names(names),
+        "parents": parents.tolist(),
+        "joint_markers": {},
+        "links": None,
+        "bad_stretches": [],
+        "confidence": None,
+        "against": {},
+        "planarity": None,
+        "joint_confidences": [],
+        "joint_ratios": [],
+        "asymmetry_deg": [],
+        "noise_floor_m": None,
+        "static_gap": None,
+        "hypotheses": [],
+        "divisions": [],
+    }

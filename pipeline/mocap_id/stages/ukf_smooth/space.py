@@ -1,0 +1,207 @@
+"""Function of the stage ukf-smooth for a trial in space: poses of segments, angles of joints, marker residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.anatomy.angles import JointAngles, elbow_angles, joint_coordinates, shoulder_angles, wrist_angles
+from mocap_id.anatomy.coordinates import RelativeMotion
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
+from mocap_id.geometry import so3
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames, repeated_reason
+from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
+from mocap_id.store import LongTable, Table, Tree
+from mocap_id.store.schemas import ANGLES, ENCODER, MARKERS, POSES, SKIN, STATES
+from mocap_id.store.spatial_views import SpatialSkeleton
+from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
+
+_ANATOMICAL = {
+    ("thorax", "upper_arm"): shoulder_angles,
+    ("upper_arm", "forearm"): elbow_angles,
+    ("forearm", "hand"): wrist_angles,
+}
+"""Angles of the field, by the segments of a joint."""
+
+
+def smooth_rotations(context: Context) -> Outputs:
+    """Return states.parquet, markers.parquet, poses.parquet, angles.parquet and what else the plane has, empty."""
+    settings: UkfSmoothSettings = context.settings
+    tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
+    view = Trajectories(context.long("planar.parquet"), bad)
+    check_uniform(view, context.trial.trial)
+    skeleton = SpatialSkeleton.from_tree(tree)
+    columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
+    points = view.in_space(columns)
+    repeated = find_repeated_frames(points)
+    points[repeated] = np.nan
+    given = SpatialSettings(
+        settings.marker_sd, settings.sigma_v, settings.marker_sd_floor, settings.gate, settings.angle_sd_limit
+    )
+    states = smooth_in_space(points, view.rate, skeleton.chain, given)
+    observed = bridge_repeated(states.observed, repeated, view.rate)
+    angles = _angles(states, skeleton, tree.facts.get("frame_covariance"))
+    reasons = _gaps(states, view.time, skeleton.segments, settings) + repeated_reason(repeated)
+    facts = _facts(states, points, settings)
+    return (
+        Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
+        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(states, points)),
+        _no_skin(),
+        Table(ENCODER, {column.name: np.zeros(0) for column in ENCODER.columns}, {"why": "a trial in space has none"}),
+        Table(POSES, _pose_columns(states, skeleton.segments, view.time, observed)),
+        Table(ANGLES, _angle_columns(angles, view.time)),
+    )
+
+
+def _angles(
+    states: SpatialStates, skeleton: SpatialSkeleton, frames: Sequence[Any] | None
+) -> list[tuple[JointAngles, bool]]:
+    """Return the angles of every joint: those of the field between anatomical frames, else its own coordinates."""
+    found = []
+    for k, joint in enumerate(skeleton.chain.joints):
+        motion = RelativeMotion(
+            states.joint_rotations[:, k],
+            states.velocity[:, k],
+            states.acceleration[:, k],
+            states.joint_covariance[:, k],
+        )
+        pair = (skeleton.segments[joint.parent], skeleton.segments[k + 1])
+        errors = None if frames is None else frames[k]
+        if pair in _ANATOMICAL and errors is not None:
+            found.append((_ANATOMICAL[pair](motion, np.array(errors)), pair[1] == "upper_arm"))
+        else:
+            names = tuple(f"joint_{k + 1}_{d}" for d in range(1, joint.dimension + 1))
+            found.append((joint_coordinates(motion, joint, names), False))
+    return found
+
+
+def _angle_columns(found: Sequence[tuple[JointAngles, bool]], time: FloatArray) -> dict[str, FloatArray]:
+    columns: dict[str, FloatArray] = {"time": time}
+    for angles, is_shoulder in found:
+        for k, name in enumerate(angles.names):
+            columns |= {
+                name: angles.angle[:, k],
+                f"d{name}": angles.rate[:, k],
+                f"dd{name}": angles.acceleration[:, k],
+                f"sd_{name}": angles.sd.angle[:, k],
+                f"sd_d{name}": np.hypot(angles.sd.rate[:, k], angles.constant_sd.rate[:, k]),
+                f"sd_dd{name}": np.hypot(angles.sd.acceleration[:, k], angles.constant_sd.acceleration[:, k]),
+                f"constant_sd_{name}": angles.constant_sd.angle[:, k],
+            }
+        if is_shoulder:
+            columns["isb_condition"] = angles.condition
+    return columns
+
+
+def _pose_columns(
+    states: SpatialStates, names: Sequence[str], time: FloatArray, observed: BoolArray
+) -> dict[str, FloatArray | BoolArray]:
+    columns: dict[str, FloatArray | BoolArray] = {"time": time}
+    for k, name in enumerate(names):
+        quaternion = _continuous(so3.quaternion(states.rotations[:, k]))
+        columns |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
+        for i, axis in enumerate("xyz"):
+            columns |= {
+                f"{name}_{axis}": states.origins[:, k, i].copy(),
+                f"{name}_omega_{axis}": states.omega[:, k, i].copy(),
+                f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
+            }
+        columns |= {
+            f"sd_{name}_omega": states.sd_omega[:, k].copy(),
+            f"sd_{name}_alpha": states.sd_alpha[:, k].copy(),
+            f"{name}_observed": observed[:, k].copy(),
+        }
+    return columns
+
+
+def _continuous(quaternion: FloatArray) -> FloatArray:
+    """Return quaternions (F, 4) with signs that change nowhere between known samples; the first scalar is positive."""
+    known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+    found = quaternion.copy()
+    if len(known):
+        same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
+        first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
+        found[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
+    return found
+
+
+def _state_columns(
+    states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
+) -> dict[str, FloatArray | BoolArray]:
+    """Return the states of the hinges, by the number of their joint."""
+    columns: dict[str, FloatArray | BoolArray] = {"time": time}
+    for k, joint in enumerate(skeleton.chain.joints):
+        if joint.kind != "hinge":
+            continue
+        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+            columns[f"{name}_{k + 1}"] = states.coordinates[:, k, d, 0].copy()
+            columns[f"sd_{name}_{k + 1}"] = states.sd_coordinates[:, k, d, 0].copy()
+        columns[f"dddtheta_{k + 1}"] = states.jerk[:, k] @ (joint.offset.T @ joint.first_axis)
+        columns[f"observed_{k + 1}"] = observed[:, k + 1].copy()
+    return columns
+
+
+def _markers(states: SpatialStates, points: FloatArray) -> dict[str, FloatArray | BoolArray]:
+    off = np.linalg.norm(points - states.predicted, axis=2)
+    place = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
+    return {**place, "residual": off, "used": states.used}
+
+
+def _facts(states: SpatialStates, points: FloatArray, settings: UkfSmoothSettings) -> dict[str, Any]:
+    """Return facts for the report, as in the plane."""
+    off = np.sum((points - states.predicted) ** 2, axis=2)
+    there, used = np.isfinite(off), np.isfinite(off) & states.used
+    return {
+        "marker_sd_m": float(states.noise.camera_sd),
+        "marker_sds_m": states.noise.marker_sd.tolist(),
+        "sigma_v": states.noise.snap.tolist(),
+        "reprojection_rms_m": float(np.sqrt(off[used].mean())) if used.any() else None,
+        "outlier_fraction": float(1 - used.sum() / there.sum()) if there.any() else None,
+        "bridged_fraction": np.mean(~states.observed[:, 1:], axis=0).tolist(),
+        "method": settings.method,
+        "engine": settings.engine,
+    }
+
+
+def _no_skin() -> Tree:
+    """Return skin.h5 without markers: the skin's errors are in the standard deviations of the states."""
+    shapes = {
+        "joints/centre": (0, 2),
+        "markers/local": (0, 2),
+        "response/slides": (0, 2, 2, 0),
+        "response/noise": (0, 0),
+    }
+    data: dict[str, dict[str, Any]] = {}
+    for node in SKIN.nodes:
+        group, name = node.name.split("/")
+        kind = {"float64": np.float64, "int64": np.int64, "str": object}[node.dtype]
+        data.setdefault(group, {})[name] = np.zeros(shapes.get(node.name, (0,)), dtype=kind)
+    return Tree(SKIN, data, {"camera_sd_m": None, "basis": "not estimated for trials in space"})
+
+
+def _gaps(
+    states: SpatialStates, time: FloatArray, names: Sequence[str], settings: UkfSmoothSettings
+) -> tuple[Reason, ...]:
+    """Return a caution for every segment whose pose has gaps."""
+    reasons = []
+    for k, name in enumerate(names):
+        missing = np.isnan(states.omega[:, k, 0])
+        if not missing.any():
+            continue
+        gaps = find_runs(missing)
+        longest = max(gaps, key=lambda gap: gap.stop - gap.start)
+        seconds = np.count_nonzero(missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
+        where = "throughout" if missing.all() else f"{len(gaps)} times, longest from {time[longest.start]:.2f} s"
+        message = (
+            f"the pose of the {name.replace('_', ' ')} is not given for {seconds:.2f} s ({where}): its markers are "
+            "missing, or do not fit the chain, for so long that its standard deviation would exceed "
+            f"{settings.angle_sd_limit:g} rad. Fill or relabel them, or leave this time out with `window:`."
+        )
+        reasons.append(Reason("gap", message, float(seconds), 0.0))
+    return tuple(reasons)
