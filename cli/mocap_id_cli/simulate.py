@@ -1,8 +1,8 @@
 """``mocap-id simulate``: trials, robot studies and cohorts whose truth is known.
 
 The options of the commands, with their defaults and help texts, are the fields of :class:`mocap_id.simulation.Options`,
-and for trials in space those of :class:`~mocap_id.simulation.arm.ArmOptions` and
-:class:`~mocap_id.simulation.arm.ChainOptions`.
+and for trials in space those of :class:`~mocap_id.simulation.arm.ArmOptions`,
+:class:`~mocap_id.simulation.arm.ChainOptions` and :class:`~mocap_id.simulation.space_robot.SpaceRobotOptions`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from mocap_id import simulation
 from mocap_id.simulation import Cohort, Kind, Options, PersonOptions, RobotSet, Strategy
 from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
 from mocap_id.simulation.options import FaultOptions, read_faults, read_people
+from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
-_AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions
+_AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions | SpaceRobotOptions
 _TEXTS = {"people": read_people, "faults": read_faults}
 _HELP = {
     "people": "Differences between the person and rigid segments on pins: "
@@ -48,7 +49,12 @@ def commands() -> typer.Typer:
     every = tuple(name for name in _names(Options()) if name != "subject")
     for kind in get_args(Kind):
         app.command(kind)(_with_options(partial(_trial, kind), _trial.__doc__, Options(), every))
-    for name, write, defaults in (("arm", _arm, ArmOptions()), ("chain", _chain, ChainOptions())):
+    in_space: tuple[tuple[str, Callable[..., Path], _AnyOptions], ...] = (
+        ("arm", _arm, ArmOptions()),
+        ("chain", _chain, ChainOptions()),
+        ("robot-in-space", _space_robot, SpaceRobotOptions()),
+    )
+    for name, write, defaults in in_space:
         app.command(name)(_with_options(write, write.__doc__, defaults, _names(defaults)))
     app.command("robot-set")(_with_options(_robot_set, _robot_set.__doc__, RobotSet().options, _ROBOT_SET))
     app.command("cohort")(_with_options(_cohort, _cohort.__doc__, Cohort().options, _COHORT))
@@ -103,6 +109,11 @@ def _arm(folder: Folder, *, options: ArmOptions) -> Path:
 def _chain(folder: Folder, *, options: ChainOptions) -> Path:
     """Simulate a chain of bodies without names, in space, with its exact truth and a trial.yaml ready to run."""
     return write_chain(folder, options)
+
+
+def _space_robot(folder: Folder, *, options: SpaceRobotOptions) -> Path:
+    """Simulate a robot whose joints move together in space, on a force plate, with its exact truth."""
+    return simulate_space_robot(folder, options)
 
 
 def _robot_set(

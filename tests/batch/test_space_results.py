@@ -32,7 +32,7 @@ def test_a_baseline_holds_joints_and_ranges() -> None:
     assert found["joints.shoulder.z"].tolerance == pytest.approx(1.96 * 3e-3)
     assert (found["joints.elbow.kind"].value, found["joints.elbow.known"].value) == ("two-axis", "True")
     flexion = found["angles.elbow_flexion.range_deg"]
-    assert flexion.unit == "deg" and 1.0 < flexion.tolerance < 2.0
+    assert flexion.unit == "deg" and 3.0 < flexion.tolerance < 4.0
     assert found["lengths_m.upper_arm"].value == pytest.approx(0.3)
 
 

@@ -236,9 +236,8 @@ def test_types_of_settings_are_words() -> None:
     (page,) = (page for page in PAGES if page.name == "settings.md")
     types = re.findall(r"^\| `[^|]*` \| ([^|]*) \|", page.read_text("utf-8"), flags=re.MULTILINE)
     assert len(types) > 40
-    assert [
-        kind for kind in types if not re.fullmatch(r"(list of )?(`[^`]+`(, )?)+|[a-z0-9 ]+(: [a-z ]+)?", kind)
-    ] == []
+    words = r"((list of |[a-z ]+ or )?(`[^`]+`(, )?)+|[a-z0-9 ]+)"
+    assert [kind for kind in types if not re.fullmatch(rf"{words}(: {words})?", kind)] == []
 
 
 def test_make_knows_every_target_that_is_shown() -> None:

@@ -229,3 +229,11 @@ def test_options_that_cannot_be(reaching_arm: Path, options: tuple[object, ...],
     error = call("workspace", reaching_arm, *options, "-q").exception
     assert isinstance(error, ConfigError)
     assert told in str(error)
+
+
+def test_the_figure_of_a_chain_is_written(tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text(CHAIN + "postures: 256\nboxes: 500\n", "utf-8")
+    result = call("prescribe", file, "--out", tmp_path / "out", "-q")
+    assert result.exit_code == 0, result.exception
+    assert list((tmp_path / "out").glob("*.svg"))

@@ -49,7 +49,13 @@ def figure(name: str, trial: SpatialTrial, **changed: Artefact) -> Figure:
 
 def test_the_page_has_joints_kinds_axes_angles_and_landmarks() -> None:
     text = page()
-    for words in ("Kinds of the joints", "Axes of hinges", "Anatomical landmarks", "frames of the segments are those"):
+    for words in (
+        "Kinds of the joints",
+        "Glide: shift",
+        "Axes of hinges",
+        "Anatomical landmarks",
+        "frames of the segments are those",
+    ):
         assert words in text
     for name in ANGLES_OF_ARM:
         assert f">{name.replace('_', ' ')}</td>" in text
@@ -173,3 +179,14 @@ def test_a_refused_trial_shows_its_markers() -> None:
     text = written({"planar.parquet": trial.planar()}, refusal)["report.html"].decode("utf-8")
     assert 'id="player-turn"' in text and "Markers as recorded" in text and ">Angles</h2>" not in text
     assert "Refused" in written({}, refusal)["report.html"].decode("utf-8")
+
+
+def test_a_joint_far_from_all_markers_is_within_the_views() -> None:
+    trial = SpatialTrial(frames=60, arm=False)
+    tree = trial.tree()
+    poses = trial.poses()
+    far = {f"segment_1_{axis}": poses[f"segment_1_{axis}"] + 1.5 for axis in "xyz"}
+    for panel in figure("skeleton", trial, **{"chain.h5": tree, "poses.parquet": poses.having(**far)}).panels:
+        rings = next(one for one in panel.items if isinstance(one, Points) and one.symbol == "ring")
+        assert panel.x_range[0] < rings.x.min() and rings.x.max() < panel.x_range[1]
+        assert panel.y_range[0] < rings.y.min() and rings.y.max() < panel.y_range[1]

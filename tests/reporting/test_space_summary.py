@@ -78,17 +78,12 @@ def test_the_shortest_arc_is_found_anywhere(start: float) -> None:
     assert abs(found.min() + found.max()) / 2 <= 180 + 1e-9
 
 
-def test_the_range_interval_holds_the_truth_in_19_of_20_trials() -> None:
-    inside = 0
-    for seed in range(200):
-        trial = SpatialTrial(frames=60, seed=seed)
-        noisy = trial.angles_table()
-        error = 0.01 * np.random.default_rng(seed).standard_normal()
-        values = np.where(noisy["elbow_flexion"] > 1.5, noisy["elbow_flexion"] + error, noisy["elbow_flexion"])
-        entry = summary_of(trial.artefacts() | {"angles.parquet": noisy.having(elbow_flexion=values)})["angles"]
-        low, high = entry["elbow_flexion"]["interval_deg"]
-        inside += low <= np.degrees(np.ptp(trial.angles[:, 3])) <= high
-    assert inside >= 185
+def test_the_interval_of_a_range_holds_the_errors_of_both_ends_and_of_the_landmarks() -> None:
+    trial = SpatialTrial(frames=120)
+    entry = summary_of(trial.artefacts())["angles"]["elbow_flexion"]
+    sd = np.degrees(np.sqrt(0.01**2 + 0.01**2 + 0.03**2))
+    assert entry["interval_deg"] == pytest.approx([entry["range_deg"] - 1.96 * sd, entry["range_deg"] + 1.96 * sd])
+    assert (entry["sd_deg"], entry["constant_sd_deg"]) == pytest.approx((np.degrees(0.01), np.degrees(0.03)))
 
 
 def test_a_centre_that_the_motion_does_not_show_has_no_number() -> None:

@@ -12,6 +12,7 @@ from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
+from mocap_id.reporting.explanations.space import SPACE
 from mocap_id.reporting.explanations.transfer import TRANSFER
 
 PACKAGE = Path(mocap_id.__file__).parent
@@ -48,7 +49,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, LANDMARKS, PARAMETERS, RECORDING, SKELETON, TRANSFER)))
+    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, LANDMARKS, PARAMETERS, RECORDING, SKELETON, SPACE, TRANSFER)))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

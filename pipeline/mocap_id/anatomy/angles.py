@@ -21,7 +21,7 @@ from mocap_id.anatomy.coordinates import (
     axes_of_rotation_vector,
     axes_of_turns,
     deviations,
-    frame_errors,
+    frame_lever,
     rates,
 )
 from mocap_id.arrays import BoolArray, FloatArray
@@ -57,9 +57,9 @@ class JointAngles:
     angle, rate, acceleration : (F, k) arrays
         rad, rad/s, rad/s²; continuous in time.
     sd : Deviations
-        From the motion alone: the uncertainty of changes since the still pose.
-    constant_sd : Deviations
-        From the constant errors of the landmarks' frames alone. An absolute angle has ``hypot(sd, constant_sd)``.
+        Uncertainty of the angles' changes, of rates and of accelerations: by the motion, and by the landmarks' frames.
+    constant_sd : (k,) array
+        Uncertainty of the mean angles by the landmarks' frames, rad. An absolute angle has ``hypot(sd, constant_sd)``.
     condition : (F,) array
         Factor by which errors grow: 1/|sin elevation| at the shoulder, 1/|cos carrying| at the elbow, else 1.
     near_gimbal : (F,) bool array
@@ -71,7 +71,7 @@ class JointAngles:
     rate: FloatArray
     acceleration: FloatArray
     sd: Deviations
-    constant_sd: Deviations
+    constant_sd: FloatArray
     condition: FloatArray
     near_gimbal: BoolArray
 
@@ -158,8 +158,13 @@ def _with_rates(
     """Return the first angles, as many as names, with rates, accelerations and standard deviations."""
     rate, acceleration, jacobian = rates(axes, motion)
     keep, dimension = len(names), angles.shape[1]
-    sd = deviations(jacobian, motion.covariance)
-    constant = np.zeros_like(sd) if frames is None else deviations(jacobian, frame_errors(motion, frames))
+    sd, constant, turned = deviations(jacobian, motion.covariance), np.zeros(keep), np.abs(sine) < GIMBAL
+    if frames is not None:
+        by_frames = jacobian @ frame_lever(motion)
+        good = ~turned & np.isfinite(by_frames).all(axis=(1, 2))
+        mean = by_frames[good, :keep].mean(axis=0) if good.any() else np.zeros((keep, 6))
+        by_frames[:, :keep] -= mean
+        sd, constant = np.hypot(sd, deviations(by_frames, frames)), deviations(mean, frames)
 
     def split(values: FloatArray) -> Deviations:
         return Deviations(*(values[:, i * dimension : i * dimension + keep] for i in range(3)))
@@ -171,9 +176,9 @@ def _with_rates(
         rate[:, :keep],
         acceleration[:, :keep],
         split(sd),
-        split(constant),
+        constant,
         condition,
-        np.abs(sine) < GIMBAL,
+        turned,
     )
 
 

@@ -39,6 +39,26 @@ class RelativeMotion:
     covariance: FloatArray
 
 
+def compose(first: RelativeMotion, second: RelativeMotion) -> RelativeMotion:
+    """Return the motion of a grandchild against its grandparent, from parent and child, and child and grandchild.
+
+    With the second rotation R, omega = R^T omega_1 + omega_2 and alpha = R^T alpha_1 + (R^T omega_1) x omega_2 +
+    alpha_2. The errors of both motions count as independent.
+    """
+    back = np.swapaxes(second.rotation, 1, 2)
+    carried = np.einsum("fij,fj->fi", back, first.velocity)
+    lever = np.zeros((len(back), 9, 9))
+    for i in range(3):
+        lever[:, 3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = back
+    lever[:, 6:, 3:6] = -so3.hat(second.velocity) @ back
+    return RelativeMotion(
+        first.rotation @ second.rotation,
+        carried + second.velocity,
+        np.einsum("fij,fj->fi", back, first.acceleration) + np.cross(carried, second.velocity) + second.acceleration,
+        lever @ first.covariance @ np.swapaxes(lever, 1, 2) + second.covariance,
+    )
+
+
 @dataclass(frozen=True)
 class AxisDerivatives:
     """The matrix B of a joint with its derivatives.
@@ -80,13 +100,22 @@ def axes_of_turns(turns: FloatArray, q: FloatArray, offsets: FloatArray | None =
         later = so3.exp(q[:, i : i + 1] * turns[i]) @ later
         if offsets is not None and i > 0:
             later = offsets[i - 1] @ later
-    columns = np.moveaxis(axes, 1, 2)
-    after = np.arange(dimension)[:, None] < np.arange(dimension)[None, :]
-    first = np.cross(columns[:, :, None], columns[:, None, :]) * after[None, :, :, None]
-    bent = np.cross(first[:, :, None, :], columns[:, None, :, None])
-    turned = np.cross(columns[:, :, None, None], first[:, None, :, :])
-    second = (bent + turned) * after[None, :, :, None, None]
-    return AxisDerivatives(axes, np.moveaxis(first, 3, 1), np.moveaxis(second, 4, 1))
+    first = np.zeros((count, 3, dimension, dimension))
+    second = np.zeros((count, 3, dimension, dimension, dimension))
+    pairs = [(i, k) for i in range(dimension) for k in range(i + 1, dimension)]
+    for i, k in pairs:
+        first[:, :, i, k] = _cross(axes[:, :, i], axes[:, :, k])
+    for i, k in pairs:
+        for j in range(i + 1, dimension):
+            bent = _cross(first[:, :, i, j], axes[:, :, k])
+            second[:, :, i, k, j] = bent + _cross(axes[:, :, i], first[:, :, k, j]) if j > k else bent
+    return AxisDerivatives(axes, first, second)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a × b of arrays (F, 3), faster than ``numpy.cross``."""
+    (x, y, z), (u, v, w) = a.T, b.T
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
 def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
@@ -180,24 +209,20 @@ def _inverse(axes: FloatArray) -> FloatArray:
     return inverse
 
 
-def frame_errors(motion: RelativeMotion, frames: FloatArray) -> FloatArray:
-    """Return the covariance (F, 9, 9) of a relative motion that constant errors of the two frames cause.
+def frame_lever(motion: RelativeMotion) -> FloatArray:
+    """Return the effect (F, 9, 6) of constant errors of the two frames on a relative motion.
 
-    Parameters
-    ----------
-    motion : RelativeMotion
-    frames : (6, 6) array
-        Covariance of the rotation vectors of the parent's and the child's frame, each in its own axes, rad².
+    The errors are the rotation vectors of the parent's and of the child's frame, each in its own axes, rad.
     """
     lever = np.zeros((len(motion.rotation), 9, 6))
     lever[:, :3, :3] = -np.swapaxes(motion.rotation, 1, 2)
     lever[:, :3, 3:] = np.eye(3)
     lever[:, 3:6, 3:] = so3.hat(motion.velocity)
     lever[:, 6:, 3:] = so3.hat(motion.acceleration)
-    return np.asarray(lever @ frames @ np.swapaxes(lever, 1, 2))
+    return lever
 
 
 def deviations(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return standard deviations (F, 3 d) for a Jacobian (F, 3 d, 9) and a covariance (F, 9, 9)."""
-    variance = np.sum((jacobian @ covariance) * jacobian, axis=2)
+    """Return standard deviations (..., k) for a Jacobian (..., k, m) and a covariance (..., m, m)."""
+    variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)
     return np.asarray(np.sqrt(np.maximum(variance, 0)))

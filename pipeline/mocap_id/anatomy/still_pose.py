@@ -15,7 +15,7 @@ from mocap_id.verdict import Reason
 _SPAN = 0.2  # s, over which a velocity is measured
 _QUIET = 0.02  # m/s, postural sway stays below it
 _SHORTEST = 0.3  # s
-_SHARE = 90  # percentile of the markers' speeds that must be quiet: a lone shaking marker does not count
+_SHARE = 0.9  # of the visible markers that must be quiet: a lone shaking marker does not count
 _HOLES = 0.1  # s, runs of quiet frames closer than this are one
 _BENT = 0.01  # m, rms at which a landmark does not follow its cluster
 
@@ -121,10 +121,9 @@ def _speeds(points: FloatArray, rate: float) -> FloatArray:
     count = len(points)
     late, early = np.minimum(np.arange(count) + half, count - 1), np.maximum(np.arange(count) - half, 0)
     steps = np.linalg.norm(points[late] - points[early], axis=-1) * rate / np.maximum(late - early, 1)[:, None]
-    speed = np.full(count, np.nan)
-    seen = np.isfinite(steps).any(axis=1)
-    speed[seen] = np.nanpercentile(steps[seen], _SHARE, axis=1)
-    return speed
+    seen = np.isfinite(steps).sum(axis=1)
+    rank = np.maximum(np.ceil(_SHARE * seen).astype(np.int64) - 1, 0)
+    return np.asarray(np.take_along_axis(np.sort(steps, axis=1), rank[:, None], axis=1)[:, 0])
 
 
 def _close_holes(flags: BoolArray, longest: int) -> BoolArray:

@@ -16,7 +16,7 @@ from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.reference_prior import ReferencePrior, reference_deviations
+from mocap_id.dynamics.reference_prior import ReferencePrior, foot_deviations, reference_deviations
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,7 @@ def identify(
     consistency: Consistency = "grid",
     reference_sd: float = 0.15,
     reference_pulls: bool = False,
+    foot_sd: float | None = None,
 ) -> Identification:
     """Identify the parameters on the gated samples (eq. 4.24-4.26).
 
@@ -114,6 +115,9 @@ def identify(
         Relative standard deviation of the reference's parameters.
     reference_pulls : bool
         Whether the reference is also a prior of the base parameters (4.13).
+    foot_sd : float, optional
+        Standard deviation of the foot's first moment in relation to the body's mass, m: the reference is a prior of the
+        foot alone.
 
     Raises
     ------
@@ -124,14 +128,12 @@ def identify(
     solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
     refit = partial(fit_quickly, regrouping=prepared.base.regrouping, grid=grid, consistency=consistency)
     alone = _from_data(prepared, found, solve(found.problem, prepared.base.regrouping), error, refit)
-    if reference_pulls and np.isfinite(reference).all():
-        return _with_reference(
-            alone,
-            prepared.base.regrouping,
-            ReferencePrior(reference, reference_deviations(reference, reference_sd)),
-            solve,
-        )
-    return alone
+    if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
+        return alone
+    deviations = reference_deviations(reference, reference_sd)
+    if not reference_pulls and foot_sd is not None:
+        deviations = foot_deviations(reference, foot_sd * float(reference[::4].sum()), reference_sd)
+    return _with_reference(alone, prepared.base.regrouping, ReferencePrior(reference, deviations), solve)
 
 
 def _from_data(

@@ -18,6 +18,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.least_squares import CompressedProblem
 
 _LEAST = 1e-6  # SI: least standard deviation, also of parameters that are zero
+_OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
 
 def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
@@ -34,6 +35,26 @@ def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
     first = np.hypot(blocks[:, 1], blocks[:, 2])
     scale = relative * np.column_stack([blocks[:, 0], first, first, blocks[:, 3]])
     return np.maximum(scale, _LEAST).reshape(-1)
+
+
+def foot_deviations(reference: FloatArray, first_moment: float, relative: float) -> FloatArray:
+    """Return the standard deviations (4(n + 1),) of a reference that is known for the foot alone.
+
+    The foot's first moment differs little between people: its mass is small. The torque of the ankle then follows from
+    the centre of pressure and the place of the joint, and no longer from the masses above.
+
+    Parameters
+    ----------
+    reference : (4(n + 1),) array
+        m, mx, my, Izz of every segment; the foot is the first.
+    first_moment : float
+        Standard deviation of the foot's mx, kg·m.
+    relative : float
+        That of its mass, as a fraction.
+    """
+    deviations = reference_deviations(reference, _OPEN)
+    deviations[:2] = relative * reference[0], first_moment
+    return np.maximum(deviations, _LEAST)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from mocap_id.dynamics.body_ratios import BodyRatios
 from mocap_id.dynamics.calibration import ScaleCause, ScaleCheck
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import wrench_effect
+from mocap_id.dynamics.long_rests import without_long_rests
 from mocap_id.dynamics.lowpass import LowPass, erode, known
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
@@ -30,7 +31,6 @@ _CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: above the first, the chain's smoothed a
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
 _EVERY = 2  # every second of them is a row
 _SECONDS = 3.0  # s: least time with rows
-_RESTING = 0.05  # of the largest joint velocity; slower is rest
 _SEEN = 6.6  # of χ²
 _SURE = 2.58  # standard deviations, 99 %
 _ROUNDS = 3
@@ -192,7 +192,8 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
     }
     model = lowpass(plain[:, :, kept])
     usable = erode(known(model) & known(measured) & gate[::step], lowpass.reach_samples)
-    rows = _without_long_rests(np.flatnonzero(usable)[::_EVERY], recorded.dq[::step])
+    rows = np.flatnonzero(usable)[::_EVERY]
+    rows = rows[without_long_rests(recorded.dq[::step][rows])]
     if len(rows) * _EVERY < _SECONDS * lowpass.rate:
         return None
     components, samples = list(prepared.settings.components), rows * step
@@ -225,13 +226,6 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
         pinned=prepared.prior is None,
         rigid=bool(np.all(rms < _RIGID)),
     )
-
-
-def _without_long_rests(rows: IntArray, velocity: FloatArray) -> IntArray:
-    """Return the rows without the rests, if these are longer than the motion: a held posture repeats its errors."""
-    speed = np.abs(velocity[rows]).max(axis=1, initial=0.0)
-    moving = speed >= _RESTING * np.quantile(speed, 0.95) if len(rows) else np.zeros(0, dtype=np.bool_)
-    return rows if 2 * moving.sum() >= len(rows) else rows[moving]
 
 
 def _fewer_modes(effect: FloatArray) -> FloatArray:

@@ -27,6 +27,12 @@ _LEVER_SQUARED = 1e-4  # m^2; an angle uses a degree of freedom if its markers h
 OUTLIER_SHARE = 1e-3
 """Share of outliers among the angles of single frames; jumps count as outliers, not as process noise."""
 
+_TURNING = 0.25  # s; time between the angles that show motion
+_RESTING = 0.1  # of a joint's largest turn in this time; less is rest
+_LEAST_TURN = 0.05  # rad; a joint whose largest turn is less does not move
+_FASTEST = 0.99  # quantile that is the largest turn
+_LEAST_MOTION = 0.25  # share of motion from which all frames count
+_NEAR = 2  # steps around motion that count
 _SETTLE = 10  # innovations that determine the unknown start, not counted
 
 
@@ -69,7 +75,8 @@ def process_noise(anchors: Anchors, dt: float) -> FloatArray:
     """Estimate the standard deviation of each joint's snap over one frame (n,), rad/s^4.
 
     The search is limited to :data:`SIGMA_V_BOUNDS`. With too few observed angles the result is the upper bound, and the
-    states then follow the angles of their own frames.
+    states then follow the angles of their own frames. Rests count only if they are at most three quarters of the time:
+    a joint at rest would make the noise of its motion too small.
 
     Parameters
     ----------
@@ -80,9 +87,10 @@ def process_noise(anchors: Anchors, dt: float) -> FloatArray:
     """
     step, shape, start = transition(dt)[0], noise_shape(dt), start_sd(dt) ** 2
     low, high = np.log(SIGMA_V_BOUNDS)
+    counted = anchors.observed & _in_motion(anchors, dt)[:, None]
     found = np.empty(anchors.angles.shape[1])
     for j in range(len(found)):
-        angle = np.where(anchors.observed[:, j], anchors.angles[:, j], np.nan)
+        angle = np.where(counted[:, j], anchors.angles[:, j], np.nan)
         variance = np.ascontiguousarray(anchors.covariance[:, j, j])
 
         def cost(log_sigma: float, angle: FloatArray = angle, variance: FloatArray = variance) -> float:
@@ -92,6 +100,22 @@ def process_noise(anchors: Anchors, dt: float) -> FloatArray:
         best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.01})
         found[j] = math.exp(best.x)
     return found
+
+
+def _in_motion(anchors: Anchors, dt: float) -> BoolArray:
+    """Return the frames (F,) near motion; all frames unless rests take most of the time."""
+    step = max(1, round(_TURNING / dt))
+    angles = np.where(anchors.observed, anchors.angles, np.nan)[::step]
+    turns = np.abs(np.diff(angles, axis=0, prepend=np.nan))
+    if len(turns) < 2 or not np.isfinite(turns).any(axis=0).all():
+        return np.ones(len(anchors.observed), dtype=np.bool_)
+    turns = np.where(np.isfinite(turns), turns, 0.0)
+    fastest = np.quantile(turns, _FASTEST, axis=0)
+    moving = (turns > _RESTING * np.where(fastest > _LEAST_TURN, fastest, np.inf)).any(axis=1)
+    if moving.mean() >= _LEAST_MOTION or not moving.any():
+        return np.ones(len(anchors.observed), dtype=np.bool_)
+    near = np.convolve(moving, np.ones(2 * _NEAR + 1), mode="same") > 0
+    return np.asarray(np.repeat(near, step)[: len(anchors.observed)])
 
 
 @compiled

@@ -44,6 +44,8 @@ class FilterSettings:
     sigma_v : float, optional
         Standard deviation of the snap held over one frame, rad/s^4, for every joint; estimated by default. Unlike
         sigma_v, its spectral density sigma_v^2 dt is independent of the frame rate.
+    sigma_v_ratio : float
+        Largest estimate of a joint's sigma_v, relative to the median of all joints.
     marker_sd_floor : float
         Least estimate of ``marker_sd``, m.
     gate : float
@@ -59,6 +61,7 @@ class FilterSettings:
     engine: Engine = "compiled"
     marker_sd: float | None = None
     sigma_v: float | None = None
+    sigma_v_ratio: float = math.inf
     marker_sd_floor: float = 5e-5
     gate: float = 5.0
     angle_sd_limit: float = 0.2
@@ -209,6 +212,7 @@ def _filter_problem(
     anchors = frames.anchors(marker_sd)
     given = settings.sigma_v
     sigma_v = process_noise(anchors, dt) if given is None else np.full(len(chain.centres), given)
+    sigma_v = np.minimum(sigma_v, settings.sigma_v_ratio * np.median(sigma_v))
     return FilterNoise(marker_sd, sigma_v), FilterProblem(
         observed=observed,
         dt=dt,

@@ -63,7 +63,7 @@ def draw_holdable_postures(tips: FloatArray, without: BoolArray, held: BoolArray
         Position of the first joint, m.
     """
     figure = paper_figures.new_figure(3.4)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    panels = figure.subplots(1, 2, sharey=True)  # both axes shared would not allow `datalim`
     kinds = (("without springs", without, style.VERMILLION), ("with springs", held, style.GREEN))
     for axes, (title, which, colour) in zip(panels, kinds, strict=True):
         axes.plot(*tips[~which].T, ".", ms=1.2, color=style.FAINT, rasterized=True)

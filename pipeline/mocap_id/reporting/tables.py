@@ -84,7 +84,7 @@ def in_band(data: ReportData) -> str:
 
 def agreement(data: ReportData, summary: Summary) -> Grid:
     """Return the error of the modelled wrench."""
-    units = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
+    units = {**dict.fromkeys(("Fx", "Fy", "Fz"), "N"), **dict.fromkeys(("taux", "tauy", "tauz"), "N·m")}
     rows = [
         (
             f"{name} ({units[name]})" if name in units else name,

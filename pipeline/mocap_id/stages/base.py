@@ -157,6 +157,11 @@ class TrialKeys(Settings):
     pointers: dict[Landmark, Path] = Field(
         {}, description="in space: recordings in which a pointer touches a landmark, C3D files"
     )
+    pointer: tuple[float, ...] = Field(
+        (),
+        description="in space: distances from the pointer's tip to its markers, in the order of the file, m; found "
+        "from the pointer's motion if not given",
+    )
     static: tuple[float, float] | None = Field(
         None,
         description="in space: first and last time of a still pose that shows the landmarks, s; found if not given",
@@ -192,7 +197,7 @@ class TrialKeys(Settings):
             raise ValueError(f"`protocol: {value}` needs `space: {other}`")
         return value
 
-    @field_validator("side", "landmarks", "pointers", "static", "calibration")
+    @field_validator("side", "landmarks", "pointers", "pointer", "static", "calibration")
     @classmethod
     def _only_in_space(cls, value: Any, info: ValidationInfo) -> Any:
         if value and info.data.get("space", "plane") == "plane":

@@ -18,7 +18,8 @@ FRAMES = 80
 def tumbling(seed: int, markers: int = 4, noise: float = 0.0) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return trajectories, the true shape about its centroid, and the true poses."""
     rng = np.random.default_rng([seed, markers])
-    local = rng.uniform(-0.1, 0.1, (markers, 3))
+    corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [-1, 0.3, 0]])
+    local = 0.08 * corners[:markers] + rng.uniform(-0.03, 0.03, (markers, 3))
     local -= local.mean(axis=0)
     rotation = so3.exp(np.cumsum(rng.normal(0, 0.1, (FRAMES, 3)), axis=0))
     origin = np.cumsum(rng.normal(0, 0.02, (FRAMES, 3)), axis=0)

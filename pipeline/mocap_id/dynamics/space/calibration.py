@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion
 from mocap_id.dynamics.space.trial import SpatialTrial
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
 _STEP = 1e-4  # relative, m or rad: step of numerical derivatives
 
@@ -135,7 +136,7 @@ def _of_motion(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[st
     for k, joint in enumerate(recorded.chain.joints):
         if not np.isfinite(joint.covariance).all():
             continue
-        variance, directions = np.linalg.eigh(joint.covariance)
+        variance, directions = np.linalg.eigh(_without_slides(recorded.chain, k))
         for size, direction in zip(np.sqrt(np.maximum(variance, 0.0)), directions.T, strict=True):
             moved = replace(joint, centre=joint.centre + _STEP * direction)
             chain = _with_joint(recorded.chain, k, moved)
@@ -143,7 +144,23 @@ def _of_motion(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[st
             yield "centre", motion, float(size)
 
 
-def _with_joint(chain: SpatialChain, k: int, joint: object) -> SpatialChain:
+def _without_slides(chain: SpatialChain, k: int) -> FloatArray:
+    """Return the covariance (3, 3) of a joint's centre without the directions of hinges, m².
+
+    The origin of a segment may slide along the axis of its hinge, and the joints on the segment slide back: this
+    changes no motion.
+    """
+    joint = chain.joints[k]
+    axes = [joint.first_axis] if joint.kind == "hinge" else []
+    if joint.parent and chain.joints[joint.parent - 1].kind == "hinge":
+        before = chain.joints[joint.parent - 1]
+        axes.append(before.offset.T @ before.first_axis)
+    across = null_space(np.array(axes).reshape(-1, 3), rcond=1e-3)
+    projection = across @ across.T
+    return np.asarray(projection @ joint.covariance @ projection)
+
+
+def _with_joint(chain: SpatialChain, k: int, joint: SpatialJoint) -> SpatialChain:
     joints = list(chain.joints)
-    joints[k] = joint  # type: ignore[call-overload]
+    joints[k] = joint
     return replace(chain, joints=tuple(joints))

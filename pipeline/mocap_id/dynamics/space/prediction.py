@@ -8,10 +8,10 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.lowpass import known
-from mocap_id.dynamics.model_error import estimate_model_error
+from mocap_id.dynamics.model_error import ModelError, estimate_model_error
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.identification import SpatialIdentification
-from mocap_id.dynamics.space.motion import SpatialMotion, segment_regressor
+from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion, segment_regressor
 from mocap_id.dynamics.space.trial import SpatialTrial
 from mocap_id.dynamics.uncertainty import variance
 
@@ -42,9 +42,6 @@ class SpatialPrediction:
 def predict(trial: SpatialTrial, found: SpatialIdentification) -> SpatialPrediction:
     """Predict wrench and joint torques at every sample.
 
-    The size of the errors that are not due to the parameters is estimated from the residuals, without the plate's white
-    noise. A joint torque is a moment of the wrench on the segments beyond the joint; its error is that of the wrench.
-
     Parameters
     ----------
     trial : SpatialTrial
@@ -55,18 +52,15 @@ def predict(trial: SpatialTrial, found: SpatialIdentification) -> SpatialPredict
     bias[list(trial.constants)] = found.plate_bias
     measured = trial.measured(found.fit.offset) - bias
     local = trial.rows @ found.base
-    noise = _wrench_noise(trial, found, measured - local)
     torque_rows = _torque_rows(trial, trial.recorded.motion)
-    jacobian = trial.recorded.motion.jacobian
-    of_noise = np.einsum("tcj,cd,tdj->tj", jacobian, noise, jacobian, optimize=True)
-    of_errors = _of_errors(trial, found)
+    of_wrench, of_torque = _noise(trial, found, measured - local, torque_rows)
     rows = back @ trial.rows
     return SpatialPrediction(
         wrench=local @ back.T,
-        wrench_sd=np.sqrt(variance(rows, own) + np.diag(back @ noise @ back.T)),
+        wrench_sd=np.sqrt(variance(rows, own) + np.einsum("ij,tj->ti", back**2, of_wrench)),
         measured=measured @ back.T,
         torque=torque_rows @ found.base,
-        torque_sd=np.sqrt(variance(torque_rows, own) + of_noise + of_errors),
+        torque_sd=np.sqrt(variance(torque_rows, own) + of_torque + _of_errors(trial, found)),
     )
 
 
@@ -77,15 +71,41 @@ def _torque_rows(trial: SpatialTrial, motion: SpatialMotion) -> FloatArray:
     return torque_regressor(moved, regressor)[:, :, trial.base.kept]
 
 
-def _wrench_noise(trial: SpatialTrial, found: SpatialIdentification, residual: FloatArray) -> FloatArray:
-    """Return the covariance (6, 6) of the model's errors about the origin of the base."""
+def _noise(
+    trial: SpatialTrial, found: SpatialIdentification, residual: FloatArray, torque_rows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of the wrench (T, 6) and of the torques (T, N) from errors of the accelerations.
+
+    As in the plane, the states give their course over time, and the plate their size
+    (:mod:`mocap_id.dynamics.model_error`). Torques are moments, so their noise has the scale of the moments.
+    """
+    wrench, torque = _acceleration_variance(trial, found.base, torque_rows)
     samples = found.fit.in_fit & known(residual)
-    errors = [
-        estimate_model_error(residual[:, k], np.zeros(len(residual)), samples, trial.recorded.rate) for k in range(6)
-    ]
-    spread = [np.var(residual[samples, k]) if e is None else e.steady for k, e in enumerate(errors)]
-    correlation = np.corrcoef(residual[samples].T)
-    return np.asarray(correlation * np.sqrt(np.outer(spread, spread)))
+    every = [estimate_model_error(residual[:, k], wrench[:, k], samples, trial.recorded.rate) for k in range(6)]
+    shown = [each or ModelError(0.0, 1.0, 1.0) for each in every]
+    size = np.nanmean(wrench[:, 3:], axis=0)
+    overall = float(np.average([each.overall for each in shown[3:]], weights=np.maximum(size, 1e-300)))
+    scaled = wrench * [each.scale for each in shown] + [each.steady for each in shown]
+    return np.asarray(scaled), np.asarray(overall * torque)
+
+
+def _acceleration_variance(
+    trial: SpatialTrial, base: FloatArray, torque_rows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of wrench (T, 6) and torques (T, N) for the standard deviations of the accelerations.
+
+    The wrench is linear in the accelerations, so a change of each by 1 rad/s² gives its derivative.
+    """
+    recorded = trial.recorded
+    motion, gravity = recorded.motion, trial.settings.gravity
+    wrench, torque = np.zeros((len(recorded.time), 6)), np.zeros(torque_rows.shape[:2])
+    for j, beyond in enumerate(motion.beyond):
+        alpha = recorded.alpha + beyond[1:, None] * motion.axis[:, j, None]
+        moved = segment_motion(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
+        spread = recorded.alpha_sd[:, int(np.argmax(beyond)) - 1, None] ** 2
+        wrench += spread * ((trial.rows_of(moved, gravity) - trial.rows) @ base) ** 2
+        torque += spread * ((_torque_rows(trial, moved) - torque_rows) @ base) ** 2
+    return wrench, torque
 
 
 def _of_errors(trial: SpatialTrial, found: SpatialIdentification) -> FloatArray:

@@ -40,6 +40,8 @@ class SpatialRecord:
         Of the moving segments, segment to trial; NaN where unknown.
     omega, alpha : (T, n, 3) arrays
         Their angular velocity and acceleration in the trial's axes, rad/s and rad/s².
+    alpha_sd : (T, n) array
+        Standard deviation of the acceleration per axis, rad/s².
     observed : (T,) bool array
         Whether every segment is measured by markers.
     wrench : (T, 6) array
@@ -55,6 +57,7 @@ class SpatialRecord:
     rotation: FloatArray
     omega: FloatArray
     alpha: FloatArray
+    alpha_sd: FloatArray
     observed: BoolArray
     wrench: FloatArray
     averaged: float = 0.0

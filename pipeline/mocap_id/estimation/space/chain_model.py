@@ -6,6 +6,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose
+from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 _LEAST_MARKERS = 3
@@ -60,9 +61,24 @@ def empty_track(model: ChainModel, frames: int) -> Pose:
     )
 
 
+def summed_steps(model: ChainModel, track: Pose) -> FloatArray:
+    """Return the sums (F, d) of the steps between frames, in each segment's own axes; coordinates as they are."""
+    steps = np.zeros((len(track.origin), degrees_of_freedom(model)))
+    steps[:, :3] = track.origin
+    for k in range(track.turn.shape[1]):
+        at = int(model.first[k])
+        if k == 0 or model.ball[k - 1]:
+            turned = so3.log(np.swapaxes(track.turn[:-1, k], 1, 2) @ track.turn[1:, k])
+            steps[1:, at : at + 3] = np.cumsum(turned, axis=0)
+        else:
+            size = int(model.freedom[k - 1])
+            steps[:, at : at + size] = track.angle[:, k - 1, :size]
+    return steps
+
+
 def seen_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
     """Return where (F, n + 1) a segment's own markers determine its pose."""
-    seen = np.isfinite(points).all(axis=2)
+    seen = np.asarray(np.isfinite(points).all(axis=2))
     found = np.zeros((len(points), len(chain.joints) + 1), dtype=np.bool_)
     for k in range(found.shape[1]):
         own = _own(chain, k)
@@ -129,7 +145,7 @@ def _spread(local: FloatArray) -> float:
 
 def _turns(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rotations (T, 3, 3) from local (m, 3) to seen (T, m, 3), and both centroids (T, 3)."""
-    there = np.isfinite(seen).all(axis=2)[..., None]
+    there = np.asarray(np.isfinite(seen).all(axis=2))[..., None]
     count = np.maximum(there.sum(axis=1), 1)
     middle = np.where(there, seen, 0.0).sum(axis=1) / count
     centre = (there * local).sum(axis=1) / count

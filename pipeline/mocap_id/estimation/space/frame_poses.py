@@ -8,8 +8,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, empty_track, seen_clusters, start_poses
-from mocap_id.estimation.space.slips import find_slips
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, find_poses, predict_markers
+from mocap_id.estimation.space.slips import find_slips, slow_part
+from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, predict_markers
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 OBSERVED_SD = 0.1
@@ -34,8 +34,8 @@ class FramePoses:
     ----------
     track : Pose
         Poses of F frames, no rates.
-    white : (F, d) array
-        Variances of the pose for white noise of 1 m, rad²/m² or 1.
+    variance : (F, d) array
+        Variances of the pose for errors of the markers' size, rad² or m².
     observed : (F, n + 1) bool array
         The frame's markers determine the base and each joint.
     used : (F, M) bool array
@@ -49,7 +49,7 @@ class FramePoses:
     """
 
     track: Pose
-    white: FloatArray
+    variance: FloatArray
     observed: BoolArray
     used: BoolArray
     residual: FloatArray
@@ -70,8 +70,8 @@ def marker_sizes(chain: SpatialChain, model: ChainModel, points: FloatArray, flo
     size, limit = np.full(len(model.segment), 5e-3), np.full(len(model.segment), _WIDE)
     some = np.ascontiguousarray(points[frames])
     for _ in range(_ROUNDS):
-        found = _search(chain, model, some, size, limit, np.arange(len(some)), np.ones(len(some), dtype=np.bool_))
-        own = np.array([_own_size(found, m) for m in range(len(size))])
+        found = _search(chain, model, some, size=size, limit=limit)
+        own = own_sizes(found)
         for s in np.unique(model.segment):
             mine = model.segment == s
             usual = np.sqrt(np.nanmean(own[mine] ** 2)) if np.isfinite(own[mine]).any() else 5e-3
@@ -81,14 +81,16 @@ def marker_sizes(chain: SpatialChain, model: ChainModel, points: FloatArray, flo
     return size
 
 
-def _own_size(found: FramePoses, m: int) -> float:
-    kept = found.used[:, m]
-    if not kept.any():
-        return np.nan
-    squares = np.sum(found.residual[kept, m] ** 2, axis=1)
-    left = max(1.0 - float(found.leverage[kept, m].mean()), 0.05)
-    most = np.quantile(squares, _QUANTILE) * _BEYOND
-    return float(np.sqrt(np.mean(np.minimum(squares, most)) / 3.0 / left))
+def own_sizes(found: FramePoses) -> FloatArray:
+    """Return the standard deviation (M,) of a coordinate's residual, with the share that the pose follows; or NaN."""
+    own = np.full(found.used.shape[1], np.nan)
+    for m in np.flatnonzero(found.used.any(axis=0)):
+        kept = found.used[:, m]
+        squares = np.sum(found.residual[kept, m] ** 2, axis=1)
+        left = max(1.0 - float(found.leverage[kept, m].mean()), 0.05)
+        most = np.quantile(squares, _QUANTILE) * _BEYOND
+        own[m] = np.sqrt(np.mean(np.minimum(squares, most)) / 3.0 / left)
+    return own
 
 
 def find_frame_poses(
@@ -116,7 +118,7 @@ def find_frame_poses(
     new[1:] = (ready[1:] & ~ready[:-1]).any(axis=1)
     new[:-1] |= (ready[:-1] & ~ready[1:]).any(axis=1)  # the search also runs backwards
     new[best] = True
-    found = _search(chain, model, points, size, gate * _LARGEST * size, order, new)
+    found = _search(chain, model, points, size=size, limit=gate * _LARGEST * size, order=order, starts=new)
     limit = gate * ordinary_sizes(found, size)
     for _ in range(_FILLS):
         with np.errstate(invalid="ignore"):
@@ -126,13 +128,12 @@ def find_frame_poses(
             break
         slips = find_slips(_in_segments(chain, found), found.used, rate)
         kept = np.where(found.used[partly, :, None], points[partly], np.nan)
-        again = _search(
-            chain, model, kept, size, np.full(len(size), np.inf), np.arange(len(partly)),
-            np.zeros(len(partly), dtype=np.bool_), slips=slips[partly], near=Pose(*(each[partly] for each in found.track)),
-        )
+        near = Pose(*(each[partly] for each in found.track))
+        push = slips[partly] * found.observed[partly][:, model.segment, None]  # it would spin what no marker holds
+        again = _search(chain, model, kept, size=size, slips=push, near=near)
         for old, newer in zip(found.track, again.track, strict=True):
             old[partly] = newer
-        for name in ("white", "observed", "leverage"):
+        for name in ("variance", "observed", "leverage"):
             getattr(found, name)[partly] = getattr(again, name)
         found.residual[partly] = points[partly] - predicted_markers(model, again.track)
         found = replace(found, slips=slips)
@@ -148,6 +149,24 @@ def ordinary_sizes(found: FramePoses, size: FloatArray) -> FloatArray:
         if off.size:
             sizes[m] = min(max(size[m], float(np.quantile(off, _USUAL)) / _OF_NORMAL), _LARGEST * size[m])
     return sizes
+
+
+def without_displacements(
+    chain: SpatialChain, model: ChainModel, points: FloatArray, found: FramePoses, *, rate: float, camera: float
+) -> tuple[FramePoses, FloatArray]:
+    """Return poses from equally weighted markers without their lasting displacements, and these markers (F, M, 3).
+
+    Slow displacements then follow the weights of the whole error, and white noise averages over all markers. Where a
+    marker is missing, the others show no step.
+    """
+    own = np.where(found.used[..., None], _in_segments(chain, found), found.slips)
+    slow = slow_part(own, rate)
+    turns = chain.place(found.track.origin, found.track.turn[:, 0], found.track.turn[:, 1:])[1]
+    kept = np.where(found.used[..., None], points, np.nan)
+    for m, s in enumerate(model.segment.tolist()):
+        kept[:, m] -= np.einsum("fij,fj->fi", turns[:, s], slow[:, m])
+    again = _search(chain, model, kept, size=np.full(len(model.segment), camera), near=found.track)
+    return replace(again, observed=found.observed), kept
 
 
 def predicted_markers(model: ChainModel, track: Pose) -> FloatArray:
@@ -171,11 +190,11 @@ def _search(
     chain: SpatialChain,
     model: ChainModel,
     points: FloatArray,
-    size: FloatArray,
-    limit: FloatArray,
-    order: IntArray,
-    starts: BoolArray,
     *,
+    size: FloatArray,
+    limit: FloatArray | None = None,
+    order: IntArray | None = None,
+    starts: BoolArray | None = None,
     slips: FloatArray | None = None,
     near: Pose | None = None,
 ) -> FramePoses:
@@ -183,23 +202,27 @@ def _search(
     frames, count = points.shape[:2]
     d = degrees_of_freedom(model)
     if near is None:
-        start, started = start_poses(chain, model, points, np.flatnonzero(starts))
+        start, started = start_poses(
+            chain, model, points, np.flatnonzero(np.ones(frames) if starts is None else starts)
+        )
     else:
         start, started = near, np.ones((frames, len(model.freedom) + 1), dtype=np.bool_)
-    if slips is None:
-        slips = np.zeros(points.shape)
-    track, used = empty_track(model, frames), np.zeros((frames, count), dtype=np.bool_)
-    spread, white, leverage = np.empty((frames, d)), np.empty((frames, d)), np.empty((frames, count))
-    prior = np.full(d, 1.0 / _WEAK_SD**2)
-    order = order.astype(np.int64)
-    find_poses(
-        model, points, slips, 1.0 / size**2, limit, prior, order, start, started, track, used, spread, white, leverage
+    slips = np.zeros(points.shape) if slips is None else slips
+    search = Search(
+        order=np.arange(frames) if order is None else order.astype(np.int64),
+        weight=1.0 / size**2,
+        limit=np.full(count, np.inf) if limit is None else limit,
+        prior=np.full(d, 1.0 / _WEAK_SD**2),
     )
-    residual = points - predicted_markers(model, track)
-    return FramePoses(track, white, _observed(model, spread), used, residual, leverage, slips)
+    used = np.zeros((frames, count), dtype=np.bool_)
+    found = Found(empty_track(model, frames), used, np.empty((frames, d)), np.empty((frames, count)))
+    find_poses(model, search, np.ascontiguousarray(points), slips, start, started, found)
+    residual = points - predicted_markers(model, found.track)
+    observed = _observed(model, found.variance)
+    return FramePoses(found.track, found.variance, observed, used, residual, found.leverage, slips)
 
 
-def _observed(model: ChainModel, spread: FloatArray) -> BoolArray:
-    weak = spread > OBSERVED_SD**2
+def _observed(model: ChainModel, variance: FloatArray) -> BoolArray:
+    weak = variance > OBSERVED_SD**2
     first = np.concatenate([[0], model.first[1:]])
     return np.asarray(~np.logical_or.reduceat(weak, first, axis=1), dtype=np.bool_)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation.space.chain_model import group_columns
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose
 from mocap_id.geometry import so3
@@ -30,6 +30,11 @@ class JointRates:
     acceleration: FloatArray
     jerk: FloatArray
     maps: list[FloatArray]
+
+    def at(self, frames: slice | IntArray) -> JointRates:
+        """Return the rates of some frames."""
+        maps = [each[frames] for each in self.maps]
+        return JointRates(self.velocity[frames], self.acceleration[frames], self.jerk[frames], maps)
 
 
 def joint_rates(chain: SpatialChain, model: ChainModel, pose: Pose) -> JointRates:
@@ -85,6 +90,10 @@ class SegmentRates:
 
     omega: FloatArray
     alpha: FloatArray
+
+    def at(self, frames: slice | IntArray) -> SegmentRates:
+        """Return the rates of some frames."""
+        return SegmentRates(self.omega[frames], self.alpha[frames])
 
 
 def segment_rates(chain: SpatialChain, pose: Pose, turns: FloatArray, joints: JointRates) -> SegmentRates:

@@ -17,11 +17,14 @@ from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_ma
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
-COMMON_SHARE = 1.0
-"""Variance of the skin's motion that all markers of a segment share, relative to that in which they differ.
+TWIST_SHARE = 1.8
+"""Twist of the skin about the long axis that all markers of a segment share, relative to each marker's lasting error.
 
-The residuals do not show it, so it is assumed.
+The residuals show only how markers differ, so the size is assumed. It holds for simulated arms.
 """
+
+ALIKE = 2.0
+"""Variance of the pose from markers that slide partly alike, relative to independent ones; also assumed."""
 
 _POSTURES = 40
 _LEAST_MOTION = 0.01  # rad, rms; joints that move less carry no skin
@@ -34,12 +37,13 @@ class SkinErrors:
 
     Parameters
     ----------
-    pose : (T, S, d, d) array
-        Covariance of the pose at T postures from the skin of each segment, for one unit of its motion.
+    pose : (T, 2 S, d, d) array
+        Covariance of the pose at T postures from the skin of each segment, for one unit of its motion: markers that
+        slide each on their own, then markers that twist together.
     postures : (T,) int array
         Frames of the postures.
-    motion : (3, F, S) array
-        Squared motion of the skin of each segment, its rate and acceleration, relative to the mean square of the motion.
+    motion : (3, F, 2 S) array
+        Squared motion behind each of these, its rate and acceleration, relative to the mean square of the motion.
     """
 
     pose: FloatArray
@@ -92,37 +96,43 @@ def skin_errors(
     normal += _DAMPING * weight.mean() * np.eye(d)
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, weight)
     segments = len(chain.joints) + 1
-    covariance = np.zeros((len(postures), segments, d, d))
+    covariance = np.zeros((len(postures), 2 * segments, d, d))
+    axes = _long_axes(chain)
+    origins, turns = chain.place(some.origin, some.turn[:, 0], some.turn[:, 1:])
     for s in range(segments):
         mine = np.flatnonzero(model.segment == s)
-        covariance[:, s] = np.einsum("fmki,fmli,m->fkl", gain[:, mine], gain[:, mine], lasting[mine])
-        if len(mine):
-            covariance[:, s] += _common(gain[:, mine], positions[:, mine], lasting[mine], weight[mine])
-    return SkinErrors(covariance, postures, _motion(chain, pose, joints, known))
+        covariance[:, s] = ALIKE * np.einsum("fmki,fmli,m->fkl", gain[:, mine], gain[:, mine], lasting[mine])
+        if s > 0:
+            around = np.cross((turns[:, s] @ axes[s - 1])[:, None], positions[:, mine] - origins[:, s, None])
+            around /= np.maximum(np.linalg.norm(around, axis=2, keepdims=True), 1e-9)
+            moved = np.einsum("fmki,fmi,m->fk", gain[:, mine], around, np.sqrt(lasting[mine]))
+            covariance[:, segments + s] = TWIST_SHARE**2 * moved[:, :, None] * moved[:, None, :]
+    return SkinErrors(covariance, postures, _motion(chain, pose, joints, known, axes))
 
 
-def _common(gain: FloatArray, positions: FloatArray, lasting: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the covariance (T, d, d) from a turn that all markers of a segment share."""
-    share = weight / weight.sum()
-    arms = positions - np.einsum("m,fmi->fi", share, positions)[:, None]
-    size = np.einsum("m,fmi->f", share, arms**2) / 3 * 2
-    square = COMMON_SHARE * (share @ lasting) / np.maximum(size, 1e-6)
-    moved = np.einsum("fmki,fmij->fkj", gain, -so3.hat(arms))
-    return np.asarray(square[:, None, None] * (moved @ np.swapaxes(moved, 1, 2)))
+def _long_axes(chain: SpatialChain) -> FloatArray:
+    """Return the direction (n, 3) from each joint to the next one, or to the markers, in the child's frame."""
+    found = np.zeros((len(chain.joints), 3))
+    for s in range(1, len(found) + 1):
+        ahead = [joint.centre for joint in chain.joints if joint.parent == s]
+        own = chain.local[chain.segment == s]
+        towards = ahead[0] if ahead else own.mean(axis=0) if len(own) else np.zeros(3)
+        found[s - 1] = towards / max(float(np.linalg.norm(towards)), 1e-9)
+    return found
 
 
-def _motion(chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray) -> FloatArray:
-    """Return the squared motion (3, F, S) of the joints beside each segment, relative to its mean square."""
+def _motion(chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray, axes: FloatArray) -> FloatArray:
+    """Return the squared motion (3, F, 2 S) beside each segment, then about its long axis; its mean is one."""
     frames, n = joints.velocity.shape[:2]
-    squares = np.zeros((3, frames, n + 1))
+    squares = np.zeros((3, frames, 2 * (n + 1)))
     for k, joint in enumerate(chain.joints):
-        mean = pose.turn[known, k + 1].mean(axis=0)
-        u, _, v = np.linalg.svd(mean)
+        u, _, v = np.linalg.svd(pose.turn[known, k + 1].mean(axis=0))
         middle = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
         bent = so3.log(middle.T @ pose.turn[:, k + 1])
-        own = [np.sum(each**2, axis=1) for each in (bent, joints.velocity[:, k], joints.acceleration[:, k])]
+        moves = (bent, joints.velocity[:, k], joints.acceleration[:, k])
         for s in (k + 1, joint.parent):
-            squares[:, :, s] += own
+            squares[:, :, s] += [np.sum(each**2, axis=1) for each in moves]
+        squares[:, :, n + 2 + k] = [(each @ axes[k]) ** 2 for each in moves]
     usual = squares[0, known].mean(axis=0)
     return np.asarray(np.where(usual > _LEAST_MOTION**2, squares / np.maximum(usual, _LEAST_MOTION**2), 0.0))
 
@@ -147,9 +157,7 @@ def segment_variances(
     return shifted, still, rate, grows + np.sum(rates.omega**2, axis=2) * rate
 
 
-def joint_variances(
-    skin: SkinErrors, model: ChainModel, joints: JointRates, k: int
-) -> tuple[FloatArray, FloatArray]:
+def joint_variances(skin: SkinErrors, model: ChainModel, joints: JointRates, k: int) -> tuple[FloatArray, FloatArray]:
     """Return covariances of a joint from skin.
 
     Returns

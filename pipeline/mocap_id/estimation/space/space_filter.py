@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, chunks
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_problem import ANCHOR_SD, PATIENCE, start_sd
 from mocap_id.estimation.process_model import ORDER, noise_shape, transition
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, empty_track
 from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.space_kernels import ChainModel, Noise, Pose, run_filter, run_smoother
+
+_SCALES = (0.25, 25.0)  # limits of a variance's change
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,10 @@ def filter_and_smooth(
     dt: float,
     frames: FramePoses,
     *,
-    size: FloatArray,
     camera: float,
     gate_variance: FloatArray,
     snap: FloatArray,
+    gap_snap: FloatArray,
     gate: float,
 ) -> SpatialTrack:
     """Run the filter forwards and the smoother backwards.
@@ -53,19 +55,19 @@ def filter_and_smooth(
     ----------
     model : ChainModel
     points : (F, M, 3) array
-        Markers, m; NaN where unseen.
+        Markers without lasting displacements, m; NaN where they are not used.
     dt : float
         Time step, s.
     frames : FramePoses
         Poses for the start and after gaps.
-    size : (M,) array
-        Standard deviation of each marker's errors, m; it weights the markers.
     camera : float
-        White part of them, m.
+        White noise of a coordinate, m.
     gate_variance : (M,) array
         Variance of a coordinate in the gate, m².
     snap : (d,) array
         Standard deviation of each snap over one frame.
+    gap_snap : (d,) array
+        The same in frames whose markers do not determine the joint.
     gate : float
         Limit of an innovation, in standard deviations.
 
@@ -75,30 +77,62 @@ def filter_and_smooth(
         A covariance is not positive definite.
     """
     count, d = len(points), degrees_of_freedom(model)
-    noise = Noise(
+    noise = _noise(dt, camera, gate_variance, (snap, gap_snap), gate)
+    track = SpatialTrack(
+        empty_track(model, count), np.empty((count, ORDER * d, ORDER * d)), np.zeros((count, points.shape[1]), np.bool_)
+    )
+    restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)
+    failed = run_filter(
+        model,
+        noise,
+        points,
+        frames.track,
+        frames.observed,
+        track.pose,
+        track.covariance,
+        track.used,
+        restarted,
+    )
+    if failed >= 0:
+        raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {count}")
+    failed = run_smoother(model, noise, frames.observed, restarted, track.pose, track.covariance)
+    if failed >= 0:
+        raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed} of {count}")
+    return track
+
+
+def _noise(
+    dt: float, camera: float, gate_variance: FloatArray, snaps: tuple[FloatArray, FloatArray], gate: float
+) -> Noise:
+    return Noise(
         step=transition(dt)[0],
         shape=noise_shape(dt),
-        density=snap**2 * dt,
-        start=np.tile(start_sd(dt) ** 2, (d, 1)),
-        weight=1.0 / size**2,
-        white=camera**2,
+        density=snaps[0] ** 2 * dt,
+        gap_density=snaps[1] ** 2 * dt,
+        start=np.tile(start_sd(dt) ** 2, (len(snaps[0]), 1)),
+        variance=camera**2,
         gate_variance=gate_variance,
         gate=gate,
         patience=math.ceil(PATIENCE / dt),
         anchor_limit=ANCHOR_SD**2,
     )
-    track = SpatialTrack(
-        empty_track(model, count), np.empty((count, ORDER * d, ORDER * d)), np.zeros((count, points.shape[1]), np.bool_)
-    )
-    restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)
-    measured = np.where(frames.used[..., None], points, np.nan)
-    failed = run_filter(
-        model, noise, measured, frames.slips, frames.track, frames.observed, track.pose, track.covariance, track.used,
-        restarted,
-    )
-    if failed >= 0:
-        raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {count}")
-    failed = run_smoother(model, noise, restarted, track.pose, track.covariance)
-    if failed >= 0:
-        raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed} of {count}")
-    return track
+
+
+def scale_to_movement(track: SpatialTrack, errors: FloatArray) -> None:
+    """Scale the covariance to the mean squared errors (3, d) of pose, velocity and acceleration, in place.
+
+    Each degree of freedom is scaled by itself; those without an error (NaN) and gaps keep their variance.
+    """
+    d = errors.shape[1]
+    scale = np.ones((len(track.covariance), ORDER, d))
+    for order in range(ORDER - 1):
+        for c in np.flatnonzero(np.isfinite(errors[order])).tolist():
+            at = order * d + c
+            variance = track.covariance[:, at, at]
+            steady = float(np.median(variance))
+            factor = np.clip(errors[order, c] / steady, *_SCALES)
+            total = np.minimum(variance, steady) * factor + np.maximum(variance - steady, 0.0)
+            scale[:, order, c] = np.sqrt(total / variance)
+    flat = scale.reshape(len(scale), ORDER * d)
+    for part in chunks(len(flat)):
+        track.covariance[part] *= flat[part, :, None] * flat[part, None, :]

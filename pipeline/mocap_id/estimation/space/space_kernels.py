@@ -4,6 +4,8 @@ The equations are in docs/concepts/rotations-in-the-filter.md. Matrices are upda
 instructions.
 """
 
+# ruff: noqa: PLR0917  arrays are passed one by one to compiled functions
+
 from __future__ import annotations
 
 import math
@@ -17,7 +19,7 @@ from mocap_id.compilation import compiled
 _ROUNDS = 5  # iterations of an update from a frame's own pose
 _MOST = 20  # iterations of Gauss–Newton
 _CLOSE = 3e-3  # rad and m; a step smaller than this leaves an error of about its square
-_RIDGE = 1e-9  # relative
+_LEAST_LEFT = 1e-10  # of a variance, that smoothing leaves
 _LEAP = 0.2  # rad and m; largest step that is extrapolated
 
 
@@ -46,9 +48,9 @@ class Noise(NamedTuple):
     step: FloatArray  # (4,) dt^k / k!
     shape: FloatArray  # (4, 4) process noise of unit density
     density: FloatArray  # (d,)
+    gap_density: FloatArray  # (d,) in frames whose markers do not determine a joint
     start: FloatArray  # (d, 4) initial variances
-    weight: FloatArray  # (M,) 1/m², by the whole error of each marker
-    white: float  # m², white part of the error
+    variance: float  # m², white noise of a coordinate
     gate_variance: FloatArray  # (M,)
     gate: float
     patience: int  # frames
@@ -62,6 +64,24 @@ class Pose(NamedTuple):
     turn: FloatArray  # (n + 1, 3, 3) rotation of the base, then of each joint
     angle: FloatArray  # (n, 2) coordinates of hinges and two-axis joints
     rate: FloatArray  # (3, d) velocity, acceleration, jerk
+
+
+class Search(NamedTuple):
+    """Constants of the search for the poses of single frames."""
+
+    order: IntArray  # (T,) frames
+    weight: FloatArray  # (M,) 1/m²
+    limit: FloatArray  # (M,) m; markers farther away count little
+    prior: FloatArray  # (d,) weak information that holds what no marker determines
+
+
+class Found(NamedTuple):
+    """Output of the search."""
+
+    track: Pose
+    used: BoolArray  # (F, M) within the limit
+    variance: FloatArray  # (F, d) of the pose, for errors of the weights' size
+    leverage: FloatArray  # (F, M) share of a marker's error that the pose follows
 
 
 class Placed(NamedTuple):
@@ -372,54 +392,15 @@ def _solve(upper: FloatArray, b: FloatArray) -> None:
 
 @compiled
 def _gather(
-    a: FloatArray, b: FloatArray, g: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray,
-    weight: float,
+    a: FloatArray, g: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray, weight: float
 ) -> None:
-    """Add w Jᵀ J and w² Jᵀ J to the upper triangles of A and B, and w Jᵀ y to g."""
+    """Add Jᵀ J to the upper triangle of A, and Jᵀ y to g, both with a weight."""
     for i in range(count):
         r0, r1, r2, at = weight * rows[i, 0], weight * rows[i, 1], weight * rows[i, 2], columns[i]
         g[at] += r0 * y[0] + r1 * y[1] + r2 * y[2]
         for j in range(count):
             if columns[j] >= at:
-                value = r0 * rows[j, 0] + r1 * rows[j, 1] + r2 * rows[j, 2]
-                a[at, columns[j]] += value
-                b[at, columns[j]] += weight * value
-
-
-@compiled
-def _as_white(a: FloatArray, b: FloatArray, g: FloatArray, white: float) -> bool:
-    """Replace A by A B⁻¹ A / r and g by A B⁻¹ g / r: the weighted fit as a measurement with its white error's covariance.
-
-    Directions that no marker determines have no information in A, so the ridge of B does not matter.
-    """
-    d = len(g)
-    x = np.empty((d, d + 1))
-    for r in range(d):
-        b[r, r] = b[r, r] * (1.0 + _RIDGE) if b[r, r] > 0.0 else 1.0
-        x[r, d] = g[r]
-        for c in range(r):
-            a[r, c] = a[c, r]
-    for r in range(d):
-        for c in range(d):
-            x[r, c] = a[r, c]
-    if not _factor(b):
-        return False
-    _solve(b, x)
-    for r in range(d):
-        g[r] = 0.0
-        for k in range(d):
-            g[r] += a[r, k] * x[k, d] / white
-    for r in range(d):
-        for c in range(r, d):
-            total = 0.0
-            for k in range(d):
-                total += a[r, k] * x[k, c]
-            b[r, c] = total / white
-    for r in range(d):
-        for c in range(r, d):
-            a[r, c] = b[r, c]
-            a[c, r] = b[r, c]
-    return True
+                a[at, columns[j]] += r0 * rows[j, 0] + r1 * rows[j, 1] + r2 * rows[j, 2]
 
 
 @compiled
@@ -534,7 +515,7 @@ def _right_jacobian(v: FloatArray, j: FloatArray) -> None:
 
 
 @compiled
-def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: FloatArray) -> None:
+def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: FloatArray, found: BoolArray) -> None:
     """Advance a pose and its covariance by one step; ``moved`` receives F P before the step's noise."""
     d = len(noise.density)
     turned = np.empty(d)
@@ -545,10 +526,14 @@ def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: 
         for c in range(len(p)):
             p[r, c] = moved[c, r]
     _times_transition(model, noise.step, turned, p)
+    group = 0
     for c in range(d):
+        while group < len(model.ball) and c >= model.first[group + 1]:
+            group += 1
+        density = noise.density[c] if found[group] else noise.gap_density[c]
         for i in range(4):
             for j in range(4):
-                p[i * d + c, j * d + c] += noise.density[c] * noise.shape[i, j]
+                p[i * d + c, j * d + c] += density * noise.shape[i, j]
 
 
 @compiled
@@ -579,9 +564,28 @@ def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end:
 
 
 @compiled
-def _correct(
-    model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: FloatArray, change: FloatArray
-) -> bool:
+def _root_columns(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
+    """Compute U with P_pose = Uᵀ U, and T with Uᵀ T = the rows of P for the pose."""
+    d, size = t.shape
+    for r in range(d):
+        for c in range(r, d):
+            u[r, c] = p[r, c]
+        for c in range(size):
+            t[r, c] = p[r, c]
+    if not _factor(u):
+        return False
+    for k in range(d):
+        for c in range(size):
+            t[k, c] /= u[k, k]
+        for i in range(k + 1, d):
+            factor = u[k, i]
+            for c in range(size):
+                t[i, c] -= factor * t[k, c]
+    return True
+
+
+@compiled
+def _correct(model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: FloatArray, change: FloatArray) -> bool:
     """Update the covariance with the information A of the pose; ``change`` (4 d,) receives the change of the state.
 
     With P_pose = Uᵀ U, T = P_(all, pose) U⁻¹ and B = I + U A Uᵀ, the change is T B⁻¹ U h and P becomes
@@ -589,21 +593,8 @@ def _correct(
     """
     d, size = len(h), len(p)
     u, t = np.zeros((d, d)), np.empty((d, size))
-    for r in range(d):
-        for c in range(r, d):
-            u[r, c] = p[r, c]
-    if not _factor(u):
+    if not _root_columns(p, u, t):
         return False
-    for r in range(d):
-        for c in range(size):
-            t[r, c] = p[r, c]
-    for k in range(d):  # Uᵀ T = P
-        for c in range(size):
-            t[k, c] /= u[k, k]
-        for i in range(k + 1, d):
-            factor = u[k, i]
-            for c in range(size):
-                t[i, c] -= factor * t[k, c]
     ua, b, inverse = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for r in range(d):
         inverse[r, r] = 1.0
@@ -654,8 +645,14 @@ def _correct(
 
 @compiled
 def _update(
-    model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, z: FloatArray, slip: FloatArray, used: BoolArray,
-    anchor: Pose, anchored: bool,
+    model: ChainModel,
+    noise: Noise,
+    pose: Pose,
+    p: FloatArray,
+    z: FloatArray,
+    used: BoolArray,
+    anchor: Pose,
+    anchored: bool,
 ) -> bool:
     """Update with the markers of a frame, in place; from the frame's own pose, and iterated, if ``anchored``."""
     n, d = len(model.ball), len(noise.density)
@@ -673,20 +670,20 @@ def _update(
             if turn > 0:
                 _copy(prior, p)
         _place(model, at, placed)
-        a, b, h = np.zeros((d, d)), np.zeros((d, d)), np.zeros(d)
+        a, h = np.zeros((d, d)), np.zeros(d)
         for m in range(len(model.segment)):
             used[m] = False
-            count = _marker(model, placed, m, x, rows, columns)
             if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
-                _push(h, placed.turn[model.segment[m]], slip[m], rows, columns, count, noise.weight[m])
                 continue
+            count = _marker(model, placed, m, x, rows, columns)
             for i in range(3):
                 y[i] = z[m, i] - x[i]
             used[m] = anchored or _passes(p, rows, columns, count, y, noise.gate_variance[m], noise.gate)
             if used[m]:
-                _gather(a, b, h, rows, columns, count, y, noise.weight[m])
-        if not _as_white(a, b, h, noise.white):
-            return False
+                _gather(a, h, rows, columns, count, y, 1.0 / noise.variance)
+        for r in range(d):
+            for c in range(r, d):
+                a[c, r] = a[r, c]
         for r in range(d):
             for c in range(d):
                 h[r] += a[r, c] * shift[c]
@@ -718,12 +715,20 @@ def _count_failing(model: ChainModel, z: FloatArray, used: BoolArray, failing: I
 
 @compiled
 def run_filter(
-    model: ChainModel, noise: Noise, z: FloatArray, slip: FloatArray, anchors: Pose, found: BoolArray, track: Pose,
-    covariance: FloatArray, used: BoolArray, restarted: BoolArray,
+    model: ChainModel,
+    noise: Noise,
+    z: FloatArray,
+    anchors: Pose,
+    found: BoolArray,
+    track: Pose,
+    covariance: FloatArray,
+    used: BoolArray,
+    restarted: BoolArray,
 ) -> int:
     """Fill the track, its covariance (F, 4 d, 4 d), and flags; return the frame that failed, or −1.
 
-    ``z`` (F, M, 3) has only the markers that the frames' own poses use; the others push with their displacement ``slip``.
+    ``z`` (F, M, 3) are the markers without their lasting displacements, NaN where the frames' own poses do not use
+    them.
     ``found`` (F, n + 1) tells where the frame's own markers determine the base and each joint.
     """
     n, d = len(model.ball), len(noise.density)
@@ -734,7 +739,7 @@ def run_filter(
     _copy_pose(pose, last)
     for k in range(len(z)):
         if k > 0:
-            _predict(model, noise, pose, p, moved)
+            _predict(model, noise, pose, p, moved, found[k])
         anchored, any_found = False, False
         for j in range(n + 1):
             first, end = 0 if j == 0 else model.first[j], model.first[j] + (3 if j == 0 else model.freedom[j - 1])
@@ -754,9 +759,9 @@ def run_filter(
             for j in range(n + 1):
                 if found[k, j]:
                     _restart(model, start, j, _frame(anchors, k), 0, 0)
-            fine = _update(model, noise, pose, p, z[k], slip[k], used[k], start, True)
+            fine = _update(model, noise, pose, p, z[k], used[k], start, True)
         else:
-            fine = _update(model, noise, pose, p, z[k], slip[k], used[k], pose, False)
+            fine = _update(model, noise, pose, p, z[k], used[k], pose, False)
         if not fine:
             return k
         _count_failing(model, z[k], used[k], failing)
@@ -770,20 +775,23 @@ def run_filter(
 
 @compiled
 def run_smoother(
-    model: ChainModel, noise: Noise, restarted: BoolArray, track: Pose, covariance: FloatArray
+    model: ChainModel, noise: Noise, found: BoolArray, restarted: BoolArray, track: Pose, covariance: FloatArray
 ) -> int:
     """Smooth track and covariance in place, from the last frame to the first; return the frame that failed, or −1."""
     n, d = len(model.ball), len(noise.density)
     size = 4 * d
     ahead, error, change = _new_pose(model), np.empty(size), np.empty(size)
     pp, gain, beyond, product = (
-        np.empty((size, size)), np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+        np.empty((size, size)),
+        np.empty((size, size)),
+        np.empty((size, size)),
+        np.empty((size, size)),
     )
     for k in range(len(covariance) - 2, -1, -1):
         here, after = _frame(track, k), _frame(track, k + 1)
         _copy_pose(here, ahead)
         _copy(covariance[k], pp)
-        _predict(model, noise, ahead, pp, gain)
+        _predict(model, noise, ahead, pp, gain, found[k + 1])
         _difference(model, ahead, after, error[:d])
         for e in range(3):
             for c in range(d):
@@ -817,8 +825,11 @@ def run_smoother(
 
 @compiled
 def _add_sandwich(gain: FloatArray, middle: FloatArray, product: FloatArray, total: FloatArray) -> None:
-    """Add Gᵀ M G to a symmetric matrix."""
+    """Add Gᵀ M G to a covariance; its diagonal stays positive in spite of rounding."""
     size = len(total)
+    before = np.empty(size)
+    for r in range(size):
+        before[r] = total[r, r]
     for r in range(size):
         for c in range(size):
             product[r, c] = 0.0
@@ -833,28 +844,23 @@ def _add_sandwich(gain: FloatArray, middle: FloatArray, product: FloatArray, tot
                 for c in range(r + 1):
                     total[r, c] += factor * product[k, c]
     for r in range(size):
+        total[r, r] = max(total[r, r], _LEAST_LEFT * before[r])
         for c in range(r):
             total[c, r] = total[r, c]
 
 
 @compiled
 def find_poses(
-    model: ChainModel, z: FloatArray, slip: FloatArray, weight: FloatArray, limit: FloatArray, prior: FloatArray,
-    order: IntArray, start: Pose, started: BoolArray, track: Pose, used: BoolArray, spread: FloatArray,
-    white: FloatArray, leverage: FloatArray,
+    model: ChainModel, search: Search, z: FloatArray, slip: FloatArray, start: Pose, started: BoolArray, found: Found
 ) -> None:
-    """Find the pose of every frame by Gauss–Newton from its own markers, in a given order of frames.
+    """Find the pose of every frame by Gauss–Newton from its own markers.
 
-    A marker farther from its prediction than ``limit`` (M,) counts little. A marker that is not seen pushes with its
-    displacement ``slip`` (F, M, 3), in its segment's frame. Each frame starts from ``start`` where
-    ``started`` (F, n + 1), else from the frames before. ``prior`` (d,) is a weak information that holds what no marker
-    shows. ``spread`` (F, d) are the variances of the pose for errors of the weights' size, ``white`` (F, d) for errors of
-    1 m, and ``leverage`` (F, M) the share of an error that the pose follows.
+    A marker that is not seen pushes with its displacement ``slip`` (F, M, 3), in its segment's frame. Each frame starts
+    from ``start`` where ``started`` (F, n + 1), else from the frames before.
     """
-    n, d = len(model.ball), len(prior)
-    placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
-    x, y, pose, before = np.empty(3), np.empty(3), _new_pose(model), _new_pose(model)
-    a, b, g, step, change = np.zeros((d, d)), np.zeros((d, d)), np.zeros(d), np.zeros((d, 1)), np.zeros(d)
+    n, d, order = len(model.ball), len(search.prior), search.order
+    placed, pose, before = _new_placed(n, d), _new_pose(model), _new_pose(model)
+    a, g, step, change = np.zeros((d, d)), np.zeros(d), np.zeros((d, 1)), np.zeros(d)
     inverse = np.zeros((d, d))
     _copy_pose(_frame(start, order[0]), pose)
     for index in range(len(order)):
@@ -867,35 +873,14 @@ def find_poses(
             _move(model, pose, change)
         else:
             if index > 0 and order[index - 1] > order[0] > k:  # back to the first frame
-                _copy_pose(_frame(track, order[0]), pose)
+                _copy_pose(_frame(found.track, order[0]), pose)
             _copy_pose(pose, before)
         for j in range(n + 1):
             if started[k, j]:
                 _restart(model, pose, j, _frame(start, k), 0, 0)
         for turn in range(_MOST):
             _place(model, pose, placed)
-            for r in range(d):
-                g[r] = 0.0
-                for c in range(d):
-                    a[r, c] = 0.0
-                    b[r, c] = 0.0
-                a[r, r] = prior[r]
-            robust = False
-            for m in range(len(model.segment)):
-                used[k, m] = False
-                count = _marker(model, placed, m, x, rows, columns)
-                if math.isnan(z[k, m, 0] + z[k, m, 1] + z[k, m, 2]):
-                    _push(g, placed.turn[model.segment[m]], slip[k, m], rows, columns, count, weight[m])
-                    continue
-                for i in range(3):
-                    y[i] = z[k, m, i] - x[i]
-                ratio = (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / limit[m] ** 2
-                used[k, m] = ratio < 1.0
-                w = weight[m]
-                if turn > 0 and ratio > 0.5:
-                    robust = True
-                    w /= (1.0 + ratio) ** 4
-                _gather(a, b, g, rows, columns, count, y, w)
+            robust = _normal_equations(model, search, placed, z[k], slip[k], found.used[k], turn > 0, a, g)
             for r in range(d):
                 step[r, 0] = g[r]
             if not _factor(a):
@@ -913,22 +898,66 @@ def find_poses(
                 inverse[r, c] = 1.0 if r == c else 0.0
         _solve(a, inverse)
         for c in range(d):
-            spread[k, c], white[k, c] = inverse[c, c], 0.0
-            for i in range(d):
-                for j in range(d):
-                    white[k, c] += inverse[c, i] * b[min(i, j), max(i, j)] * inverse[j, c]
+            found.variance[k, c] = inverse[c, c]
         _place(model, pose, placed)
-        for m in range(len(model.segment)):
-            leverage[k, m] = 0.0
-            if not used[k, m]:
-                continue
-            count = _marker(model, placed, m, x, rows, columns)
-            for i in range(count):
-                for j in range(count):
-                    value = inverse[columns[i], columns[j]] * weight[m] / 3.0
-                    leverage[k, m] += value * (
-                        rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2]
-                    )
+        _leverages(model, search, placed, inverse, found.used[k], found.leverage[k])
         if index == 0:
             _copy_pose(pose, before)
-        _copy_pose(pose, _frame(track, k))
+        _copy_pose(pose, _frame(found.track, k))
+
+
+@compiled
+def _normal_equations(
+    model: ChainModel,
+    search: Search,
+    placed: Placed,
+    z: FloatArray,
+    slip: FloatArray,
+    used: BoolArray,
+    robust: bool,
+    a: FloatArray,
+    g: FloatArray,
+) -> bool:
+    """Compute the upper triangle of A and g of a step; return whether a marker counts less as it is far away."""
+    d = len(g)
+    rows, columns, x, y = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3), np.empty(3)
+    for r in range(d):
+        g[r] = 0.0
+        for c in range(d):
+            a[r, c] = 0.0
+        a[r, r] = search.prior[r]
+    far = False
+    for m in range(len(model.segment)):
+        used[m] = False
+        count = _marker(model, placed, m, x, rows, columns)
+        weight = search.weight[m]
+        if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
+            _push(g, placed.turn[model.segment[m]], slip[m], rows, columns, count, weight)
+            continue
+        for i in range(3):
+            y[i] = z[m, i] - x[i]
+        ratio = (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / search.limit[m] ** 2
+        used[m] = ratio < 1.0
+        if robust and ratio > 0.5:
+            far = True
+            weight /= (1.0 + ratio) ** 4
+        _gather(a, g, rows, columns, count, y, weight)
+    return far
+
+
+@compiled
+def _leverages(
+    model: ChainModel, search: Search, placed: Placed, inverse: FloatArray, used: BoolArray, leverage: FloatArray
+) -> None:
+    """Compute the share of each marker's error that the pose follows."""
+    d = len(inverse)
+    rows, columns, x = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
+    for m in range(len(model.segment)):
+        leverage[m] = 0.0
+        if not used[m]:
+            continue
+        count = _marker(model, placed, m, x, rows, columns)
+        for i in range(count):
+            for j in range(count):
+                value = inverse[columns[i], columns[j]] * search.weight[m] / 3.0
+                leverage[m] += value * (rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, chunks
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.space.chain_model import chain_model, degrees_of_freedom, group_columns
 from mocap_id.estimation.space.frame_poses import (
@@ -15,11 +15,13 @@ from mocap_id.estimation.space.frame_poses import (
     find_frame_poses,
     marker_sizes,
     ordinary_sizes,
+    own_sizes,
     predicted_markers,
+    without_displacements,
 )
 from mocap_id.estimation.space.segment_rates import JointRates, SegmentRates, joint_rates, rate_jacobians, segment_rates
 from mocap_id.estimation.space.skin_errors import SkinErrors, joint_variances, segment_variances, skin_errors
-from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth
+from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
 from mocap_id.estimation.space.spatial_noise import SpatialNoise, camera_noise, process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain
@@ -130,25 +132,27 @@ def smooth_in_space(
     settings = settings or SpatialSettings()
     model = chain_model(chain)
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
-    frames, noise = _estimate_noise(chain, model, points, rate, settings)
+    frames, steady, noise = _estimate_noise(chain, model, points, rate, settings)
     track = filter_and_smooth(
         model,
-        points,
+        steady,
         1.0 / rate,
         frames,
-        size=noise.marker_sd,
         camera=noise.camera_sd,
-        gate_variance=ordinary_sizes(frames, noise.marker_sd) ** 2,
+        gate_variance=_gate_sizes(frames, noise.camera_sd) ** 2,
         snap=noise.snap,
+        gap_snap=noise.gap_snap,
         gate=settings.gate,
     )
-    return _states(chain, model, frames, track, noise, settings)
+    lost = _lost(chain, model, track, settings)
+    scale_to_movement(track, noise.errors)
+    return _states(chain, model, frames, track, noise, lost)
 
 
 def _estimate_noise(
     chain: SpatialChain, model: ChainModel, points: FloatArray, rate: float, settings: SpatialSettings
-) -> tuple[FramePoses, SpatialNoise]:
-    """Return the poses of single frames and the noise."""
+) -> tuple[FramePoses, FloatArray, SpatialNoise]:
+    """Return the poses of single frames, the markers (F, M, 3) without lasting displacements, and the noise."""
     floor = settings.marker_sd_floor
     size = (
         np.full(points.shape[1], settings.marker_sd)
@@ -158,24 +162,31 @@ def _estimate_noise(
     frames = find_frame_poses(chain, model, points, size, rate=rate, gate=settings.gate)
     camera = settings.marker_sd or camera_noise(frames, floor)
     size = np.maximum(size, camera)
+    frames, steady = without_displacements(chain, model, points, frames, rate=rate, camera=camera)
     if settings.sigma_v is not None:
-        return frames, SpatialNoise(camera, size, np.full(degrees_of_freedom(model), settings.sigma_v))
-    return frames, SpatialNoise(camera, size, process_noise(model, frames, camera, 1.0 / rate))
+        snap = np.full(degrees_of_freedom(model), settings.sigma_v)
+        return frames, steady, SpatialNoise(camera, size, snap, snap, np.full((ORDER - 1, len(snap)), np.nan))
+    snap, gap_snap, errors = process_noise(model, frames, 1.0 / rate)
+    return frames, steady, SpatialNoise(camera, size, snap, gap_snap, errors)
 
 
-def _states(
+def _gate_sizes(frames: FramePoses, camera: float) -> FloatArray:
+    """Return the standard deviations (M,) of the markers in the gate, m."""
+    return ordinary_sizes(frames, np.fmax(own_sizes(frames), camera))
+
+
+def _states(  # noqa: PLR0917
     chain: SpatialChain,
     model: ChainModel,
     frames: FramePoses,
     track: SpatialTrack,
     noise: SpatialNoise,
-    settings: SpatialSettings,
+    lost: BoolArray,
 ) -> SpatialStates:
     pose = track.pose
     origins, rotations = chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])
     joints = joint_rates(chain, model, pose)
     rates = segment_rates(chain, pose, rotations, joints)
-    lost = _lost(chain, model, track, settings)
     known = np.flatnonzero(~lost.any(axis=1))
     skin = skin_errors(
         chain,
@@ -229,7 +240,7 @@ def _lost(chain: SpatialChain, model: ChainModel, track: SpatialTrack, settings:
     return lost
 
 
-def _segment_deviations(
+def _segment_deviations(  # noqa: PLR0917
     chain: SpatialChain,
     model: ChainModel,
     track: SpatialTrack,
@@ -242,21 +253,15 @@ def _segment_deviations(
     d = degrees_of_freedom(model)
     found = np.empty((4, *rotations.shape[:2]))
     for part in chunks(len(rotations), 256):
-        some = JointRates(*(each[part] for each in (joints.velocity, joints.acceleration, joints.jerk)), [
-            each[part] for each in joints.maps
-        ])
-        turning = rate_jacobians(chain, model, rotations[part], some, SegmentRates(rates.omega[part], rates.alpha[part]))
-        shifting = _origin_jacobian(model, Pose(*(each[part] for each in track.pose)))
+        turning = rate_jacobians(chain, model, rotations[part], joints.at(part), rates.at(part))
+        shifting = _origin_jacobian(model, _some(track.pose, part))
         covariance = np.ascontiguousarray(track.covariance[part, : 3 * d, : 3 * d])
         found[0, part] = _spread(shifting, covariance[:, :d, :d])
         for order, each in enumerate(turning):
             found[order + 1, part] = _spread(each, covariance)
     at = skin.postures
-    some = JointRates(*(each[at] for each in (joints.velocity, joints.acceleration, joints.jerk)), [
-        each[at] for each in joints.maps
-    ])
-    spin = rate_jacobians(chain, model, rotations[at], some, SegmentRates(rates.omega[at], rates.alpha[at]))[0][..., :d]
-    lasting = segment_variances(skin, spin, _origin_jacobian(model, Pose(*(each[at] for each in track.pose))), rates)
+    spin = rate_jacobians(chain, model, rotations[at], joints.at(at), rates.at(at))[0][..., :d]
+    lasting = segment_variances(skin, spin, _origin_jacobian(model, _some(track.pose, at)), rates)
     origin, rotation, omega, alpha = np.sqrt(found + np.stack(lasting))
     return origin, rotation, omega, alpha
 
@@ -268,6 +273,10 @@ def _spread(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(squares.reshape(*jacobian.shape[:3]).mean(axis=2), 0.0))
 
 
+def _some(pose: Pose, frames: slice | IntArray) -> Pose:
+    return Pose(*(np.ascontiguousarray(each[frames]) for each in pose))
+
+
 def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
     """Return the change (f, n + 1, 3, d) of the segments' origins by the pose."""
     segments = len(model.freedom) + 1
@@ -276,7 +285,7 @@ def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
     )
     shape = (len(pose.origin), segments, 3)
     jacobian = np.zeros((*shape, degrees_of_freedom(model)))
-    predict_markers(ends, Pose(*(np.ascontiguousarray(each) for each in pose)), np.empty(shape), jacobian)
+    predict_markers(ends, pose, np.empty(shape), jacobian)
     return jacobian
 
 

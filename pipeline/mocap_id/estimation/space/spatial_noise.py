@@ -2,7 +2,8 @@
 
 The steps between frames, in each segment's own axes, sum up to one series for each degree of freedom. A series is
 movement and white noise of known variance r. A snap of standard deviation s over one frame gives the smoother
-H = 1 / (1 + (w / w0)^8) with w0^8 = s² / r. The snap is chosen for the least squared error of the smoothed acceleration,
+H = 1 / (1 + (w / w0)^8) with w0^8 = s² / r. The snap is chosen for the least squared error of the smoothed
+acceleration,
 
     sum over frequencies of H² I − 2 H (I − N),
 
@@ -18,11 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, chunks
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.process_model import ORDER
+from mocap_id.estimation.space.chain_model import summed_steps
 from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.space_kernels import ChainModel
-from mocap_id.geometry import so3
 
 SNAP_BOUNDS = (1e-1, 1e6)
 """Search range of the snap's standard deviation over one frame, rad/s⁴ or m/s⁴."""
@@ -31,6 +32,9 @@ _STILL = 0.3  # of the rms speed; slower samples do not count
 _AROUND = 0.25  # s, about a moving sample, that count too
 _WINDOW = 4.0  # s
 _MOST = 100  # windows
+_MOSTLY = 0.5  # share of moving samples in a window
+_GAP_SHARE = 0.36  # s^½; with it, white snap and a constant snap err alike after 0.3 s
+_REACH = 1.9  # times the corner
 _CAUTION = 1.3  # times the best snap: it costs little accuracy, and fast movement needs more than the average
 _LEAST = 16  # frames of a window
 _TRIALS = 120  # values of the snap
@@ -48,11 +52,18 @@ class SpatialNoise:
         The same with the lasting error of the skin, for each marker, m.
     snap : (d,) array
         Standard deviation of the snap of each degree of freedom, held over one frame, rad/s⁴ or m/s⁴.
+    gap_snap : (d,) array
+        The same where a joint is bridged: a movement's snap lasts, so extrapolations err more than white snap says.
+    errors : (3, d) array
+        Mean squared error of pose, velocity and acceleration from white noise and from movement that is not passed; NaN
+        if unknown.
     """
 
     camera_sd: float
     marker_sd: FloatArray
     snap: FloatArray
+    gap_snap: FloatArray
+    errors: FloatArray
 
 
 def camera_noise(frames: FramePoses, floor: float) -> float:
@@ -71,24 +82,56 @@ def camera_noise(frames: FramePoses, floor: float) -> float:
     return max(floor, math.sqrt(squares / freedom)) if freedom >= 1.0 else floor
 
 
-def process_noise(model: ChainModel, frames: FramePoses, camera: float, dt: float) -> FloatArray:
-    """Return the standard deviation of the snap (d,) of each degree of freedom over one frame.
+def process_noise(model: ChainModel, frames: FramePoses, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return snap and gap_snap (d,) of each degree of freedom, and the mean squared errors (3, d) that remain.
 
     Parameters
     ----------
     model : ChainModel
     frames : FramePoses
-    camera : float
-        White noise of a coordinate, m.
     dt : float
         Time step, s.
     """
-    series, variance = _series(model, frames), camera**2 * frames.white
-    found = np.empty(series.shape[1])
+    series, variance = summed_steps(model, frames.track), frames.variance
+    snaps, gaps = np.empty(series.shape[1]), np.empty(series.shape[1])
+    errors = np.full((ORDER - 1, series.shape[1]), np.nan)
     for group, columns in _groups(model):
         seen = frames.observed[:, group]
-        moving = seen & _moving(series[:, columns], seen, dt)
-        found[columns] = _best_snap(series[:, columns], variance[:, columns], moving, seen, dt)
+        starts, size = _windows(seen & _moving(series[:, columns], seen, dt), seen, dt)
+        if not starts.size:
+            snaps[columns], gaps[columns] = SNAP_BOUNDS[1], SNAP_BOUNDS[1]
+            continue
+        spectra = [
+            _spectrum(series[:, c], variance[:, c], seen, starts, size) for c in range(columns.start, columns.stop)
+        ]
+        turning = np.asarray(2 * np.pi * np.fft.rfftfreq(size, dt), dtype=np.float64)
+        trials = np.geomspace(*SNAP_BOUNDS, _TRIALS)[:, None]
+        risk = np.zeros(_TRIALS)
+        for power, noise, white in spectra:
+            passed = 1 / (1 + turning ** (2 * ORDER) * white / trials**2)
+            risk += np.sum(passed**2 * power - 2 * passed * (power - noise), axis=1)
+        snap = _CAUTION * float(trials[np.argmin(risk), 0])
+        snaps[columns], lasting = snap, 0.0
+        for c, (power, noise, white) in zip(range(columns.start, columns.stop), spectra, strict=True):
+            corner = (snap**2 / white) ** (1 / (2 * ORDER))
+            errors[:, c] = _errors(power, noise, turning, corner, dt)
+            passed = 1 / (1 + (turning / corner) ** (2 * ORDER))
+            lasting = max(lasting, float(np.sum(passed**2 * power * turning**4)) / dt**4)
+        gaps[columns] = max(snap, _GAP_SHARE * math.sqrt(lasting / dt))
+    return snaps, gaps, errors
+
+
+def _errors(power: FloatArray, noise: FloatArray, turning: FloatArray, corner: float, dt: float) -> FloatArray:
+    """Return the mean squared errors (3,) of a series and its derivatives, smoothed up to a corner, rad/s."""
+    passed = 1 / (1 + (turning / corner) ** (2 * ORDER))
+    near = (turning > 0) & (turning < _REACH * corner)  # beyond, the movement's power drowns in the noise's
+    averages = passed**2 * noise
+    lost = np.where(near, (1 - passed) ** 2 * (power - noise), 0.0)
+    found = np.empty(ORDER - 1)
+    for order in range(ORDER - 1):
+        by = np.zeros(len(turning))
+        by[1:] = turning[1:] ** (2.0 * order - 4.0) / dt**4
+        found[order] = np.sum(by * averages) + max(float(np.sum(by * lost)), 0.0)
     return found
 
 
@@ -103,23 +146,8 @@ def _groups(model: ChainModel) -> list[tuple[int, slice]]:
     return groups
 
 
-def _series(model: ChainModel, frames: FramePoses) -> FloatArray:
-    """Return the sums (F, d) of the steps between frames."""
-    track = frames.track
-    steps = np.zeros(frames.white.shape)
-    steps[:, :3] = track.origin
-    for k in range(track.turn.shape[1]):
-        at = int(model.first[k])
-        if k == 0 or model.ball[k - 1]:
-            turned = so3.log(np.swapaxes(track.turn[:-1, k], 1, 2) @ track.turn[1:, k])
-            steps[1:, at : at + 3] = np.cumsum(turned, axis=0)
-        else:
-            steps[:, at : at + int(model.freedom[k - 1])] = track.angle[:, k - 1, : model.freedom[k - 1]]
-    return steps
-
-
 def _moving(series: FloatArray, seen: BoolArray, dt: float) -> BoolArray:
-    """Return samples (F,) faster than a share of the rms speed, and those around them; all if the trial is too short."""
+    """Return samples (F,) faster than a share of the rms speed, and those around them; all of a short trial."""
     half = max(round(_AROUND / dt / 2), 1)
     if len(series) < 8 * half:
         return np.ones(len(series), dtype=np.bool_)
@@ -133,29 +161,33 @@ def _moving(series: FloatArray, seen: BoolArray, dt: float) -> BoolArray:
     return np.asarray(around, dtype=np.bool_)
 
 
-def _best_snap(series: FloatArray, variance: FloatArray, moving: BoolArray, seen: BoolArray, dt: float) -> float:
-    """Return the snap of the most accurate accelerations of some series (F, c) over the moving samples (F,)."""
-    size = min(round(_WINDOW / dt), len(series) - 2)
-    trials = np.geomspace(*SNAP_BOUNDS, _TRIALS)
+def _windows(moving: BoolArray, seen: BoolArray, dt: float) -> tuple[IntArray, int]:
+    """Return the first frames of windows with movement and without gaps (else the middle one), and their length."""
+    size = min(round(_WINDOW / dt), len(seen) - 2)
     if size < _LEAST or not seen.any():
-        return float(trials[-1])
-    every = np.arange(len(series))
-    starts = np.arange(0, len(series) - 1 - size, max(size // 2, 1))
-    starts = np.array([k for k in starts if moving[k : k + size + 2].mean() > 0.5 and seen[k : k + size + 2].all()])
-    if not starts.size:
-        starts = np.array([max((len(series) - 2 - size) // 2, 0)])
-    starts = starts[np.linspace(0, len(starts) - 1, min(len(starts), _MOST)).round().astype(np.int64)]
+        return np.empty(0, dtype=np.int64), size
+    starts = np.arange(0, len(seen) - 1 - size, max(size // 2, 1))
+    good = [moving[k : k + size + 2].mean() > _MOSTLY and seen[k : k + size + 2].all() for k in starts]
+    kept = starts[np.array(good, dtype=np.bool_)]
+    if not kept.size:
+        kept = np.array([max((len(seen) - 2 - size) // 2, 0)])
+    return kept[np.linspace(0, len(kept) - 1, min(len(kept), _MOST)).round().astype(np.int64)], size
+
+
+def _spectrum(
+    series: FloatArray, variance: FloatArray, seen: BoolArray, starts: IntArray, size: int
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the power of the second differences, that of their noise, and the white variance of the series.
+
+    The powers sum up to variances over the frequencies.
+    """
+    filled = np.interp(np.arange(len(series)), np.flatnonzero(seen), series[seen])
+    bends = np.diff(filled, 2)
+    windows = np.stack([bends[k : k + size] for k in starts])
     taper = np.hanning(size)
-    turning = 2 * np.pi * np.fft.rfftfreq(size, dt)
-    shape = (2 - 2 * np.cos(turning * dt)) ** 2 * np.sum(taper**2)
-    risk = np.zeros(_TRIALS)
-    for c in range(series.shape[1]):
-        filled = np.interp(every, every[seen], series[seen, c])
-        bends = np.diff(filled, 2)
-        windows = np.stack([bends[k : k + size] for k in starts])
-        power = np.mean(np.abs(np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper)) ** 2, axis=0)
-        top = slice(len(turning) // 2, None)  # a poor geometry in some postures has more noise than the median
-        white = max(float(np.median(variance[seen, c])), float(np.sum(power[top]) / np.sum(shape[top])))
-        passed = 1 / (1 + turning ** (2 * ORDER) * (white / trials**2)[:, None])
-        risk += np.sum(passed**2 * power - 2 * passed * (power - white * shape), axis=1)
-    return _CAUTION * float(trials[np.argmin(risk)])
+    taper /= np.sqrt(np.sum(taper**2) * size / 2)
+    power = np.mean(np.abs(np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * taper)) ** 2, axis=0)
+    shape = (2 - 2 * np.cos(2 * np.pi * np.fft.rfftfreq(size))) ** 2 * np.sum(taper**2)
+    top = slice(len(shape) // 2, None)  # a poor geometry in some postures has more noise than the median
+    white = max(float(np.median(variance[seen])), float(np.sum(power[top]) / np.sum(shape[top])))
+    return power, white * shape, white

@@ -8,14 +8,18 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.geometry import so3
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
 
 LEAST = 3
 """Fewest markers of a body that has a rotation."""
 
-_ITERATIONS = 3
+NARROW = 0.01
+"""Least width of a body, m; the skin turns a narrower one about its line by more than a joint does."""
+
+_ITERATIONS = 2
 _REASSIGNMENTS = 8
 _CLUSTERS = (2, 3, 4)
 _FEW = 14  # markers of a body that is small enough to try all its rigid triples
@@ -35,12 +39,15 @@ class SpaceBody:
     residual : (M,) array
         rms distance of every marker of the trial from its mean place on the body, m; inf where unknown. The body's own
         markers are placed by the others.
+    width : float
+        rms distance of the markers from the line that fits them best, along the direction in which it is largest, m.
     """
 
     markers: IntArray
     rotation: FloatArray
     origin: FloatArray
     residual: FloatArray
+    width: float
 
     @property
     def usual(self) -> float:
@@ -57,15 +64,22 @@ def fit_space_body(points: FloatArray, markers: IntArray) -> SpaceBody:
     shape = fit_shape(points[:, markers], iterations=_ITERATIONS)
     rotation, origin, _ = rigid_poses(points[:, markers], shape)
     back = (points - origin[:, None]) @ rotation
-    seen = np.isfinite(back[..., 0])
-    counts = seen.sum(axis=0)
-    back = np.where(seen[..., None], back, 0.0)
-    off = np.where(seen[..., None], back - (back.sum(axis=0) / np.maximum(counts, 1)[:, None]), 0.0)
+    off, _, counts = around_mean(back)
     for place, marker in zip(_absorbed(shape), markers, strict=True):
         off[:, marker] = off[:, marker] @ place
     square = np.einsum("fmi,fmi->m", off, off) / np.maximum(counts, 1)
     residual = np.where(counts >= max(3, 0.02 * len(points)), np.sqrt(square), np.inf)
-    return SpaceBody(markers, rotation, origin, residual)
+    known = shape[np.isfinite(shape).all(axis=1)]
+    width = float(np.linalg.svd(known, compute_uv=False)[1] / np.sqrt(len(known))) if len(known) >= LEAST else 0.0
+    return SpaceBody(markers, rotation, origin, residual, width)
+
+
+def around_mean(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return trajectories (F, k, 3) minus their means, 0 where unseen, the means (k, 3), and the frames seen (k,)."""
+    seen = np.isfinite(local[..., 0])
+    counts = np.asarray(seen.sum(axis=0))
+    mean = np.where(seen[..., None], local, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None]
+    return np.where(seen[..., None], local - mean, 0.0), mean, counts
 
 
 def _absorbed(shape: FloatArray) -> FloatArray:
@@ -74,10 +88,10 @@ def _absorbed(shape: FloatArray) -> FloatArray:
     The pose of a body absorbs the share H of a marker's error. Without the marker, the residual is (I - H)⁻¹ times as
     large. Directions that the other markers hardly show are limited: three markers leave one direction free.
     """
-    known = np.isfinite(shape).all(axis=1)
+    known: BoolArray = np.asarray(np.isfinite(shape).all(axis=1))
     centred = np.where(known[:, None], shape, 0.0)
     inertia = np.sum(centred**2) * np.eye(3) - centred.T @ centred
-    cross = np.cross(np.eye(3), centred[:, None])  # (k, 3, 3): rows e_i × c
+    cross = so3.hat(centred)
     share = np.eye(3) / max(int(known.sum()), 1) + cross @ np.linalg.pinv(inertia, rcond=1e-6) @ cross.transpose(
         0, 2, 1
     )
@@ -113,10 +127,11 @@ class SpaceBodies:
             self._bodies[key] = fit_space_body(self.points, markers)
         return self._bodies[key]
 
-    def settled(self, groups: list[IntArray]) -> tuple[SpaceBody, ...]:
+    def settled(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpaceBody, ...]:
         """Return bodies from groups of markers, after each of their markers has moved to the body that fits it best.
 
-        A group that loses all but two markers is dropped.
+        A marker leaves its body for a residual below the share ``stay`` of the present one. A group that loses all but
+        two markers is dropped.
         """
         among = np.sort(np.concatenate(groups))
         groups = [group for group in groups if len(group) >= LEAST]
@@ -124,6 +139,7 @@ class SpaceBodies:
             if len(groups) < 2:
                 break
             residuals = np.stack([self.body(group).residual[among] for group in groups])
+            residuals *= np.stack([np.where(np.isin(among, group), stay, 1.0) for group in groups])
             best = self.constraints.nearest_bodies(np.minimum(residuals, 1e3) ** 2, among)
             regrouped = [among[best == index] for index in range(len(groups))]
             regrouped = [group for group in regrouped if len(group) >= LEAST]
@@ -152,7 +168,8 @@ class SpaceBodies:
             if min(map(len, groups)) < LEAST:
                 continue
             for bodies in (self.settled(groups), tuple(map(self.body, groups))):
-                if len(bodies) == 2 and sum(len(body.markers) for body in bodies) == len(markers):
+                complete = len(bodies) == 2 and sum(len(body.markers) for body in bodies) == len(markers)
+                if complete and min(body.width for body in bodies) >= NARROW:
                     first, second = sorted(bodies, key=lambda body: int(body.markers[0]))
                     found[first.markers.tobytes()] = first, second
         return list(found.values())
@@ -174,4 +191,4 @@ def distance_deviation(points: FloatArray) -> FloatArray:
     deviation = np.where(known, deviation, deviation[known].max() if known.any() else 0.0)
     deviation = (deviation + deviation.T) / 2
     np.fill_diagonal(deviation, 0.0)
-    return deviation
+    return np.asarray(deviation)

@@ -9,18 +9,14 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bundle_equations import (
+from mocap_id.kinematics.space.bundle_equations import Linear, Reduced, eliminate_frames, linearise, residuals
+from mocap_id.kinematics.space.bundle_model import (
     BundleProblem,
     BundleState,
     Columns,
-    Linear,
-    Reduced,
     apply_step,
     columns_of,
-    eliminate_frames,
     joint_rotations,
-    linearise,
-    residuals,
 )
 from mocap_id.kinematics.space.chain_prior import ChainPrior
 
@@ -32,6 +28,8 @@ _HUBER = 3.0  # standard deviations of a marker
 _FINEST = 1e-4  # m; smallest standard deviation of a marker
 _SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
 _LONGEST = 40  # frames; largest number of frames that count as one
+_FRAME_STEPS = 5
+_ANYWHERE = 1.0  # m; standard deviation of a marker that is never seen
 _FREE = 1e-4  # smallest damping
 _FIXED = 1e-4  # rad, m; standard deviation of the axes of a segment about those of its markers
 _STEP = {"markers": 0.01, "centres": 0.02, "axes": 0.2, "skin": 0.2}  # m, rad, 1; usual steps
@@ -55,6 +53,7 @@ class Bundle:
     together : (M,) array
         Number of frames that count as one, because the error of a marker lasts.
     iterations : int
+    prior : ChainPrior, optional
     """
 
     problem: BundleProblem
@@ -65,16 +64,16 @@ class Bundle:
     sd: FloatArray
     together: FloatArray
     iterations: int
+    prior: ChainPrior | None = None
 
     def turn_noise(self, joint: int) -> FloatArray:
         """Return the covariance (3, 3) of the rotation of a joint in one frame, in the parent's frame, rad²."""
         turn = joint_rotations(self.problem, self.state)[:, joint]
-        own = self._body_noise(joint + 1)
-        return np.asarray(
-            self._body_noise(self.problem.parents[joint]) + (turn @ own @ np.swapaxes(turn, 1, 2)).mean(0)
-        )
+        own = self.body_noise(joint + 1)
+        return np.asarray(self.body_noise(self.problem.parents[joint]) + (turn @ own @ np.swapaxes(turn, 1, 2)).mean(0))
 
-    def _body_noise(self, k: int) -> FloatArray:
+    def body_noise(self, k: int) -> FloatArray:
+        """Return the covariance (3, 3) of the rotation of a cluster in one frame, in its own frame, rad²."""
         here = self.problem.segment == k
         weight = 1 / self.sd[here] ** 2
         about = self.state.local[here] - weight @ self.state.local[here] / weight.sum()
@@ -103,7 +102,7 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     sd, together = np.full(seen.shape[1], np.nan), np.ones(seen.shape[1])
     scale = _step_scales(cols)
     fixed = gauge_rows(problem, state, cols) / _FIXED
-    fixed = fixed.T @ fixed
+    fixed = fixed.T @ fixed + np.diag((np.arange(cols.size) < 3 * cols.markers) / _ANYWHERE**2)
     damping, weighings = 1.0, 0
     linear = linearise(problem, state)
     cost = _cost(linear, problem, state, prior)
@@ -112,15 +111,17 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
         value, rows = prior.equations(problem, state)
         matrix, vector = reduced.matrix + rows.T @ rows, reduced.vector - rows.T @ value
         while True:
-            step = np.linalg.solve(matrix + fixed + np.diag(damping * scale), vector)
+            step = np.asarray(np.linalg.solve(matrix + fixed + np.diag(damping * scale), vector), dtype=np.float64)
             tried = apply_step(problem, state, step, -reduced.gain @ step)
             tried, tried_linear = settle_frames(problem, tried)
             tried_cost = _cost(tried_linear, problem, tried, prior)
             if tried_cost <= cost * (1 + 1e-9) or damping > 1e6:
                 break
             damping *= 10
-        fall = cost - tried_cost
-        state, linear, cost, damping = tried, tried_linear, tried_cost, max(damping / 10, _FREE)
+        fall = max(cost - tried_cost, 0.0)
+        if tried_cost <= cost:
+            state, linear, cost = tried, tried_linear, tried_cost
+        damping = max(damping / 10, _FREE)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
             sd, together = marker_errors(problem, state, linear)
             root = 1 / (sd * np.sqrt(together))
@@ -129,11 +130,11 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
             linear = linearise(problem, state)
             cost = _cost(linear, problem, state, prior)
             weighings, damping = weighings + 1, max(damping, 1e-2)
-        elif abs(fall) <= _CONVERGED * cost:
+        elif fall <= _CONVERGED * cost:
             reduced = eliminate_frames(problem, linear)
             rows = prior.equations(problem, state)[1]
             matrix = reduced.matrix + rows.T @ rows + fixed
-            return Bundle(problem, state, linear, reduced, matrix, sd, together, iteration)
+            return Bundle(problem, state, linear, reduced, matrix, sd, together, iteration, prior)
     raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
 
 
@@ -145,7 +146,7 @@ def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleSta
     linear = linearise(problem, state)
     turned = np.swapaxes(linear.by_frame, 1, 2)
     inner = turned @ linear.by_frame + 1e-9 * np.eye(problem.frame_size)
-    own = -np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0]
+    own = np.asarray(-np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0], dtype=np.float64)
     unmoved = np.zeros(columns_of(problem).size)
     before = (linear.off**2).sum(axis=1)
     settled = apply_step(problem, state, unmoved, own)
@@ -153,7 +154,8 @@ def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleSta
     worse = (after.off**2).sum(axis=1) > before
     if worse.any():
         settled = apply_step(problem, state, unmoved, np.where(worse[:, None], 0.0, own))
-        after = linearise(problem, settled)
+        for new, old in ((after.off, linear.off), (after.by_frame, linear.by_frame), (after.by_chain, linear.by_chain)):
+            new[worse] = old[worse]
     return settled, after
 
 
@@ -203,6 +205,15 @@ def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
     return axes
 
 
+def unsolved(problem: BundleProblem, state: BundleState) -> Bundle:
+    """Return a bundle of given parameters, whose frames alone are fitted; its normal matrix is NaN."""
+    for _ in range(_FRAME_STEPS):
+        state, linear = settle_frames(problem, state)
+    sd, together = marker_errors(problem, state, linear)
+    reduced = eliminate_frames(problem, linear)
+    return Bundle(problem, state, linear, reduced, np.full(reduced.matrix.shape, np.nan), sd, together, 0)
+
+
 def _cost(linear: Linear, problem: BundleProblem, state: BundleState, prior: ChainPrior) -> float:
     return float(np.sum(linear.off**2) + np.sum(prior.equations(problem, state)[0] ** 2))
 
@@ -228,10 +239,10 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
         typical = square[here].sum() / left[here].sum()
         extra = _SHARED * left[here].mean()
         variance[here] = (square[here] + extra * typical) / (left[here] + extra)
-    return np.sqrt(np.maximum(variance, _FINEST**2)), _frames_together(off, seen)
+    return np.sqrt(np.maximum(variance, _FINEST**2)), _frames_together(off)
 
 
-def _frames_together(off: FloatArray, seen: FloatArray) -> FloatArray:
+def _frames_together(off: FloatArray) -> FloatArray:
     """Return the integrated autocorrelation of the residuals of each marker (M,), 1 or more."""
     energy = np.maximum((off**2).sum(axis=(0, 2)), 1e-18)
     total = np.ones(off.shape[1])

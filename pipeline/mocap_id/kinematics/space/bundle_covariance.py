@@ -3,7 +3,7 @@
 The inverse of the normal matrix holds noise, with the number of frames that share one error. Soft tissue does worse: it
 has the same error whenever the posture is the same, and moves in step with the joints. Every marker is therefore let
 slide in proportion to each component of the rotation of its joints, with a variance from the lasting part of its
-residual. The slides are carried through the normal equations.
+residual. So is every cluster as a whole, which turns on the bone. The slides are carried through the normal equations.
 """
 
 from __future__ import annotations
@@ -13,14 +13,18 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle import Bundle
-from mocap_id.kinematics.space.bundle_equations import joint_rotations
+from mocap_id.kinematics.space.bundle_model import columns_of, joint_rotations
 from mocap_id.kinematics.space.joint_kinds import middle_rotation
 
+_ANYWHERE = 0.1  # m; standard deviation of a centre along its hinge
+_TURN = 0.5  # variance of the turn of a cluster, as a multiple of that which the lasting residuals explain
 _SLIDE = 0.4  # variance of the slides of a marker, as a multiple of the lasting variance of its residual
 
 
 def chain_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance (P, P) of the parameters of a solved bundle."""
+    """Return the covariance (P, P) of the parameters of a solved bundle; NaN for one that is not."""
+    if np.isnan(bundle.matrix).any():
+        return bundle.matrix
     inverse = np.linalg.inv(bundle.matrix)
     problem, linear = bundle.problem, bundle.linear
     rows = 3 * len(problem.segment)
@@ -42,7 +46,41 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
         size = np.repeat(np.sqrt(_SLIDE * lasting * here), 3)
         flat = (moved * size[:, None]).reshape(-1, inverse.shape[0])
         total = total + flat.T @ flat
-    return np.asarray(total)
+        for k in (parent, j + 1):
+            flat = (_cluster_turns(bundle, k, lasting) @ moved).reshape(-1, inverse.shape[0])
+            total = total + _TURN * flat.T @ flat
+    if bundle.prior is not None:
+        flat = bundle.prior.axis_errors(problem, bundle.state) @ inverse
+        total = total + flat.T @ flat
+    return np.asarray(total + _along_hinges(bundle))
+
+
+def _cluster_turns(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:
+    """Return the displacements (3, 3 M) of the markers of a segment in three independent turns of usual size, m."""
+    here = np.flatnonzero(bundle.problem.segment == k)
+    share = float(np.sum(lasting[here]) / np.sum(bundle.sd[here] ** 2))
+    sizes, axes = np.linalg.eigh(bundle.body_noise(k))
+    about = bundle.state.local[here] - bundle.state.local[here].mean(axis=0)
+    turns = np.zeros((3, len(bundle.sd), 3))
+    turns[:, here] = np.cross(axes.T[:, None], about) * np.sqrt(share * sizes)[:, None, None]
+    return turns.reshape(3, -1)
+
+
+def _along_hinges(bundle: Bundle) -> FloatArray:
+    """Return the covariance of the place along each hinge, which is arbitrary: centre, markers and next joints."""
+    problem, state = bundle.problem, bundle.state
+    cols = columns_of(problem)
+    total = np.zeros((cols.size, cols.size))
+    for j, kind in enumerate(problem.kinds):
+        if kind == "hinge":
+            move = np.zeros(cols.size)
+            move[cols.centre[j]] = state.first[j]
+            for m in np.flatnonzero(problem.segment == j + 1):
+                move[3 * m : 3 * m + 3] = -state.second[j]
+            for i in np.flatnonzero(np.array(problem.parents) == j + 1):
+                move[cols.centre[i]] = -state.second[j]
+            total += _ANYWHERE**2 * np.outer(move, move)
+    return total
 
 
 def _whitening(shape: FloatArray) -> FloatArray:

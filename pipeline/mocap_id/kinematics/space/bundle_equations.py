@@ -15,189 +15,25 @@ Schur complement, so that only the parameters of the chain remain.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import JointKind
+from mocap_id.kinematics.space.bundle_model import (
+    BundleProblem,
+    BundleState,
+    Columns,
+    columns_of,
+    joint_rotations,
+    segment_origins,
+    share_of_glide,
+    tangents,
+    twists,
+)
 
 FIRM = 200.0  # 1/rad; weight of a constraint on the axes, whose error is then far below 0.3°
-
-
-@dataclass(frozen=True)
-class BundleProblem:
-    """Input of the bundle.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Markers, m; 0 where unseen.
-    weights : (F, M) array
-        Square roots of the inverse variances of one coordinate, 1/m; 0 where unseen.
-    segment : (M,) int array
-    parents : tuple of int, length n
-        Parent of segment 1 … n.
-    kinds : tuple of JointKind, length n
-    rest : (3,) array
-        Direction of the second segment without elevation, in the frame of the base.
-    on_glide : (M,) bool array
-        Markers of the base that ride on the girdle.
-    glides : bool
-        Whether the glide is estimated.
-    long_axes : (n, 3) array
-        Long axis of each segment in its own frame, towards its joint.
-    """
-
-    points: FloatArray
-    weights: FloatArray
-    segment: IntArray
-    parents: tuple[int, ...]
-    kinds: tuple[JointKind, ...]
-    rest: FloatArray
-    on_glide: BoolArray
-    glides: bool
-    long_axes: FloatArray
-
-    @property
-    def frame_size(self) -> int:
-        """Number of unknowns of a frame."""
-        return 6 + 3 * len(self.parents)
-
-    def path(self, segment: int) -> list[int]:
-        """Return the joints from a segment to the base."""
-        joints = []
-        while segment > 0:
-            joints.append(segment - 1)
-            segment = self.parents[segment - 1]
-        return joints
-
-
-@dataclass(frozen=True)
-class BundleState:
-    """Unknowns of the bundle.
-
-    Parameters
-    ----------
-    local : (M, 3) array
-        Marker coordinates, m.
-    centres : (n, 3) array
-        Joint centres in the frames of the parents, m.
-    first, second : (n, 3) arrays
-        Unit axes a (parent's frame) and b (child's frame); without meaning for a ball.
-    cosine : (n,) array
-        Cosine κ of the angle between two axes.
-    glide : (3,) array
-        Glide of joint 1, m.
-    skin : (M,) array
-        Share of the twist of its segment that each marker misses.
-    origin : (F, 3) array
-        Origin of the base, m.
-    rotations : (F, n + 1, 3, 3) array
-        Segment to trial.
-    """
-
-    local: FloatArray
-    centres: FloatArray
-    first: FloatArray
-    second: FloatArray
-    cosine: FloatArray
-    glide: FloatArray
-    skin: FloatArray
-    origin: FloatArray
-    rotations: FloatArray
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Places of the parameters of the chain: markers first, then joints, glide and skin."""
-
-    markers: int
-    centre: tuple[slice, ...]
-    first: tuple[slice | None, ...]
-    second: tuple[slice | None, ...]
-    cosine: tuple[int | None, ...]
-    glide: slice | None
-    skin: slice
-    size: int
-
-
-def columns_of(problem: BundleProblem) -> Columns:
-    """Return the places of the parameters of a problem."""
-    markers, at = problem.points.shape[1], 3 * problem.points.shape[1]
-    centre: list[slice] = []
-    first: list[slice | None] = []
-    second: list[slice | None] = []
-    cosine: list[int | None] = []
-    for kind in problem.kinds:
-        centre.append(slice(at, at + 3))
-        at += 3
-        has_axes = kind != "ball"
-        first.append(slice(at, at + 2) if has_axes else None)
-        second.append(slice(at + 2, at + 4) if has_axes else None)
-        at += 4 * has_axes
-        cosine.append(at if kind == "two-axis" else None)
-        at += kind == "two-axis"
-    glide = slice(at, at + 3) if problem.glides else None
-    at += 3 * problem.glides
-    return Columns(
-        markers, tuple(centre), tuple(first), tuple(second), tuple(cosine), glide, slice(at, at + markers), at + markers
-    )
-
-
-def tangents(axis: FloatArray) -> FloatArray:
-    """Return two unit vectors (3, 2) normal to a unit axis (3,) and to each other."""
-    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    one = np.cross(axis, other)
-    one /= np.linalg.norm(one)
-    return np.stack([one, np.cross(axis, one)], axis=1)
-
-
-def share_of_glide(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return u = (1 - cos elevation) / 2 in every frame (F,)."""
-    turned = np.swapaxes(state.rotations[:, 0], 1, 2) @ (state.rotations[:, 1] @ problem.long_axes[0])[..., None]
-    return np.asarray((1 - turned[..., 0] @ problem.rest) / 2)
-
-
-def segment_origins(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return the origins of the segments (F, n + 1, 3), m."""
-    origins = [state.origin]
-    for j, parent in enumerate(problem.parents):
-        step = np.broadcast_to(state.centres[j], state.origin.shape)
-        if j == 0 and problem.glides:
-            step = step + share_of_glide(problem, state)[:, None] * state.glide
-        origins.append(origins[parent] + np.einsum("fij,fj->fi", state.rotations[:, parent], step))
-    return np.stack(origins, axis=1)
-
-
-def joint_rotations(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return the rotation Q of every joint, child to parent (F, n, 3, 3)."""
-    parents = np.array(problem.parents, dtype=np.int64)
-    return np.asarray(np.swapaxes(state.rotations[:, parents], 2, 3) @ state.rotations[:, 1:])
-
-
-def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the twist of every segment about its long axis (F, n), rad, and its derivatives (F, n, 3).
-
-    Returns
-    -------
-    twist : (F, n) array
-        The rotation about the long axis that is left when the shortest swing is taken off.
-    by_child, by_parent : (F, n, 3) arrays
-        Derivatives by the turns of the child and of the parent.
-    """
-    quaternion = so3.quaternion(joint_rotations(problem, state))
-    scalar, vector = quaternion[..., 0], quaternion[..., 1:]
-    axis = problem.long_axes
-    along = np.einsum("fni,ni->fn", vector, axis)
-    size = np.maximum(scalar**2 + along**2, 1e-9)[..., None]
-    common = scalar[..., None] ** 2 * axis + along[..., None] * vector
-    across = scalar[..., None] * np.cross(axis, vector)
-    twist = 2 * np.arctan2(along, scalar)
-    twist = (twist + np.pi) % (2 * np.pi) - np.pi
-    return twist, (common + across) / size, -(common - across) / size
 
 
 def residuals(problem: BundleProblem, state: BundleState) -> FloatArray:
@@ -249,7 +85,9 @@ def linearise(problem: BundleProblem, state: BundleState) -> Linear:
     off, free, back, twist = _rows(problem, state)
     by_frame = np.zeros((frames, markers, 3, problem.frame_size))
     by_chain = np.zeros((frames, markers, 3, cols.size - 3 * markers))
-    context = _Context(problem, state, cols, free, back, twist)
+    context = _Context(
+        problem, state, cols, free, back, twist, *twists(problem, state)[1:], share_of_glide(problem, state)
+    )
     for k in range(len(problem.parents) + 1):
         context.fill(k, by_frame, by_chain)
     root = problem.weights[..., None]
@@ -263,7 +101,8 @@ def linearise(problem: BundleProblem, state: BundleState) -> Linear:
             rows.append(FIRM * value)
             frame_rows.append(FIRM * of_frame)
             chain_rows.append(FIRM * of_chain)
-    return Linear(*(np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)), root=problem.weights)
+    stacked = [np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)]
+    return Linear(stacked[0], stacked[1], stacked[2], problem.weights)
 
 
 @dataclass(frozen=True)
@@ -276,6 +115,9 @@ class _Context:
     free: FloatArray
     back: FloatArray
     twist: FloatArray
+    by_child: FloatArray
+    by_parent: FloatArray
+    share: FloatArray
 
     def fill(self, k: int, by_frame: FloatArray, by_chain: FloatArray) -> None:
         """Fill the rows of the markers of segment k."""
@@ -293,7 +135,7 @@ class _Context:
             axes = turned @ state.rotations[:, None, parent]
             by_chain[:, here, :, cols.centre[j].start - skip : cols.centre[j].stop - skip] = -axes
             if j == 0 and problem.glides:
-                lever = lever + share_of_glide(problem, state)[:, None] * state.glide
+                lever = lever + self.share[:, None] * state.glide
                 self._glide(here, axes, by_frame, by_chain)
             by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += axes @ so3.hat(lever)[:, None]
         if k == 0:
@@ -306,7 +148,7 @@ class _Context:
     def _glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
         problem, state = self.problem, self.state
         assert self.cols.glide is not None
-        share = share_of_glide(problem, state)
+        share = self.share
         place = slice(self.cols.glide.start - 3 * self.cols.markers, self.cols.glide.stop - 3 * self.cols.markers)
         by_chain[:, here, :, place] = -axes * share[:, None, None, None]
         relative = np.swapaxes(state.rotations[:, 0], 1, 2) @ state.rotations[:, 1]
@@ -321,7 +163,7 @@ class _Context:
         swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
         place = self.cols.skin.start - 3 * self.cols.markers + here
         by_chain[:, here, :, place] = swirl.transpose(1, 0, 2) * self.twist[:, here].T[..., None]
-        _, by_child, by_parent = twists(problem, state)
+        by_child, by_parent = self.by_child, self.by_parent
         moved = state.skin[here, None] * swirl
         by_frame[:, here, :, 3 + 3 * k : 6 + 3 * k] += moved[..., None] * by_child[:, k - 1, None, None]
         parent = problem.parents[k - 1]
@@ -353,37 +195,6 @@ def _constraint(
     if cosine is not None:
         of_chain[..., cosine - skip] = -1
     return value, of_frame, of_chain
-
-
-def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, frames: FloatArray) -> BundleState:
-    """Return the state after a step of the chain's parameters (P,) and of the frames' unknowns (F, d)."""
-    cols = columns_of(problem)
-    first, second, cosine = state.first.copy(), state.second.copy(), state.cosine.copy()
-    for j in range(len(problem.kinds)):
-        for axes, place in ((first, cols.first[j]), (second, cols.second[j])):
-            if place is not None:
-                axes[j] += tangents(axes[j]) @ chain[place]
-                axes[j] /= np.linalg.norm(axes[j])
-        at = cols.cosine[j]
-        if at is not None:
-            cosine[j] += chain[at]
-    turns = frames[:, 3:].reshape(len(frames), -1, 3)
-    return replace(
-        state,
-        local=state.local + chain[: 3 * cols.markers].reshape(-1, 3),
-        centres=state.centres + np.stack([chain[place] for place in cols.centre]),
-        first=first,
-        second=second,
-        cosine=cosine,
-        glide=state.glide + (chain[cols.glide] if cols.glide is not None else 0.0),
-        skin=state.skin + chain[cols.skin],
-        origin=state.origin + frames[:, :3],
-        rotations=state.rotations @ so3.exp(turns),
-    )
-
-
-Prior = Callable[[BundleState], tuple[FloatArray, FloatArray]]
-"""Weighted residuals (K,) of what is known about the chain, and their derivatives (K, P) by its parameters."""
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,24 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry.spatial_chain import JointKind
 from mocap_id.kinematics.frame_sampling import frames_along_motion
-from mocap_id.kinematics.space.bundle import Bundle, long_axes, solve_bundle
-from mocap_id.kinematics.space.bundle_equations import (
-    BundleProblem,
-    BundleState,
-    joint_rotations,
-    residuals,
-    share_of_glide,
-)
+from mocap_id.kinematics.space.bundle import Bundle, long_axes, solve_bundle, unsolved
+from mocap_id.kinematics.space.bundle_equations import residuals
+from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, joint_rotations, share_of_glide
+from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
 from mocap_id.kinematics.space.chain_prior import ChainPrior
 from mocap_id.kinematics.space.chain_result import SpatialFit, collect
-from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters, shared_point
+from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters
 from mocap_id.kinematics.space.girdle import markers_on_girdle
-from mocap_id.kinematics.space.joint_kinds import JointAxes, axes_with_pin, hinge_axes, two_axes, weigh_kinds
+from mocap_id.kinematics.space.joint_kinds import (
+    JointAxes,
+    axes_with_pin,
+    hinge_axes,
+    rotation_arc,
+    two_axes,
+    weigh_kinds,
+)
 
-Estimator: TypeAlias = Literal["bundle", "score", "sphere", "helical"]
+Estimator: TypeAlias = Literal["bundle"] | CentreEstimator
 
 _FRAMES = 180
 _FRAMES_OF_KINDS = 80
@@ -43,6 +46,7 @@ def fit_spatial_chain(
     parents: Sequence[int],
     kinds: Mapping[int, JointKind] | None = None,
     *,
+    estimator: Estimator = "bundle",
     up: Sequence[float] = _UP,
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories in one bundle.
@@ -57,6 +61,9 @@ def fit_spatial_chain(
         Parent of segment 1 … n, smaller than the segment.
     kinds : mapping of int to kind, optional
         Given kinds of joints, by the number of their segment, 1 … n; the others are chosen by evidence.
+    estimator : {"bundle", "score", "sphere", "helical"}
+        With an estimator other than the bundle, centres come from pairs of clusters. There are then no covariances, no
+        glide and no motion of the skin, and no centre is called unknown.
     up : (3,) sequence
         Direction from which the elevation of the girdle is measured, in the frame of the trial.
 
@@ -69,15 +76,22 @@ def fit_spatial_chain(
     used = usable_frames(points, segment, _FRAMES)
     clusters, used = fit_clusters_at(points, segment, used)
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
-    count = len(parents)
-    balls: tuple[JointKind, ...] = ("ball",) * count
+    ball: JointKind = "ball"
     start = _Start(points[used], segment, tuple(parents), clusters, np.asarray(up, dtype=np.float64))
-    rough = solve_bundle(*start.at(few, balls))
+    rough = solve_bundle(*start.at(few, (ball,) * len(parents)))
     evidence = tuple(
-        weigh_kinds(joint_rotations(rough.problem, rough.state)[:, j], rough.turn_noise(j), kinds.get(j + 1))
-        for j in range(count)
+        weigh_kinds(
+            joint_rotations(rough.problem, rough.state)[:, j],
+            rough.turn_noise(j),
+            rotation_arc(clusters.turn(parent, j + 1)),
+            kinds.get(j + 1),
+        )
+        for j, parent in enumerate(parents)
     )
-    chosen = tuple(each.kind for each in evidence)
+    chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
+    if estimator != "bundle":
+        problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
+        return collect(unsolved(problem, state), evidence)
     riding = _riders(rough, chosen)
     problem, state, prior = start.at(np.arange(len(used)), chosen, rough, riding)
     return collect(solve_bundle(problem, state, prior), evidence)
@@ -91,7 +105,7 @@ def usable_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray
     NumericalError
         Too few.
     """
-    seen = np.isfinite(points).all(axis=2)
+    seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
     among = np.flatnonzero(enough)
     if len(among) < _FEWEST:
@@ -103,7 +117,7 @@ def usable_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray
 
 def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tuple[Clusters, IntArray]:
     """Return the clusters in the frames in which all of their poses are known, and these frames."""
-    seen = np.isfinite(points[used]).all(axis=2)
+    seen: BoolArray = np.asarray(np.isfinite(points[used]).all(axis=2))
     reference = int(np.argmax(seen[: max(len(used) // 10, 1)].sum(axis=1)))
     clusters = fit_clusters(points[used], segment, reference)
     known = np.isfinite(clusters.rotation).all(axis=(1, 2, 3))
@@ -120,33 +134,39 @@ class _Start:
     clusters: Clusters
     up: FloatArray
 
+    def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
+        """Return the centres (n, 3) from the parents' joints, and those of all segments in their clusters, m."""
+        own, centres = np.zeros((len(self.parents) + 1, 3)), np.zeros((len(self.parents), 3))
+        name: CentreEstimator = "score" if estimator == "bundle" else estimator
+        for j, parent in enumerate(self.parents):
+            markers = self.clusters.local[self.segment == j + 1]
+            centres[j], own[j + 1] = estimate_centre(name, self.clusters, parent, j + 1, markers)
+        return centres - own[list(self.parents)], own
+
     def at(
         self,
         frames: IntArray,
         kinds: tuple[JointKind, ...],
         rough: Bundle | None = None,
         riding: BoolArray | None = None,
+        estimator: Estimator = "bundle",
     ) -> tuple[BundleProblem, BundleState, ChainPrior]:
         """Return problem, first guess and prior for some frames."""
         points, clusters = self.points[frames], self.clusters
         count, markers = len(self.parents), points.shape[1]
-        own = np.zeros((count + 1, 3))
-        centres = np.zeros((count, 3))
-        for j, parent in enumerate(self.parents):
-            centres[j], own[j + 1] = shared_point(clusters, parent, j + 1)
-        centres -= own[list(self.parents)]
+        centres, own = self._centres(estimator)
         inner = np.isin(np.arange(1, count + 1), self.parents)
         axes, along, soft = [_NO_AXES] * count, np.zeros(count, dtype=bool), inner
         if rough is not None:
             pairs = [_axes_of(rough, j, kinds[j], bool(inner[j])) for j in range(count)]
             axes, along = [each[0] for each in pairs], np.array([each[1] for each in pairs])
             soft = inner & np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
-        seen = np.isfinite(points).all(axis=2)
+        seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
         rotation = clusters.rotation[frames]
         rest = (np.swapaxes(clusters.rotation[:, 0], 1, 2) @ self.up).mean(axis=0)
         riding = np.zeros(markers, dtype=bool) if riding is None else riding
         state = BundleState(
-            clusters.local - own[self.segment],
+            np.nan_to_num(clusters.local) - own[self.segment],
             centres,
             np.array([each.first for each in axes]),
             np.array([each.second for each in axes]),
@@ -158,13 +178,9 @@ class _Start:
         )
         weights = seen / _FIRST_SD
         if rough is not None:
-            local, known = rough.state.local.copy(), rough.state.centres.copy()
-            for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
-                ahead = axes[j].first @ (centres[j] - known[j])
-                known[j] += ahead * axes[j].first
-                local[self.segment == j + 1] -= ahead * axes[j].second
-                known[[i for i, parent in enumerate(self.parents) if parent == j + 1]] -= ahead * axes[j].second
-            state = replace(state, local=local, centres=known, skin=rough.state.skin)
+            if estimator == "bundle":
+                local, known = _back_on_hinges(rough, kinds, axes, centres)
+                state = replace(state, local=local, centres=known, skin=rough.state.skin)
             weights = seen / (rough.sd * np.sqrt(rough.together))
         problem = BundleProblem(
             np.where(seen[..., None], points, 0.0),
@@ -172,12 +188,25 @@ class _Start:
             self.segment,
             self.parents,
             kinds,
-            rest / np.linalg.norm(rest),
+            np.asarray(rest / np.linalg.norm(rest)),
             riding,
             bool(riding.any()),
             np.zeros((count, 3)),
         )
         return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft)
+
+
+def _back_on_hinges(
+    rough: Bundle, kinds: tuple[JointKind, ...], axes: list[JointAxes], centres: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinges at their likely place on the axis."""
+    problem, local, known = rough.problem, rough.state.local.copy(), rough.state.centres.copy()
+    for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
+        ahead = axes[j].first @ (centres[j] - known[j])
+        known[j] += ahead * axes[j].first
+        local[problem.segment == j + 1] -= ahead * axes[j].second
+        known[np.array(problem.parents) == j + 1] -= ahead * axes[j].second
+    return local, known
 
 
 def _axes_of(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[JointAxes, bool]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, pairwise
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.kinematics.hypotheses import SegmentationRules
-from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, SpaceBody
+from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpaceBodies, SpaceBody, around_mean
 from mocap_id.kinematics.space.division import Partition, spanning_tree
 from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint
 
@@ -17,7 +18,8 @@ CHANCE = 0.65
 """Largest residual of a joint, relative to the motion of the one body in the other without a joint."""
 
 _NEAR_JOINT = 0.06  # m; bony landmarks of a joint are at most this far from its centre
-_AS_RIGID = 2.5  # a landmark near a joint is on the segment before it up to this multiple of the residual after it
+_AS_RIGID = 3.0  # a landmark near a joint is on the segment before it up to this multiple of the residual after it
+_CHOICES = 20
 _ROUNDS = 3
 
 
@@ -94,7 +96,7 @@ def is_real(joint: SpacePairJoint, rules: SegmentationRules, chance: float = CHA
 
 def joints_between(bodies: Sequence[SpaceBody]) -> tuple[SpacePairJoint, ...]:
     """Return the joints of consecutive bodies."""
-    return tuple(fit_pair_joint(first, second) for first, second in zip(bodies[:-1], bodies[1:], strict=True))
+    return tuple(fit_pair_joint(first, second) for first, second in pairwise(bodies))
 
 
 def give_landmarks_to_parents(chain: SpaceChain, sorter: SpaceBodies) -> SpaceChain:
@@ -116,13 +118,14 @@ def give_landmarks_to_parents(chain: SpaceChain, sorter: SpaceBodies) -> SpaceCh
 def _give(parent: SpaceBody, child: SpaceBody, sorter: SpaceBodies) -> tuple[SpaceBody, SpaceBody]:
     """Return two bodies after the landmarks of their joint have moved to the parent, those that fit it."""
     joint = fit_pair_joint(parent, child)
-    place = np.nanmean(child.local(sorter.points[:, child.markers]), axis=0)
-    given = child.markers[np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT]
+    _, place, _ = around_mean(child.local(sorter.points[:, child.markers]))
+    near = child.markers[np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT]
+    given = _leaving_a_body(near, child, sorter)
     while len(given):
         kept = np.setdiff1d(child.markers, given)
         taken = np.sort(np.concatenate([parent.markers, given]))
         together = bool(np.isin(sorter.constraints.unit[given], sorter.constraints.unit[kept]).any())
-        if len(kept) < LEAST or together or not sorter.constraints.allow(taken):
+        if together or not sorter.constraints.allow(taken) or sorter.body(kept).width < NARROW:
             break
         longer = sorter.body(taken)
         fitting = given[longer.residual[given] <= _AS_RIGID * child.residual[given]]
@@ -132,14 +135,19 @@ def _give(parent: SpaceBody, child: SpaceBody, sorter: SpaceBodies) -> tuple[Spa
     return parent, child
 
 
+def _leaving_a_body(near: IntArray, child: SpaceBody, sorter: SpaceBodies) -> IntArray:
+    """Return markers of a body near its joint, without those that make the most rigid body of the rest."""
+    spare = len(child.markers) - LEAST
+    if len(near) <= spare or spare == 0:
+        return near[:spare]
+    choices = [np.array(choice) for choice in combinations(near.tolist(), spare)][:_CHOICES]
+    return min(choices, key=lambda choice: sorter.body(np.setdiff1d(child.markers, choice)).usual)
+
+
 def scatter(points: FloatArray) -> FloatArray:
     """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN for a marker never seen."""
-    seen = np.isfinite(points[..., 0])
-    counts = seen.sum(axis=0)
-    filled = np.where(seen[..., None], points, 0.0)
-    mean = filled.sum(axis=0) / np.maximum(counts, 1)[:, None]
-    square = np.where(seen[..., None], points - mean, 0.0) ** 2
-    return np.where(counts > 0, np.sqrt(square.sum(axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
+    off, _, counts = around_mean(points)
+    return np.where(counts > 0, np.sqrt(np.sum(off**2, axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
 
 
 def _groups(near: dict[int, list[int]]) -> list[set[int]]:
@@ -167,5 +175,5 @@ def _paths(near: dict[int, list[int]], path: list[int]) -> list[list[int]]:
 
 def _turned(found: Partition, path: list[int]) -> float:
     """Return the sum of the arcs of a path's joints, rad."""
-    pairs = [(min(pair), max(pair)) for pair in zip(path[:-1], path[1:], strict=True)]
+    pairs = [(min(pair), max(pair)) for pair in pairwise(path)]
     return sum(found.joints[pair].arc for pair in pairs)

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.kinematics.space.bundle_equations import BundleProblem, BundleState, columns_of, tangents
+from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, columns_of, tangents
 
 _CENTRE = 0.15  # m
+_ON_HINGE = 0.005  # m; along a hinge, where no motion shows the centre
 _GLIDE = 0.02  # m; of the girdle at 180° of elevation
-_LONG_AXIS = np.radians(12)
+_LONG_AXIS = np.radians(3.5)  # weight in the fit; small, because soft tissue counts as noise there and pulls too hard
+_OFF_LONG_AXIS = np.radians(8)  # usual angle between an axis of pronation and the line between the joints
 _SLOPE = 0.6  # twist that the skin misses at the near end of a segment
 _SCATTER = 0.12  # of one marker about the straight line from the far end, where the skin follows the bone
 _NO_SKIN = 1e-4
@@ -58,6 +60,9 @@ class ChainPrior:
 
         for j, place in enumerate(cols.centre):
             add((state.centres[j] - self.centres[j]) / self.centre_sd, place, np.eye(3) / self.centre_sd)
+            if problem.kinds[j] == "hinge":
+                axis = state.first[j][None]
+                add(axis @ (state.centres[j] - self.centres[j]) / _ON_HINGE, place, axis / _ON_HINGE)
             second = cols.second[j]
             if self.along[j] and second is not None:
                 across = tangents(problem.long_axes[j]).T / _LONG_AXIS
@@ -67,6 +72,16 @@ class ChainPrior:
         root = self._skin_root(problem, state)
         add(root @ state.skin, cols.skin, root)
         return np.concatenate(values), np.concatenate(rows)
+
+    def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
+        """Return the gradients (K, P) from usual errors of the likely second axes."""
+        cols = columns_of(problem)
+        rows = np.zeros((2 * len(problem.kinds), cols.size))
+        for j, second in enumerate(cols.second):
+            if self.along[j] and second is not None:
+                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
+                rows[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
+        return rows
 
     def _skin_root(self, problem: BundleProblem, state: BundleState) -> FloatArray:
         """Return the root of the inverse covariance of the skin's shares (M, M)."""

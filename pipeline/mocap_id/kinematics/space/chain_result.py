@@ -10,20 +10,20 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.bundle import Bundle
-from mocap_id.kinematics.space.bundle_equations import (
+from mocap_id.kinematics.space.bundle_covariance import chain_covariance
+from mocap_id.kinematics.space.bundle_equations import residuals
+from mocap_id.kinematics.space.bundle_model import (
     BundleProblem,
-    BundleState,
     Columns,
     apply_step,
     columns_of,
     joint_rotations,
-    residuals,
     tangents,
 )
-from mocap_id.kinematics.space.bundle_covariance import chain_covariance
 from mocap_id.kinematics.space.joint_kinds import JointEvidence
 
 _UNKNOWN = 0.02  # m; a centre with a larger standard deviation across its axis is unknown
+_LEAST_ARC = np.radians(6)  # a smaller rotation shows no centre; soft tissue alone looks the same
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,10 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
     problem, state = bundle.problem, bundle.state
     cols = columns_of(problem)
     covariance = chain_covariance(bundle) if covariance is None else covariance
-    joints = tuple(_joint(problem, state, cols, covariance, j) for j in range(len(problem.kinds)))
-    chain = SpatialChain(joints, problem.segment, state.local, problem.on_glide)
+    joints = tuple(_joint(bundle, covariance, j, each.arc) for j, each in enumerate(evidence))
     seen = problem.weights > 0
+    local = np.where(seen.any(axis=0)[:, None], state.local, np.nan)
+    chain = SpatialChain(joints, problem.segment, local, problem.on_glide)
     whole = residuals(problem, replace(state, skin=np.zeros(len(problem.segment))))
     square = (whole**2).sum(axis=2)
     inner = [j for j, parent in enumerate(problem.parents) if parent > 0]
@@ -116,11 +117,16 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
     )
 
 
-def _joint(problem: BundleProblem, state: BundleState, cols: Columns, covariance: FloatArray, j: int) -> SpatialJoint:
+def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
     """Return one joint of the chain."""
+    problem, state = bundle.problem, bundle.state
+    cols = columns_of(problem)
     kind, axis, pin = problem.kinds[j], state.first[j], state.second[j]
     centre = covariance[cols.centre[j], cols.centre[j]]
-    joint = SpatialJoint(kind, problem.parents[j], state.centres[j], centre, known=_is_known(kind, centre, axis))
+    near = _about_markers(problem, cols, covariance, j)
+    joint = SpatialJoint(
+        kind, problem.parents[j], state.centres[j], centre, known=arc >= _LEAST_ARC and _is_known(kind, near, axis)
+    )
     if kind != "ball":
         spread = np.full((2, 3, 3), np.nan)
         for i, (place, each) in enumerate(((cols.first[j], axis), (cols.second[j], pin))):
@@ -142,9 +148,21 @@ def _joint(problem: BundleProblem, state: BundleState, cols: Columns, covariance
     return joint
 
 
+def _about_markers(problem: BundleProblem, cols: Columns, covariance: FloatArray, j: int) -> FloatArray:
+    """Return the covariance (3, 3) of a centre about the markers of its parent, m², whatever the parent's origin."""
+    here = np.flatnonzero(problem.segment == problem.parents[j])
+    rows = np.zeros((3, cols.size))
+    rows[:, cols.centre[j]] = np.eye(3)
+    for m in here:
+        rows[:, 3 * m : 3 * m + 3] = -np.eye(3) / len(here)
+    return np.asarray(rows @ covariance @ rows.T)
+
+
 def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool:
-    """Return whether the motion shows a centre; across the axis of a hinge."""
-    across = tangents(axis) if kind == "hinge" else np.eye(3)
+    """Return whether the motion shows a centre; across the first axis, along which landmarks place it."""
+    if np.isnan(covariance).any():
+        return True
+    across = np.eye(3) if kind == "ball" else tangents(axis)
     return bool(np.linalg.eigvalsh(across.T @ covariance @ across)[-1] < _UNKNOWN**2)
 
 

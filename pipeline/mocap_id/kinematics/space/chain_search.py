@@ -12,6 +12,8 @@ from mocap_id.kinematics.space.chain_order import SpaceChain, find_chain, give_l
 from mocap_id.kinematics.space.division import Division, divide
 
 _LENIENT = 0.9  # a joint whose landmarks are on the wrong side has a large residual; it is judged when they have moved
+_CLEAR = 1.5  # evidence of a division that is kept in any case
+_COARSE = 4.0  # evidence of a division that is made first
 _ROUNDS = 3
 
 
@@ -33,12 +35,38 @@ class SpaceSearch:
     made: tuple[Division, ...]
     refused: tuple[Division, ...]
 
+    @property
+    def carried(self) -> int:
+        """Return the number of markers on the chain."""
+        return 0 if self.chain is None else sum(len(body.markers) for body in self.chain.bodies)
+
+
+def search_best_chain(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
+    """Return the chain that carries most markers, with or without the weak divisions.
+
+    Skin that was taken for a segment of its own is a branch; without this division its markers are on the chain.
+
+    Parameters
+    ----------
+    sorter : SpaceBodies
+    rules : SegmentationRules
+    """
+    best = found = search_chain(sorter, rules, 1.0)
+    for _ in range(_ROUNDS):
+        weakest = min((each.evidence for each in found.made), default=np.inf)
+        if best.chain is None or not best.chain.branches or weakest > _CLEAR:
+            break
+        found = search_chain(sorter, rules, weakest * (1 + 1e-9))
+        if found.carried > best.carried:
+            best = found
+    return best
+
 
 def search_chain(sorter: SpaceBodies, rules: SegmentationRules, needed: float) -> SpaceSearch:
     """Return the longest chain of real joints among rigid bodies.
 
-    Landmarks on the wrong side of a joint spoil the bodies on both sides. When they have moved, every body is tried for
-    another division.
+    Landmarks on the wrong side of a joint spoil the bodies on both sides. Therefore only clear divisions are made at
+    first. When the landmarks have moved, every body is tried for another division.
 
     Parameters
     ----------
@@ -49,15 +77,15 @@ def search_chain(sorter: SpaceBodies, rules: SegmentationRules, needed: float) -
     """
     start: tuple[SpaceBody, ...] = (sorter.body(sorter.markers),)
     made: list[Division] = []
-    for _ in range(_ROUNDS):
-        found = divide(sorter, start, needed)
-        if not found.made:
+    for clear in (True, *(False,) * _ROUNDS):
+        found = divide(sorter, start, max(needed, _COARSE) if clear else needed)
+        if not found.made and not clear:
             break
         made += found.made
         chain = find_chain(found, sorter.points, rules, _LENIENT)
         if chain is None:
             start = tuple(found.bodies)
-            break
+            continue
         chain = give_landmarks_to_parents(chain, sorter)
         start = (*chain.bodies, *chain.branches)
     if found.made:

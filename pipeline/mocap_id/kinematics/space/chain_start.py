@@ -56,8 +56,9 @@ def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clust
         shape = local[here] = fit_shape(points[:, here], start)
         rotation, origin, _ = rigid_poses(points[:, here], shape)
         off = points[:, here] - origin[:, None] - np.einsum("fij,mj->fmi", rotation, shape)
-        variance = np.nanmean(off**2) * len(here) / max(len(here) - 2, 1)
-        inertia = np.linalg.eigvalsh(np.sum(shape**2) * np.eye(3) - shape.T @ shape)
+        known = shape[np.isfinite(shape).all(axis=1)]
+        variance = np.nanmean(off**2) * len(known) / max(len(known) - 2, 1)
+        inertia = np.linalg.eigvalsh(np.sum(known**2) * np.eye(3) - known.T @ known)
         rotations.append(rotation)
         origins.append(origin)
         noise.append(float(np.sqrt(variance / inertia[0])))

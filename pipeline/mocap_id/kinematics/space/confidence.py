@@ -1,8 +1,8 @@
 """Confidence in the segments of a trial in space, from the evidence against them.
 
-As in the plane (:mod:`mocap_id.kinematics.confidence`), each piece of evidence is subtracted from the log odds, and good
-evidence subtracts nothing. The weights were fitted to simulated arms with 1 to 2 times the usual soft tissue and to
-simulated chains of balls, hinges and two-axis joints.
+As in the plane (:mod:`mocap_id.kinematics.confidence`), each piece of evidence is subtracted from the log odds, and
+good evidence subtracts nothing. The weights were fitted to simulated arms with 1 to 2 times the usual soft tissue and
+to simulated chains of balls, hinges and two-axis joints.
 """
 
 from __future__ import annotations
@@ -16,13 +16,17 @@ import numpy as np
 from mocap_id.kinematics.space.chain_order import SpaceChain
 from mocap_id.kinematics.space.division import Division
 
-SpaceEvidence: TypeAlias = Literal["weakest", "runner-up", "hidden-tip", "joint", "base", "left-out"]
+SpaceEvidence: TypeAlias = Literal[
+    "weakest", "runner-up", "hidden-tip", "joint", "base", "not-rigid", "left-out", "one-joint"
+]
 
 _BEST = 4.0  # log odds without evidence against
+_ONE_JOINT = 4.2  # off the log odds
 _SURE_DIVISION = 1.5  # evidence of the weakest division
 _SURE_WHOLE = 0.85  # evidence against a body that stayed whole
-_SURE_TIP = 0.38  # the same for the last body, which may hide one more segment
+_SURE_TIP = 0.33  # the same for the last body, which may hide one more segment
 _SURE_JOINT = 2.0  # motion without a joint over the joint's residual
+_SURE_BODY = 0.014  # m; residual of the markers of a segment
 _SURE_BASE = 2.0  # motion of the tip over that of the base
 
 
@@ -49,8 +53,12 @@ class SpaceConfidence:
             two neighbours hardly share a point;
         ``base``
             both ends of the chain move about as much;
+        ``not-rigid``
+            the markers of a segment move against each other;
         ``left-out``
-            markers on no segment, and on no branch of the chain.
+            markers on no segment, and on no branch of the chain;
+        ``one-joint``
+            only one joint turns: segments that did not move against each other in this trial are one.
     """
 
     value: float
@@ -80,10 +88,12 @@ def assess_space_confidence(
     against: dict[SpaceEvidence, float] = {
         "weakest": 8 * _short_of(min((each.evidence for each in made), default=np.inf), _SURE_DIVISION),
         "runner-up": 6 * _short_of(_SURE_WHOLE, max(whole, default=0.0)),
-        "hidden-tip": 8 * _short_of(_SURE_TIP, max(hidden, default=0.0)),
+        "hidden-tip": 10 * _short_of(_SURE_TIP, max(hidden, default=0.0)),
         "joint": 4 * _short_of(min(ratios), _SURE_JOINT),
         "base": 3 * _short_of(motion, _SURE_BASE),
-        "left-out": 6 * _short_of(1 - left_out, 1.0),
+        "not-rigid": 8 * _short_of(_SURE_BODY, max(body.usual for body in chain.bodies)),
+        "left-out": 30 * _short_of(1 - left_out, 1.0),
+        "one-joint": _ONE_JOINT if len(chain.joints) == 1 else 0.0,
     }
     return SpaceConfidence(
         float(1 / (1 + np.exp(sum(against.values()) - _BEST))),

@@ -1,8 +1,8 @@
 """Division of the markers into rigid bodies, with skin that twists told from a joint.
 
 The skin of a limb follows only a part of the limb's rotation about its long axis, and least near the joint above. Two
-groups of markers on the skin then turn against each other by several degrees, as two segments do. A joint shows more: it
-also moves the markers across the long axis. A body is therefore divided only if the two parts fit its markers better
+groups of markers on the skin then turn against each other by several degrees, as two segments do. A joint shows more:
+it also moves the markers across the long axis. A body is therefore divided only if the two parts fit its markers better
 without their motion around the long axis, or if they fit far better than skin could explain.
 """
 
@@ -15,14 +15,17 @@ from itertools import combinations
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, SpaceBody
+from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, SpaceBody, around_mean
 from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint, mean_rotation
 
 GAIN = 1.4
 """Summed log gain across the long axis from which a division is real: skin reaches 1.4, a wrist of 14° 2.0 and more."""
 
 _FAR_BETTER = float(np.log(3.5))  # mean log gain per marker that skin does not reach
+_RIGID = 1.2e-3  # m; a joint that turns by 2° leaves more in a body
+_UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
 _FLOOR = 1e-3  # m; smaller residuals are no better
+_STAY = 0.5  # share of its residual for which a marker leaves its part of a division that was accepted
 _MOST = 16  # bodies
 
 
@@ -98,7 +101,7 @@ def divide(sorter: SpaceBodies, start: Sequence[SpaceBody], needed: float = 1.0)
         found.made.append(best)
         others = [body.markers for body in found.bodies if body is not best.whole]
         divided = [*others, *(part.markers for part in best.parts)]
-        settled = sorter.settled(divided)
+        settled = sorter.settled(divided, _STAY)
         found.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
 
 
@@ -129,8 +132,10 @@ def _all_joints(
 def _best_division(
     sorter: SpaceBodies, found: Partition, index: int, tried: dict[bytes, Division | None]
 ) -> Division | None:
-    """Return the division of a body with the most evidence; None if its markers cannot be divided."""
+    """Return the division of a body with the most evidence; None if it is rigid or has too few markers."""
     whole = found.bodies[index]
+    if whole.usual <= _RIGID:
+        return None
     axis = _long_axis(found, index)
     key = whole.markers.tobytes() + (b"" if axis is None else np.round(np.concatenate(axis), 2).tobytes())
     if key not in tried:
@@ -184,17 +189,14 @@ def _across(points: FloatArray, body: SpaceBody, axis: tuple[FloatArray, FloatAr
 
     The pose absorbs six of a frame's 3 k' coordinates of the body's markers k'.
     """
-    local = body.local(points)
-    seen = np.isfinite(local[..., 0])
-    counts = np.maximum(seen.sum(axis=0), 1)
-    mean = np.where(seen[..., None], local, 0.0).sum(axis=0) / counts[:, None]
-    off = np.where(seen[..., None], local - mean, 0.0)
+    off, mean, counts = around_mean(body.local(points))
     around = np.cross(axis[1], mean - axis[0])
     around /= np.maximum(np.linalg.norm(around, axis=1), 1e-9)[:, None]
     square = np.sum(off**2, axis=(0, 2)) - np.sum(np.einsum("fki,ki->fk", off, around) ** 2, axis=0)
     freedom = 3 * max(len(body.markers), LEAST)
-    return np.asarray(np.sqrt(square / counts * freedom / (freedom - 6)))
+    return np.asarray(np.sqrt(square / np.maximum(counts, 1) * freedom / (freedom - 6)))
 
 
 def _log_gain(before: FloatArray, after: FloatArray) -> float:
+    before, after = np.minimum(before, _UNKNOWN), np.minimum(after, _UNKNOWN)
     return float(np.sum(np.log((before**2 + _FLOOR**2) / (after**2 + _FLOOR**2))) / 2)

@@ -13,11 +13,13 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind
-from mocap_id.kinematics.space.bundle_equations import tangents
+from mocap_id.kinematics.space.bundle_model import tangents
 
 _EXPLAINED: dict[JointKind, float] = {"hinge": 1.3, "two-axis": 3.4, "ball": np.inf}
 """Multiples of the rotation noise of the clusters that a kind may leave; soft tissue adds to two large rotations."""
-_SHOWN = np.radians(10)  # smaller arcs show no kind
+_PIN_EXPLAINED = 6.0  # the same for a likely second axis; a wrong one leaves far more
+SHOWN = float(np.radians(10))
+"""Smaller arcs, rad, show neither the kind of a joint nor its centre."""
 _LEAST_NOISE = np.radians(0.15)
 _PARALLEL = 0.75  # cosine of the angle between two axes above which they do not make a joint of two axes
 _UPRIGHT = 0.05  # pull of two axes to a right angle, as a share of the motion, while they are searched
@@ -62,7 +64,7 @@ class JointAxes:
     cosine: float
 
 
-def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = None) -> JointEvidence:
+def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind | None = None) -> JointEvidence:
     """Return the evidence for the kind of a joint.
 
     Parameters
@@ -71,6 +73,8 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = No
         Rotation of the child in the parent.
     noise : (3, 3) array
         Covariance of this rotation in one frame, in the parent's frame, rad².
+    arc : float
+        Range of the rotation between the clusters themselves, rad.
     kind : {"ball", "two-axis", "hinge"}, optional
         Kind given by the user.
     """
@@ -80,42 +84,6 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = No
     shaken = tangents(hinge.first).T @ noise @ tangents(hinge.first)
     over = np.linalg.eigvals(np.linalg.solve(shaken, tilt.T @ tilt / len(turn))).real.max()
     gap, size = _gap(turn, pair, noise)
-    left: dict[JointKind, float]
-    ratio: dict[JointKind, float]
-    noise: float
-    arc: float
-
-
-@dataclass(frozen=True)
-class JointAxes:
-    """Axes of a joint: the first in the parent's frame, the second in the child's, and the cosine between them."""
-
-    first: FloatArray
-    second: FloatArray
-    cosine: float
-
-
-def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = None) -> JointEvidence:
-    """Return the evidence for the kind of a joint.
-
-    Parameters
-    ----------
-    turn : (F, 3, 3) array
-        Rotation of the child in the parent.
-    noise : (3, 3) array
-        Covariance of this rotation in one frame, in the parent's frame, rad².
-    kind : {"ball", "two-axis", "hinge"}, optional
-        Kind given by the user.
-    """
-    noise = noise + _LEAST_NOISE**2 * np.eye(3)
-    hinge, pair = hinge_axes(turn), two_axes(turn)
-    tilt = np.cross(hinge.first, turn @ hinge.second) @ tangents(hinge.first)
-    shaken = tangents(hinge.first).T @ noise @ tangents(hinge.first)
-    over = np.linalg.eigvals(np.linalg.solve(shaken, tilt.T @ tilt / len(turn))).real.max()
-    carried = turn @ pair.second
-    normal = np.cross(pair.first, carried)
-    gap = (carried @ pair.first - pair.cosine) / np.sqrt(1 - pair.cosine**2)
-    size = np.einsum("fi,ij,fj->f", normal, noise, normal) / np.maximum((normal**2).sum(axis=1), 1e-9)
     left: dict[JointKind, float] = {
         "hinge": float(np.sqrt(np.mean(np.sum(tilt**2, axis=1)))),
         "two-axis": float(np.sqrt(np.mean(gap**2))),
@@ -126,9 +94,8 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, kind: JointKind | None = No
         "two-axis": float(np.sqrt(np.mean(gap**2 / size))),
         "ball": 0.0,
     }
-    arc = rotation_arc(turn)
     fits: list[JointKind] = [each for each in ratio if ratio[each] <= _EXPLAINED[each]]
-    likely: JointKind = fits[0] if arc >= _SHOWN else "ball"
+    likely: JointKind = fits[0] if arc >= SHOWN else "ball"
     worst = float(np.sqrt(np.linalg.eigvalsh(noise)[-1]))
     return JointEvidence(kind or likely, likely, left, ratio, worst, arc)
 
@@ -150,7 +117,7 @@ def axes_with_pin(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> Joint
     first = _least(spread.T @ spread / len(turn) + pull * np.outer(middle @ pin, middle @ pin))
     pair = JointAxes(first, pin, float(first @ middle @ pin))
     gap, size = _gap(turn, pair, noise + _LEAST_NOISE**2 * np.eye(3))
-    return pair if np.sqrt(np.mean(gap**2 / size)) <= _EXPLAINED["two-axis"] else None
+    return pair if np.sqrt(np.mean(gap**2 / size)) <= _PIN_EXPLAINED else None
 
 
 def rotation_arc(turn: FloatArray) -> float:
@@ -184,23 +151,26 @@ def two_axes(turn: FloatArray) -> JointAxes:
     spread = (turn - middle).reshape(len(turn), 9)
     form = (spread.T @ spread / len(turn)).reshape(3, 3, 3, 3)
     size = float(np.trace(spread.T @ spread)) / len(turn)
-    found = []
-    for second in _directions(_STARTS):
-        for pull in (*[_UPRIGHT * size] * _TURNS, *[1e-3 * size] * _TURNS):
-            carried = middle @ second
-            first = _least(np.einsum("ijkl,j,l->ik", form, second, second) + pull * np.outer(carried, carried))
-            carried = middle.T @ first
-            second = _least(np.einsum("ijkl,i,k->jl", form, first, first) + pull * np.outer(carried, carried))
-        cosine = float(first @ middle @ second)
-        value = float(np.einsum("ijkl,i,j,k,l->", form, first, second, first, second)) / max(1 - cosine**2, 1e-6)
-        found.append((value + (abs(cosine) > _PARALLEL) * size, first, second, cosine))
-    _, first, second, cosine = min(found, key=lambda each: each[0])
-    return JointAxes(first, second, cosine)
+    second = _directions(_STARTS)
+    for pull in (*[_UPRIGHT * size] * _TURNS, *[1e-3 * size] * _TURNS):
+        carried = second @ middle.T
+        first = _least(np.einsum("ijkl,sj,sl->sik", form, second, second) + pull * _squares(carried))
+        carried = first @ middle
+        second = _least(np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _squares(carried))
+    cosine = np.einsum("si,ij,sj->s", first, middle, second)
+    value = np.einsum("ijkl,si,sj,sk,sl->s", form, first, second, first, second) / np.maximum(1 - cosine**2, 1e-6)
+    best = int(np.argmin(value + (np.abs(cosine) > _PARALLEL) * size))
+    return JointAxes(first[best], second[best], float(cosine[best]))
+
+
+def _squares(vectors: FloatArray) -> FloatArray:
+    """Return the outer products (S, 3, 3) of vectors (S, 3) with themselves."""
+    return np.asarray(vectors[:, :, None] * vectors[:, None, :])
 
 
 def _least(form: FloatArray) -> FloatArray:
-    """Return the eigenvector of the smallest eigenvalue."""
-    return np.asarray(np.linalg.eigh(form)[1][:, 0])
+    """Return the eigenvectors (..., 3) of the smallest eigenvalues of forms (..., 3, 3)."""
+    return np.asarray(np.linalg.eigh(form)[1][..., 0])
 
 
 def _directions(count: int) -> FloatArray:

@@ -23,7 +23,7 @@ def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: i
     start : (k, 3) array, optional
         First guess, m; NaN where unknown. Default: the frame in which most markers are seen.
     iterations : int, optional
-        Largest number of iterations; three are enough to compare groups of markers.
+        Largest number of iterations; two are enough to compare groups of markers.
 
     Returns
     -------
@@ -47,15 +47,15 @@ def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: i
         used = np.where(np.isfinite(back[..., 0]), weights, 0.0)
         total = used.sum(axis=0)
         mean = np.einsum("fk,fki->ki", used, np.where(used[..., None] > 0, back, 0.0))
-        updated = np.where(total[:, None] > 0, mean / np.maximum(total, 1e-12)[:, None], np.nan)
-        updated = updated - np.nanmean(updated, axis=0) if np.isfinite(updated).any() else updated
+        places = np.where(total[:, None] > 0, mean / np.maximum(total, 1e-12)[:, None], np.nan)
+        updated = places - np.nanmean(places, axis=0) if np.isfinite(places).any() else places
         step = np.abs(updated - local)
         known = np.isfinite(step)
         grown = bool((np.isfinite(updated) != np.isfinite(local)).any())
         local = updated
         if not known.any() or (not grown and float(step[known].max()) < _TOLERANCE):
             break
-        weights = _robust_weights(back - local, seen)
+        weights = _robust_weights(back - places, seen)
     return np.asarray(local)
 
 
@@ -92,7 +92,8 @@ def rigid_poses(
         point_mean[:, :, None] * local_mean[:, None, :]
     )
     left, size, right = np.linalg.svd(moment)
-    left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
+    mirrored = np.linalg.det(left @ right) < 0
+    left[mirrored, :, 2] *= -1
     rotation = left @ right
     flat = (seen < 3) | (size[:, 1] <= _COLLINEAR**2 * size[:, 0])
     rotation[flat] = np.nan

@@ -19,7 +19,7 @@ from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.hypotheses import SegmentationRules
 from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, distance_deviation
 from mocap_id.kinematics.space.chain_order import CHANCE, SpaceChain, joints_between, scatter
-from mocap_id.kinematics.space.chain_search import SpaceSearch, search_chain
+from mocap_id.kinematics.space.chain_search import SpaceSearch, search_best_chain, search_chain
 from mocap_id.kinematics.space.confidence import SpaceConfidence, assess_space_confidence
 from mocap_id.kinematics.space.pair_joint import fit_pair_joint
 
@@ -27,6 +27,7 @@ _SEARCH_FRAMES = 120
 _STEPS = 60  # rotations are compared over this share of the frames, so that noise has little part in them
 _SEEN = 0.05  # share of the frames in which a marker must be seen
 _RIGID = 3e-3  # m; deviation of every mutual distance below which nothing moves
+_PARTNER = 1.5  # largest deviation of the distance to a marker of the same body, relative to a body's residual
 _FOREIGN = 6.0  # residual of a marker that is on no segment, relative to the usual one of its segment
 _ROUNDS = 4
 
@@ -129,26 +130,20 @@ def segment_in_space(
     constraints = constraints or Constraints.of(points.shape[1])
     points = points[frames_along_motion(points, frames)]
     seen = np.isfinite(points[..., 0]).sum(axis=0) >= max(LEAST, _SEEN * len(points))
-    markers = np.flatnonzero(seen)
-    _require_motion(points[:, markers])
+    deviation = np.full((len(seen), len(seen)), np.inf)
+    deviation[np.ix_(seen, seen)] = distance_deviation(points[:, seen])
+    partners = np.sum(deviation <= _PARTNER * rules.max_body_residual, axis=1) - 1
+    markers = np.flatnonzero(seen & (partners >= LEAST - 1))
+    _require_motion(len(markers), deviation[np.ix_(seen, seen)])
     search = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
     found = _find_counted(SpaceBodies(search, markers, constraints), rules)
     return _assemble(found, points, seen, rules, constraints)
 
 
-def _require_motion(points: FloatArray) -> None:
-    """Refuse trajectories (F, M, 3) of fewer than two bodies, or without motion against each other."""
-    count = points.shape[1]
-    if count < 2 * LEAST:
-        raise Refused(
-            "no-chain",
-            f"{count} markers are seen often enough, but two segments in space need at least {2 * LEAST}: three each. "
-            "Add markers.",
-            float(count),
-            float(2 * LEAST),
-        )
-    largest = float(distance_deviation(points).max())
-    if largest < _RIGID:
+def _require_motion(count: int, deviation: FloatArray) -> None:
+    """Refuse markers whose distances are all constant, or fewer than two bodies of markers with constant distances."""
+    largest = float(deviation.max(initial=0.0))
+    if largest < _RIGID and count:
         raise Refused(
             "no-motion",
             f"no joint moves: all distances between markers stay constant within {1e3 * largest:.1f} mm rms (a joint "
@@ -156,11 +151,19 @@ def _require_motion(points: FloatArray) -> None:
             largest,
             _RIGID,
         )
+    if count < 2 * LEAST:
+        raise Refused(
+            "no-chain",
+            f"{count} of {len(deviation)} markers move together with two others, but two segments in space need at "
+            f"least {2 * LEAST}: three each. Add markers, so that each segment has three.",
+            float(count),
+            float(2 * LEAST),
+        )
 
 
 def _find_counted(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
     """Return the chain, with the requested number of segments if there is one."""
-    found = search_chain(sorter, rules, 1.0)
+    found = search_best_chain(sorter, rules)
     lengths = set()
     for _ in range(_ROUNDS):
         length = 0 if found.chain is None else len(found.chain.bodies)
@@ -176,7 +179,8 @@ def _find_counted(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
         raise Refused(
             "no-chain",
             f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; there are "
-            f"chains of {', '.join(map(str, sorted(lengths - {0})))}. Remove `count`, or list markers that are `apart`.",
+            f"chains of {', '.join(map(str, sorted(lengths - {0})))}. Remove `count`, or list "
+            "markers that are `apart`.",
             float(rules.count or 0),
             float(max(lengths)),
         )
@@ -234,7 +238,7 @@ def _assemble(
         segment=segment,
         parents=tuple(range(len(bodies) - 1)),
         residual=residual,
-        reasons=tuple(_reason(m, segment, residuals, chain, motion, seen) for m in range(len(segment))),
+        reasons=tuple(_reason(m, segment, residuals, chain, seen) for m in range(len(segment))),
         count=len(bodies),
         confidence=confidence,
         ratios=tuple(joint.free / max(joint.residual, 1e-6) for joint in chain.joints),
@@ -250,7 +254,7 @@ def _assemble(
 def _adopt(
     segment: IntArray, residuals: FloatArray, free: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> None:
-    """Take foreign markers off their segments, and give markers left over to the segment with which they are most rigid.
+    """Take foreign markers off their segments, and give those left over to the segment with which they are most rigid.
 
     Parameters
     ----------
@@ -277,9 +281,7 @@ def _adopt(
             segment[marker] = int(np.argmin(cost))
 
 
-def _reason(
-    marker: int, segment: IntArray, residuals: FloatArray, chain: SpaceChain, motion: FloatArray, seen: BoolArray
-) -> str:
+def _reason(marker: int, segment: IntArray, residuals: FloatArray, chain: SpaceChain, seen: BoolArray) -> str:
     """Return in words why a marker is on its segment, or on none."""
     k = int(segment[marker])
     if k >= 0:

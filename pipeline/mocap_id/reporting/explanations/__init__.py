@@ -10,12 +10,21 @@ from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
 from mocap_id.reporting.explanations.skeleton import SKELETON
+from mocap_id.reporting.explanations.space import SPACE
 from mocap_id.reporting.explanations.transfer import TRANSFER
 from mocap_id.verdict import Level
 
 __all__ = ["EXPLANATIONS", "LEVELS", "Explanation", "as_markdown"]
 
-EXPLANATIONS: Mapping[str, Explanation] = {**RECORDING, **SKELETON, **LANDMARKS, **CONTACT, **PARAMETERS, **TRANSFER}
+EXPLANATIONS: Mapping[str, Explanation] = {
+    **RECORDING,
+    **SKELETON,
+    **LANDMARKS,
+    **SPACE,
+    **CONTACT,
+    **PARAMETERS,
+    **TRANSFER,
+}
 """Explanations of all stages and workflows by reason code."""
 
 LEVELS: Mapping[Level, tuple[str, str]] = {

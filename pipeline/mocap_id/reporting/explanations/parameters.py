@@ -117,6 +117,29 @@ PARAMETERS: Mapping[str, Explanation] = {
         "Number of base parameters with a standard deviation above 20 % of their size. Above 100 % a parameter is not "
         "identifiable.",
     ),
+    "torque-uncertain": Explanation(
+        ("caution",),
+        "A joint torque is uncertain",
+        "A segment has a single marker, and the standard deviation of a torque is large compared with what clinical "
+        "questions need. Its causes are the place of the joint, the masses beyond it, and noisy accelerations where "
+        "markers are missing. The interval of the torque contains all of these.",
+        "Use the torque with its interval. If the reason names a time, fill the markers there or leave it out with "
+        "`window:`; otherwise place more markers on the segments beside the joint.",
+        "identify-dim",
+        "Rms standard deviation while only the ground touches the body, N·m; limit 5. Only for chains "
+        "with single-marker segments on the pinned chain.",
+    ),
+    "foot-prior": Explanation(
+        ("ok",),
+        "The foot's first moment comes from the reference body",
+        "With a single marker on a segment, the data hardly separate the foot's first moment from those of the other "
+        "segments, and the torque of the ankle would be uncertain by 5 N·m and more. The foot has only 3 % of the "
+        "mass, so the place of the ankle and the reference body give it to 1 mm times the body's mass. The deviation "
+        "of the ankle's place is included.",
+        "Nothing. To use the data alone, set `identify-dim: {reference_pulls: false}`.",
+        "identify-dim",
+        "A segment has a single marker and `identify-dim: {reference_pulls}` is not set, or is `foot`.",
+    ),
     "scale-error": Explanation(
         ("caution",),
         "An instrument has a wrong scale",

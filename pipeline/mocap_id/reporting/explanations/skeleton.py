@@ -76,6 +76,18 @@ SKELETON: Mapping[str, Explanation] = {
         "Confidence, 0 to 1; limit 0.5. Or the angle between left and right, degrees rms; limit "
         "`segment: {asymmetry_deg}`.",
     ),
+    "names-contradict": Explanation(
+        ("ok", "caution"),
+        "Marker names contradict the motion",
+        "The labels are those of a known marker set (Plug-in Gait and usual synonyms), but the motion puts a marker on "
+        "another segment than its name says: two labels are exchanged, a marker was placed differently, or the "
+        "segments are wrong. The motion decides, names are only compared with it. It is a caution if the segments are "
+        "not sure.",
+        "Check the named markers in the camera software. If the names are right and the skeleton is wrong, set "
+        "`segment: {count: …}`, or name markers that are `together` or `apart`.",
+        "segment",
+        "Number of such markers, if at least five names of the set are found; a caution below a confidence of 0.8.",
+    ),
     "marker-frozen": Explanation(
         ("ok",),
         "A marker was frozen for some time",
@@ -163,8 +175,9 @@ SKELETON: Mapping[str, Explanation] = {
         "or rarely visible. Lengths and angles that depend on this centre have the same uncertainty.",
         "Spread more markers over the two segments, or use a longer part of the recording.",
         "fit-joints",
-        "Standard deviation of the centre, m; limit `fit-joints: {large_sd_m}`, or 5 mm if a segment has a single "
-        "marker and markers represent the joint.",
+        "Standard deviation of the centre, m; limit `fit-joints: {large_sd_m}`, or 5 mm for a joint that markers "
+        "represent if a segment has a single marker, and for the first joint if the next segment has markers at fewer "
+        "than three places: with the weight on it, 5 mm at the ankle are 3.5 N·m.",
     ),
     "gap": Explanation(
         ("caution",),

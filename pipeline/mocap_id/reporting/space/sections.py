@@ -13,7 +13,10 @@ from mocap_id.reporting.summary_schema import Summary
 def spatial_sections(data: ReportData, summary: Summary) -> list[Section]:
     """Return the sections of the page; a refused trial has only those that were reached."""
     title = "Markers as recorded" if data.spatial_skeleton is None else "Skeleton"
-    own = (tables.joints(summary), tables.axes(summary), tables.kinds(summary), shared.lengths(summary))
+    own = (
+        *(tables.joints(summary), tables.glides(summary), tables.axes(summary), tables.kinds(summary)),
+        shared.lengths(summary),
+    )
     parts = [
         Section("skeleton", title, "planar.parquet", ("skeleton",), own, _unknown(summary)),
         Section(

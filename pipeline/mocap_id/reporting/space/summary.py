@@ -97,6 +97,11 @@ def angles(data: ReportData) -> dict[str, AngleEntry]:
 
 
 def _angle(found: SpatialAngles, k: int) -> AngleEntry:
+    """Return the statistics of one angle.
+
+    A constant error of a segment's frame changes an angle by different amounts in different poses: between the two
+    ends of a range by about as much as at each end, which a correlation of 0.5 of both errors describes.
+    """
     name = found.names[k]
     usable = found.usable(name)
     share = float(usable.mean()) if len(usable) else 0.0
@@ -112,10 +117,10 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
     sd = np.degrees(found.sd[usable, k, 0])
     ends = [int(values.argmin()), int(values.argmax())]
     low, high = (float(values[end]) for end in ends)
-    spread = known(np.hypot(*sd[ends]))
+    constant = known(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
+    spread = None if constant is None else known(np.linalg.norm([*sd[ends], constant]))
     interval = None if spread is None else [max(high - low - NORMAL_95 * spread, 0.0), high - low + NORMAL_95 * spread]
     typical = known(np.sqrt(np.mean(np.square(sd))))
-    constant = known(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
     return AngleEntry(
         low_deg=low,
         high_deg=high,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_with_sd
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.summary_schema import JointEntry, Summary
+from mocap_id.reporting.summary_schema import Summary
 from mocap_id.reporting.tables import Grid, grid, millimetres, percent
 
 _KINDS = ("ball", "two-axis", "hinge")
@@ -19,20 +19,25 @@ def joints(summary: Summary) -> Grid:
         parent = names[joint.parent] if 0 <= joint.parent < len(names) else str(joint.parent)
         centre = zip(_three(joint.centre_m), _three(joint.sd_m), strict=True)
         shown = [show_with_sd(value, sd) for value, sd in centre] if joint.known else ["not shown by the motion"] * 3
-        rows.append((joint.name, joint.kind, parent, *shown, show_fixed(joint.arc_deg, 1), _glide(joint)))
-    head = ("joint", "kind", "fixed to", *(f"{axis} (m)" for axis in _AXES), "arc (deg)", "glide (mm)")
+        rows.append((joint.name, joint.kind, parent, *shown, show_fixed(joint.arc_deg, 1)))
+    head = ("joint", "kind", "fixed to", *(f"{axis} (m)" for axis in _AXES), "arc (deg)")
     caption = (
-        "Joint centres in the frame of the previous segment, ± one standard deviation. The glide is the shift of the "
-        "centre from an elevation of 0 to 180°"
+        "Joint centres in the frame of the previous segment, ± one standard deviation. A hinge has a centre only "
+        "across its axis"
     )
     return grid(caption, head, rows, (0, 1, 2))
 
 
-def _glide(joint: JointEntry) -> str:
-    if not joint.glide_m:
-        return "none"
-    sds = (None if sd is None else 1e3 * sd for sd in _three(joint.glide_sd_m))
-    return ", ".join(show_with_sd(1e3 * value, sd) for value, sd in zip(joint.glide_m, sds, strict=True))
+def glides(summary: Summary) -> Grid:
+    """Return the translations of joint centres with the elevation; empty without any."""
+    rows = []
+    for joint in summary.joints or ():
+        values = zip(joint.glide_m, _three(joint.glide_sd_m), strict=False)
+        shown = [show_with_sd(1e3 * value, None if sd is None else 1e3 * sd) for value, sd in values]
+        if shown:
+            rows.append((joint.name, *shown))
+    caption = "Glide: shift of the joint centre at an elevation of 180°, in the frame of the previous segment"
+    return grid(caption, ("joint", *(f"{axis} (mm)" for axis in _AXES)), rows)
 
 
 def _three(values: list[float] | None) -> list[float | None]:
@@ -63,8 +68,7 @@ def kinds(summary: Summary) -> Grid:
     ]
     caption = (
         "Kinds of the joints: rotation that each kind leaves unexplained, as a multiple of the noise of the markers. "
-        "The simplest kind with a small multiple is chosen; a ball explains every rotation. `fit-joints: {kinds}` sets "
-        "a kind"
+        "The simplest kind with a small multiple is chosen; a ball explains every rotation"
     )
     return grid(caption, ("joint", "kind", *_KINDS), rows, (0, 1))
 
@@ -92,7 +96,7 @@ def angles(summary: Summary) -> Grid:
     )
     caption = (
         "Angles. Plane and axial rotation of the shoulder are judged only where the elevation is more than 15° from 0 "
-        "and 180°. A constant error by the landmarks does not affect the range"
+        "and 180°. The interval of the range holds both standard deviations"
     )
     return grid(caption, head, rows)
 

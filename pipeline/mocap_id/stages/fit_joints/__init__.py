@@ -14,7 +14,10 @@ class FitJointsSettings(Settings):
     """Estimator, number of frames, and limits for cautions about joints."""
 
     plane_only: ClassVar[Only] = {"estimator": ("rigid-body", "circle"), "lambda_a": ()}
-    space_only: ClassVar[Only] = {"estimator": ("score", "sphere", "helical"), "kinds": (), "humerus": ()}
+    space_only: ClassVar[Only] = {
+        "estimator": ("score", "sphere", "helical"),
+        **dict.fromkeys(("kinds", "humerus", "palpation_sd_m"), ()),
+    }
 
     estimator: Literal["bundle", "rigid-body", "circle", "score", "sphere", "helical"] = Field(
         "bundle",
@@ -26,6 +29,9 @@ class FitJointsSettings(Settings):
     )
     humerus: Literal[1, 2] = Field(
         1, description="in space: frame of the upper arm by the ISB's first option, or by its second, from the forearm"
+    )
+    palpation_sd_m: float = Field(
+        0.003, gt=0, description="in space: standard deviation of a landmark along each axis by palpation, m"
     )
     frames: int = Field(400, ge=50, description="number of frames fitted, evenly along the path of the markers")
     lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")
@@ -45,10 +51,10 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=7,
+    version=8,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
-    uses=("space", "landmarks", "pointers", "static", "calibration"),
+    uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),
     settings=FitJointsSettings,
     function=_function,
     help=STAGE_HELP["fit-joints"],

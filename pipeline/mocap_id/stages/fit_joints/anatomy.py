@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,16 @@ from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.stages.base import Context, given_landmarks
 from mocap_id.stages.fit_joints import FitJointsSettings
+from mocap_id.stages.fit_joints.pointed_landmarks import MarkedChain, read_pointed_landmarks
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_MIDDLES = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+_MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
 """Landmarks whose middle is the centre of the joint above a segment."""
+_GH_SD = 0.01
+"""Standard deviation of a shoulder centre that is given as a marker along each axis, m."""
+JOINTS = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
+"""Segments between which the ISB defines angles."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +67,17 @@ def in_anatomical_frames(
     names : sequence of str, length n + 1
         Names of the segments; the frames of those with anatomical names are changed.
     """
+    settings: FitJointsSettings = context.settings
     numbers = {name: k for k, name in enumerate(names)}
     side = context.trial.side
     named = find_landmarks(view.labels, given_landmarks(context.trial), side)
-    wanted = {name: marker for name, marker in named.markers.items() if SEGMENTS.get(name) in numbers}
-    if not wanted:
+    wanted = {name: marker for name, marker in named.markers.items() if SEGMENTS[name] in numbers}
+    known = {*wanted, *(str(name) for name in context.trial.pointers)}
+    segment = {name: numbers[SEGMENTS[name]] for name in known if SEGMENTS[name] in numbers}
+    if "GH" in segment:
+        segment["GH"] = fit.chain.joints[segment["GH"] - 1].parent
+    if not segment:
         return AnatomicalChain(fit, fit.chain, _landmarks({}, {}), {"frames": "own"})
-    segment = {name: numbers[SEGMENTS[name]] for name in wanted}
     tracks = view.in_space(np.array(list(wanted.values()), dtype=np.int64))
     points = view.in_space(columns)
     static = context.trial.static
@@ -79,11 +87,16 @@ def in_anatomical_frames(
 
     def placed(fit: SpatialFit) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...], _ClusterPoses]:
         poses = _ClusterPoses.of(points, fit.chain, still.frames)
-        return *place_landmarks(moving, segment, poses.rotations, poses.origins, frames=still.frames), poses
+        seen, notes = place_landmarks(
+            moving, segment, poses.rotations, poses.origins, frames=still.frames, palpation=settings.palpation_sd_m
+        )
+        left = view.planar.facts["side"] == "left"
+        marked = MarkedChain(fit.chain, tuple(view.labels[m] for m in columns), left)
+        pointed, more = read_pointed_landmarks(context.trial, marked, segment, view.labels, settings.palpation_sd_m)
+        return {**seen, **pointed}, (*notes, *more), poses
 
     fit = _with_middles(fit, placed(fit)[0], numbers)
     places, reasons, poses = placed(fit)
-    settings: FitJointsSettings = context.settings
     frames = _frames(fit, places, {**segment, **numbers}, poses, settings.humerus)
     turns = np.stack([frames.frames[name].rotation if name in frames.frames else np.eye(3) for name in names])
     base = frames.frames[names[0]].origin if names[0] in frames.frames else np.zeros(3)
@@ -93,7 +106,7 @@ def in_anatomical_frames(
     facts = {
         "frames": "isb" if frames.frames else "own",
         "still_s": [float(view.time[still.frames.start]), float(view.time[still.frames.stop - 1])],
-        "frame_covariance": _covariances(frames, names),
+        "frame_covariance": _covariances(frames),
     }
     found = _landmarks({name: (segment[name], local[name]) for name in places}, places)
     chain = express_chain(fit.chain, turns, base)
@@ -126,13 +139,13 @@ class _ClusterPoses:
 
 
 def _with_middles(fit: SpatialFit, places: Mapping[str, LandmarkPlace], numbers: Mapping[str, int]) -> SpatialFit:
-    """Return the fit with the centres of elbow and wrist also measured by their landmarks."""
+    """Return the fit with the centres of shoulder, elbow and wrist also measured by their landmarks."""
     for child, pair in _MIDDLES.items():
         if child not in numbers or not all(name in places for name in pair):
             continue
         middle = np.mean([places[name].local for name in pair], axis=0)
-        variance = np.mean([places[name].sd ** 2 for name in pair]) / 2
-        fit = move_centre(fit, numbers[child], middle, variance * np.eye(3))
+        sd = _GH_SD if pair == ("GH",) else float(np.sqrt(np.mean([places[name].sd ** 2 for name in pair]) / 2))
+        fit = move_centre(fit, numbers[child], middle, sd**2 * np.eye(3))
     return fit
 
 
@@ -146,10 +159,11 @@ def _frames(
     """Return the ISB frames in the frames of the chain; ``where`` are the numbers of segments and of landmarks'."""
     at = {name: place.local for name, place in places.items()}
     spread: dict[str, FloatArray | float] = {name: place.sd for name, place in places.items()}
-    if "upper_arm" in where and (joint := fit.chain.joints[where["upper_arm"] - 1]).known:
-        at["GH"], spread["GH"] = np.zeros(3), _gh_covariance(joint.covariance)
-        where = {**where, "GH": where["upper_arm"]}
     standing = poses.standing()
+    if "upper_arm" in where and (joint := fit.chain.joints[where["upper_arm"] - 1]).known:
+        turn = standing.rotations[where["upper_arm"]].T @ standing.rotations[joint.parent]
+        at["GH"], spread["GH"] = np.zeros(3), turn @ _gh_covariance(joint.covariance) @ turn.T
+        where = {**where, "GH": where["upper_arm"]}
     bent = _bent_pose(at, where, poses) if option == 2 else None
     return fit_segment_frames(at, where, standing, covariances=spread, bent=bent)
 
@@ -175,13 +189,13 @@ def _bent_pose(at: Mapping[str, FloatArray], where: Mapping[str, int], poses: _C
     return SegmentPoses(poses.rotations[frame], poses.origins[frame])
 
 
-def _covariances(frames: AnatomicalFrames, names: Sequence[str]) -> list[list[list[float]] | None]:
-    """Return for each joint the covariance (6, 6) of the errors of its two frames, rad²; None without frames."""
-    pairs = pairwise(names)
-    return [
-        frames.covariance(parent, child).tolist() if parent in frames.frames and child in frames.frames else None
-        for parent, child in pairs
-    ]
+def _covariances(frames: AnatomicalFrames) -> dict[str, list[list[float]]]:
+    """Return for each joint of the arm the covariance (6, 6) of the errors of its two frames, rad²."""
+    return {
+        joint: frames.covariance(*pair).tolist()
+        for joint, pair in JOINTS.items()
+        if all(name in frames.frames for name in pair)
+    }
 
 
 def _landmarks(found: Mapping[str, tuple[int, FloatArray]], places: Mapping[str, LandmarkPlace]) -> dict[str, Any]:

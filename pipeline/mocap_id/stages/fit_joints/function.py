@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Container, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, frames_along_motion
 from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.links import chain_angles
+from mocap_id.kinematics.rigid_body import count_places
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.store import Tree
@@ -20,7 +21,8 @@ from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_MARKED_SD = 0.005  # m; for a joint that a marker represents
+_MARKED_SD = 0.005  # m; for a joint that a marker represents, and for a first joint with few markers beyond it
+_FEW_PLACES = 3
 
 
 def fit_joints(context: Context) -> Outputs:
@@ -68,11 +70,12 @@ def fit_joints(context: Context) -> Outputs:
         "estimator": settings.estimator,
         "iterations": fit.iterations,
         "reprojection_rms_m": float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
+        "single_markers": links is not None,
     }
     reasons = (
         _for_comparison(settings)
         + _pulled(named, settings)
-        + _weak_joints(fit, joint_names, settings, () if links is None else named)
+        + _weak_joints(fit, joint_names, settings, _closely(fit, joint_names, () if links is None else named))
     )
     return (Tree(CHAIN, data, facts, reasons),)
 
@@ -148,13 +151,19 @@ def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tupl
     )
 
 
-def _weak_joints(
-    fit: ChainFit, names: list[str], settings: FitJointsSettings, marked: Container[str]
-) -> tuple[Reason, ...]:
-    """Return a caution for every joint that turns too little or whose centre is uncertain.
+def _closely(fit: ChainFit, names: list[str], marked: Collection[str]) -> set[str]:
+    """Return the joints whose centre must be known closely, since the weight on it is an error of the torque.
 
-    ``marked`` joints are at the markers that represent them; weight times their uncertainty is an error of the torque.
+    They are ``marked`` joints and a first joint whose segment has few markers: both are in conventional marker sets.
     """
+    few = count_places(fit.local[fit.segment == 1]) < _FEW_PLACES
+    return {*marked, *(names[:1] if few else ())}
+
+
+def _weak_joints(
+    fit: ChainFit, names: list[str], settings: FitJointsSettings, closely: Container[str]
+) -> tuple[Reason, ...]:
+    """Return a caution for every joint that turns too little or whose centre is uncertain."""
     reasons = []
     for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):
         sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
@@ -168,7 +177,7 @@ def _weak_joints(
                     settings.small_arc_deg,
                 )
             )
-        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in marked else np.inf)):
+        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in closely else np.inf)):
             reasons.append(
                 Reason(
                     "joint-uncertain",

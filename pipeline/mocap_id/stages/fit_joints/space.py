@@ -35,12 +35,9 @@ def fit_chain_in_space(context: Context) -> Outputs:
     points = view.in_space(columns)
     names, joint_names = segments.facts["names"], segments.facts["joint_names"]
     kinds = _given_kinds(settings.kinds, joint_names)
-    if settings.estimator == "bundle":
-        fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds)
-    else:
-        from mocap_id.kinematics.space.centre_estimators import fit_pairs  # noqa: PLC0415
-
-        fit = fit_pairs(points, segment, segments.facts["parents"], settings.estimator, kinds)
+    assert settings.estimator != "rigid-body"
+    assert settings.estimator != "circle"
+    fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds, estimator=settings.estimator)
     framed = in_anatomical_frames(context, view, fit, columns, names)
     facts = {
         "estimator": settings.estimator,

@@ -73,7 +73,11 @@ class IdentifyDimSettings(Settings):
     )
     reference: Literal["winter", "de-leva"] = Field("winter", description="allometric table of the reference body")
     reference_sd: float = Field(0.15, gt=0, le=1, description="relative standard deviation of the reference parameters")
-    reference_pulls: bool = Field(False, description="use the reference as a prior of all parameters (4.13)")
+    reference_pulls: bool | Literal["foot"] | None = Field(
+        None,
+        description="use the reference as a prior of all parameters (4.13) or of the foot; default: foot for chains "
+        "with single-marker segments, else false",
+    )
     consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
         None,
         description="physical consistency by point masses or by the exact cone; default: grid, cone with poses",
@@ -106,7 +110,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=19,
+    version=20,
     inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
     uses=("trial", "space", "protocol", "subject", "compare", "encoder"),

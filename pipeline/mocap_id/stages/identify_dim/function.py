@@ -32,6 +32,16 @@ from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
 
+_FOOT_SD = 0.001  # m; from people's feet, whose mass is 3 % of the body's
+_TORQUE_SD = 5.0  # N·m, rms
+_FOOT_PRIOR = Reason(
+    "foot-prior",
+    "a segment has a single marker, so the foot's first moment is taken from the reference body and the place of the "
+    "ankle, not from the data alone: the torque of the ankle then follows from the centre of pressure. Set "
+    "`identify-dim: {reference_pulls: false}` to use the data alone",
+    level="ok",
+)
+
 
 def identify_dim(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet."""
@@ -73,8 +83,20 @@ def fit_chain(
         read_kinematic_error(context),
         consistency=settings.consistency or "grid",
         reference_sd=settings.reference_sd,
-        reference_pulls=settings.reference_pulls,
+        reference_pulls=settings.reference_pulls is True,
+        foot_sd=_foot_sd(context),
     )
+
+
+def _foot_sd(context: Context) -> float | None:
+    """Return the deviation of the foot's first moment in relation to the mass, m; None if the data determine it.
+
+    In a chain with single-marker segments it is known from the place of the ankle.
+    """
+    chosen, chain = context.settings.reference_pulls, context.tree("chain.h5")
+    if chosen != "foot" and (chosen is not None or not chain.facts.get("single_markers")):
+        return None
+    return float(np.hypot(_FOOT_SD, np.sqrt(chain.array("joints/covariance")[0, 0, 0])))
 
 
 def _fit(
@@ -125,8 +147,14 @@ def _with_identification(
     }
     if segments is not None:
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
-    cautions = (*_cautions(context, result), *validation.reasons(facts["held_out"]), *motion_reasons(facts))
-    reasons = (*movement.reasons, *references.chosen.reasons, *cautions)
+    cautions = (
+        *_cautions(context, result),
+        *_loose_torques(context, result, movement),
+        *validation.reasons(facts["held_out"]),
+        *motion_reasons(facts),
+    )
+    prior = () if not found.uses_reference or context.settings.reference_pulls is True else (_FOOT_PRIOR,)
+    reasons = (*movement.reasons, *references.chosen.reasons, *prior, *cautions)
     tree = Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
     return Table(DYNAMICS_TABLE, columns), tree, result.prepared
 
@@ -213,6 +241,38 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
         )
         reasons = (*reasons, unchecked)
     return reasons
+
+
+def _loose_torques(context: Context, result: artefacts.IdentifiedDynamics, movement: Movement) -> tuple[Reason, ...]:
+    """Return a caution about torques with a large standard deviation in a chain with single-marker segments.
+
+    With measured poses and with many markers, other reasons say so.
+    """
+    if result.measured_poses or not context.tree("chain.h5").facts.get("single_markers"):
+        return ()
+    sd = np.where(movement.free[:, None], result.model.torque_sd, np.nan)
+    sd = sd[np.isfinite(sd).any(axis=1)]
+    rms = np.sqrt(np.nanmean(sd**2, axis=0)) if len(sd) else np.zeros(0)
+    loose = np.flatnonzero(rms > _TORQUE_SD)
+    if not len(loose):
+        return ()
+    names = joint_names(context)
+    text = ", ".join(f"{names[j]} {rms[j]:.1f} N·m" for j in loose)
+    why = "joint centres, masses or accelerations are uncertain"
+    if np.nanmedian(sd[:, loose], axis=0).max() <= _TORQUE_SD:
+        worst = np.nanargmax(np.where(movement.free, result.model.torque_sd[:, loose[0]], np.nan))
+        why = (
+            f"markers are missing or noisy around {result.prepared.recorded.time[worst]:.1f} s. Leave this time out "
+            "with `window:`"
+        )
+    return (
+        Reason(
+            "torque-uncertain",
+            f"the torques have large standard deviations, rms while only the ground touches the body: {text}: {why}",
+            float(np.nanmax(rms)),
+            _TORQUE_SD,
+        ),
+    )
 
 
 def _cop_threshold(context: Context) -> float:

@@ -13,6 +13,7 @@ from mocap_id.dynamics.cutoffs import Cutoffs, left_out_cost
 from mocap_id.dynamics.fit import Fit, determined, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.left_out_samples import number_parts
+from mocap_id.dynamics.long_rests import with_short_rests
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.measured_motion import USUAL, PoseFilter
 from mocap_id.dynamics.preparation import MEASURED_CUTOFF, PreparedTrial, TrialData, prepare
@@ -57,7 +58,9 @@ class RepetitionPredictor:
             averaged=recorded.averaged,
         )
         self._poses = PoseFilter(replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2]))
-        self._observed, self._free = bodies.observed[some], movement.free[some]
+        self._observed, self._free = bodies.observed[some], movement.free[some].copy()
+        usable = np.flatnonzero(self._free & np.isfinite(self._recorded.dq).all(axis=1))
+        self._free[usable[~with_short_rests(self._recorded.dq[usable])]] = False
         self._part = _parts(prepared, movement)[some]
         self._settings, self._prior = prepared.settings, prior
         self._first: Fit | None = None

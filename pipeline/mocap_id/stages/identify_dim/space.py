@@ -78,7 +78,8 @@ def _unknown(context: Context, inputs: SpatialInputs) -> tuple[Table, Tree]:
         threshold=_threshold(context),
     )
     data = artefacts.empty_data(len(inputs.segments), obstacle.mass)
-    reasons = (Reason(obstacle.code, obstacle.why),)
+    expected = context.trial.protocol in ("reach", "curl")  # recorded without plates
+    reasons = (Reason(obstacle.code, obstacle.why, level="ok" if expected else "caution"),)
     return Table(DYNAMICS_TABLE, columns), Tree(
         DYNAMICS_TREE, data, artefacts.empty_facts_in_space(inputs.chain, obstacle.why), reasons
     )

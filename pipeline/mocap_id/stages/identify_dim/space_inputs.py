@@ -177,6 +177,7 @@ def _record(poses: Table, inputs: SpatialInputs, base: FloatArray) -> SpatialRec
         rotation=np.stack([rotation for rotation, _, _ in each], axis=1),
         omega=omega,
         alpha=alpha,
+        alpha_sd=poses.stack([f"sd_{name}_alpha" for name in names]),
         observed=np.logical_and.reduce([seen for _, _, seen in each]),
         wrench=inputs.wrench,
     )

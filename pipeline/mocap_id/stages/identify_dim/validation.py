@@ -14,6 +14,7 @@ from mocap_id.dynamics.comparison import Agreement, agreement
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.left_out_samples import number_parts
+from mocap_id.dynamics.long_rests import with_short_rests
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.protocols.movement import Movement
@@ -66,8 +67,11 @@ def validate(prepared: PreparedTrial, movement: Movement, found: Identification,
     if left_out is None:
         why = "no subset of the repetitions determines the parameters"
         return Validation(len(found_spans), None, why)
-    determined = np.isfinite(model).any(axis=0)
-    return Validation(len(found_spans), replace(left_out, wrench=np.where(determined, left_out.wrench, np.nan)), None)
+    determined, samples = np.isfinite(model).any(axis=0), left_out.samples.copy()
+    judged = np.flatnonzero(samples)
+    samples[judged[~with_short_rests(prepared.recorded.dq[judged])]] = False
+    predicted = np.where(determined, left_out.wrench, np.nan)
+    return Validation(len(found_spans), replace(left_out, samples=samples, wrench=predicted), None)
 
 
 def facts(

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mocap_id import recording
+from mocap_id.anatomy.landmark_names import find_landmarks
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import fit_plane
 from mocap_id.plates import choose_plates
 from mocap_id.recording import ThinnedFrames
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Outputs, given_landmarks
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
 from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space
@@ -32,7 +35,9 @@ def upright_recording(context: Context) -> Outputs:
     source = read_recording(context.trial.recording, settings)
     window = context.trial.window or (float(source.time[0]), float(source.time[-1]))
     part = used_part(source, window, settings.ignore)
-    left = context.trial.side == "left"
+    free = context.trial.protocol == "free"
+    side = context.trial.side or find_landmarks(part.labels, given_landmarks(context.trial)).side
+    left = side == "left"
     frame = PlaneFrame(0.0)
     points = trajectories(part, frame)
     if left:
@@ -50,12 +55,14 @@ def upright_recording(context: Context) -> Outputs:
     }
     choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=context.trial.plates.feet, seat=())
     doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
-    notes = (*part.oddities(doubted), *_planar(planarity))
+    notes = (*part.oddities(doubted), *(_planar(planarity) if free else ()))
     planar = LongTable(PLANAR, part.frames, part.time, part.labels, {**points, "visible": visible}, found, notes)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)
     threshold = settings.cop_threshold_N
     columns = ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
+    if not free:  # reaches and curls are recorded without plates
+        reasons = tuple(replace(each, level="ok") for each in reasons)
     return planar, Table(WRENCH, columns, facts, (*unit_doubts(doubted), *reasons))
 
 

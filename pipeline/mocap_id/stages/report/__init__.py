@@ -27,7 +27,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="report",
-    version=7,
+    version=8,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),

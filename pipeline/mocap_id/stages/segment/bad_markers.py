@@ -93,7 +93,9 @@ def segment_without_bad(
     bad: tuple[dict[str, Any], ...] = ()
     for _ in range(_ROUNDS):
         plane = done.points[..., 0] + 1j * done.points[..., 1]
-        found = tuple(_fact(recorded, stretch) for stretch in find_bad_stretches(markers, done.found, plane, examined))
+        found = tuple(
+            _fact(recorded, stretch, swapped) for stretch in find_bad_stretches(markers, done.found, plane, examined)
+        )
         again, bad = _same(found, bad), found
         named = {each["marker"] for each in bad}  # with times that are surer than those of the swaps
         others = (each for each in swapped if each["marker"] not in named)
@@ -115,13 +117,12 @@ def _segmented(view: Trajectories, frames: int, segmented: Callable[[FloatArray]
     return SegmentedMarkers(segmented(points), view, points)
 
 
-def _fact(view: Trajectories, stretch: BadStretch) -> dict[str, Any]:
-    return {
-        "marker": view.labels[stretch.marker],
-        "first_s": float(view.time[stretch.first]),
-        "last_s": float(view.time[stretch.last]),
-        "how": stretch.how,
-    }
+def _fact(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the facts of a stretch; a marker that is elsewhere during a known swap is swapped, and said to be once."""
+    marker, first, last = view.labels[stretch.marker], view.time[stretch.first], view.time[stretch.last]
+    known = any(each["marker"] == marker and each["first_s"] < last and first < each["last_s"] for each in swapped)
+    how = "swapped" if known and stretch.how == "elsewhere" else stretch.how
+    return {"marker": marker, "first_s": float(first), "last_s": float(last), "how": how}
 
 
 def _same(found: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]]) -> bool:

@@ -22,6 +22,7 @@ from mocap_id.stages.segment.bad_markers import (
     segment_without_bad,
 )
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
+from mocap_id.stages.segment.known_names import contradicted_names
 from mocap_id.stages.segment.lifted_heel import foot_moves, lift_of_good_markers, lift_reasons, with_foot
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
@@ -48,7 +49,10 @@ def segment(context: Context) -> Outputs:
             lambda points: _sorted(_plane(points, out), _lateral(points), counted, constraints, settings),
         )
 
-    done = segmented(settings.count)
+    try:
+        done = segmented(settings.count)
+    except Refused as refused:
+        raise _with_hint_at_space(refused, recorded.planar.facts["plane"]["planarity"], settings) from refused
     lift = lift_of_good_markers(recorded.planar.facts.get("heel_lift"), done.view.bad)
     if settings.count is None:
         done = with_foot(done, lift, labels, segmented)
@@ -57,9 +61,8 @@ def segment(context: Context) -> Outputs:
     planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     foot = foot_moves(lift, labels, found)
-    names, joint_names = body_names(trial.protocol, found.count, foot_turns=foot)
-    if settings.names is not None:
-        names = given_names(settings.names, found.count)
+    usual, joint_names = body_names(trial.protocol, found.count, foot_turns=foot)
+    names = usual if settings.names is None else given_names(settings.names, found.count)
     facts = {
         "count": found.count,
         "names": list(names),
@@ -79,6 +82,7 @@ def segment(context: Context) -> Outputs:
         "hypotheses": [_hypothesis(h, found.hypotheses[0], labels) for h in found.hypotheses],
     }
     doubts = _doubts(found, joint_names) + _asymmetric(asymmetries, names, settings.asymmetry_deg)
+    doubts += contradicted_names(labels, found.segment, usual, found.confidence.value)
     doubts += _upside_down(points, found.segment)
     reasons = (*_bursts(recorded), *bad_marker_notes(view.bad), *lift_reasons(lift, moves=foot), *not_planar, *doubts)
     return (Table(SEGMENTS, _columns(done, labels, out, names), facts, reasons),)
@@ -140,6 +144,17 @@ def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ..
             settings.planarity_caution,
         ),
     )
+
+
+def _with_hint_at_space(refused: Refused, planarity: float, settings: SegmentSettings) -> Refused:
+    """Return the refusal, with a hint if the markers move far out of the plane."""
+    if planarity <= settings.planarity_caution:
+        return refused
+    text = (
+        f"{refused} {100 * planarity:.0f} % of the markers' motion leaves the plane: for an arm, or another chain "
+        "whose joints turn about several axes, set `space: 3d`."
+    )
+    return Refused(refused.code, text, refused.value, refused.limit)
 
 
 def _lateral(points: FloatArray) -> FloatArray:

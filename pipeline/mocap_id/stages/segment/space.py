@@ -24,8 +24,12 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _LONGEST = 9
-_ARM = ("thorax", "upper_arm", "forearm", "hand")
-_ARM_JOINTS = ("shoulder", "elbow", "wrist")
+_ARM = ("thorax", "girdle", "upper_arm", "forearm", "hand")
+_ARM_JOINTS = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
+_SHOWS = {name: segment for name, segment in LANDMARK_SEGMENTS.items() if name != "GH"} | dict.fromkeys(
+    ("AC", "AA", "AI", "TS", "PC"), "girdle"
+)
+"""Segment that a landmark shows: the acromion and the scapula move with the thorax, or are a girdle of their own."""
 _WHY = {
     "weakest": "two neighbouring segments could nearly be one",
     "runner-up": "one of the segments could nearly be two",
@@ -62,25 +66,28 @@ def segment_bodies(context: Context) -> Outputs:
 
 
 def _names(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:
-    """Return names of the segments: those of an arm if its landmarks are on them in this order."""
+    """Return names of the segments: those of an arm where its landmarks are, in the arm's order."""
     named = find_landmarks(labels, given_landmarks(context.trial), context.trial.side)
-    votes: dict[int, Counter[str]] = {}
-    for name, marker in named.markers.items():
-        votes.setdefault(int(found.segment[marker]), Counter())[LANDMARK_SEGMENTS[name]] += 1
-    names: list[str] = []
-    for k, name in enumerate(_ARM[: found.count]):
-        if name == "hand" or votes.get(k, Counter())[name] > 0:
-            names.append(name)
-        else:
-            break
-    if len(names) < 2:
-        names = ["base"]
-    return (*names, *(f"segment_{k}" for k in range(len(names), found.count)))
+    counts: Counter[tuple[str, int]] = Counter()
+    for landmark, marker in named.markers.items():
+        if found.segment[marker] >= 0 and landmark in _SHOWS:
+            counts[_SHOWS[landmark], int(found.segment[marker])] += 1
+    place: dict[str, int] = {}
+    for (name, k), _ in counts.most_common():
+        if name not in place and k not in place.values():
+            place[name] = k
+    if "forearm" in place and "hand" not in place and place["forearm"] == found.count - 2:
+        place["hand"] = found.count - 1
+    order = [place[name] for name in _ARM if name in place]
+    if not {"thorax", "upper_arm"} <= place.keys() or order != sorted(order):
+        place = {}
+    names = {k: name for name, k in place.items()}
+    return tuple(names.get(k, "base" if k == 0 else f"segment_{k}") for k in range(found.count))
 
 
 def _joint_names(names: Sequence[str]) -> list[str]:
     """Return names of the joints; joint k leads to segment k."""
-    return [_ARM_JOINTS[k - 1] if k < len(_ARM) and names[k] == _ARM[k] else f"joint {k}" for k in range(1, len(names))]
+    return [_ARM_JOINTS.get(name, f"joint {k}") for k, name in enumerate(names[1:], start=1)]
 
 
 def _facts(

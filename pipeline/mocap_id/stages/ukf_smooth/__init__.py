@@ -69,7 +69,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=10,
+    version=11,
     inputs=("planar.parquet", "segments.parquet", "chain.h5"),
     outputs=(
         *("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, chunks, find_runs
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spectrum
 from mocap_id.kinematics import SkinModel
+from mocap_id.kinematics.rigid_body import count_places
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
@@ -36,6 +37,8 @@ from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import ANGLES, MARKERS, STATES
 from mocap_id.store.views import Skeleton, Trajectories
 from mocap_id.verdict import Reason
+
+_SNAP_RATIO = 2.0  # people: the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -102,17 +105,26 @@ def _states(
         chain.centres,
         chain.segment[moves],
         chain.local[moves],
-        settings=_of_cameras(settings),
+        settings=_of_cameras(settings, chain),
         overwrite=True,
     )
     observed[~states.used] = np.nan  # in place: a copy would double the memory
     return states, observed, repeated
 
 
-def _of_cameras(settings: UkfSmoothSettings) -> FilterSettings:
-    """Return the settings of the filter for the markers; `method: encoder` is compared with the smoother."""
+def _of_cameras(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:
+    """Return the settings of the filter for the markers; `method: encoder` is compared with the smoother.
+
+    If a segment has markers at one place only, a drop-out changes its angle for as long as it lasts, which is not
+    process noise.
+    """
     given = settings.model_dump(include={field.name for field in fields(FilterSettings)})
-    return FilterSettings(**given | ({"method": "rts"} if settings.method == "encoder" else {}))
+    if settings.method == "encoder":
+        given["method"] = "rts"
+    local = as_complex(chain.local)
+    if any(count_places(local[chain.segment == k]) < 2 for k in range(1, len(chain.centres) + 1)):
+        given["sigma_v_ratio"] = _SNAP_RATIO
+    return FilterSettings(**given)
 
 
 def _with_sd(

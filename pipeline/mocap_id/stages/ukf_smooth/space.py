@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.angles import JointAngles, elbow_angles, joint_coordinates, shoulder_angles, wrist_angles
-from mocap_id.anatomy.coordinates import RelativeMotion
+from mocap_id.anatomy.angles import (
+    SHOULDER,
+    JointAngles,
+    elbow_angles,
+    joint_coordinates,
+    shoulder_angles,
+    wrist_angles,
+)
+from mocap_id.anatomy.coordinates import RelativeMotion, compose
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
@@ -23,11 +30,11 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _ANATOMICAL = {
-    ("thorax", "upper_arm"): shoulder_angles,
-    ("upper_arm", "forearm"): elbow_angles,
-    ("forearm", "hand"): wrist_angles,
+    "shoulder": ("thorax", "upper_arm", shoulder_angles),
+    "elbow": ("upper_arm", "forearm", elbow_angles),
+    "wrist": ("forearm", "hand", wrist_angles),
 }
-"""Angles of the field, by the segments of a joint."""
+"""Angles of the ISB, with the segments that they are between."""
 
 
 def smooth_rotations(context: Context) -> Outputs:
@@ -46,7 +53,7 @@ def smooth_rotations(context: Context) -> Outputs:
     )
     states = smooth_in_space(points, view.rate, skeleton.chain, given)
     observed = bridge_repeated(states.observed, repeated, view.rate)
-    angles = _angles(states, skeleton, tree.facts.get("frame_covariance"))
+    angles = _angles(states, skeleton, tree.facts.get("frame_covariance", {}))
     reasons = _gaps(states, view.time, skeleton.segments, settings) + repeated_reason(repeated)
     facts = _facts(states, points, settings)
     return (
@@ -54,61 +61,78 @@ def smooth_rotations(context: Context) -> Outputs:
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(states, points)),
         _no_skin(),
         Table(ENCODER, {column.name: np.zeros(0) for column in ENCODER.columns}, {"why": "a trial in space has none"}),
-        Table(POSES, _pose_columns(states, skeleton.segments, view.time, observed)),
+        Table(POSES, _pose_columns(states, skeleton, view.time, observed)),
         Table(ANGLES, _angle_columns(angles, view.time)),
     )
 
 
-def _angles(
-    states: SpatialStates, skeleton: SpatialSkeleton, frames: Sequence[Any] | None
-) -> list[tuple[JointAngles, bool]]:
-    """Return the angles of every joint: those of the field between anatomical frames, else its own coordinates."""
-    found = []
+def _angles(states: SpatialStates, skeleton: SpatialSkeleton, frames: Mapping[str, Any]) -> list[JointAngles]:
+    """Return the angles of the ISB between anatomical frames, and the own coordinates of all other joints."""
+    found: list[JointAngles] = []
+    done: set[int] = set()
+    for name, (parent, child, angles) in _ANATOMICAL.items():
+        if name not in frames:
+            continue
+        path = _path(skeleton, skeleton.segments.index(parent), skeleton.segments.index(child))
+        motion = _relative(states, path[0])
+        for k in path[1:]:
+            motion = compose(motion, _relative(states, k))
+        found.append(angles(motion, np.array(frames[name])))
+        done |= set(path) if len(path) == 1 else set()
     for k, joint in enumerate(skeleton.chain.joints):
-        motion = RelativeMotion(
-            states.joint_rotations[:, k],
-            states.velocity[:, k],
-            states.acceleration[:, k],
-            states.joint_covariance[:, k],
-        )
-        pair = (skeleton.segments[joint.parent], skeleton.segments[k + 1])
-        errors = None if frames is None else frames[k]
-        if pair in _ANATOMICAL and errors is not None:
-            found.append((_ANATOMICAL[pair](motion, np.array(errors)), pair[1] == "upper_arm"))
-        else:
+        if k not in done:
             names = tuple(f"joint_{k + 1}_{d}" for d in range(1, joint.dimension + 1))
-            found.append((joint_coordinates(motion, joint, names), False))
+            found.append(joint_coordinates(_relative(states, k), joint, names))
     return found
 
 
-def _angle_columns(found: Sequence[tuple[JointAngles, bool]], time: FloatArray) -> dict[str, FloatArray]:
+def _path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:
+    """Return the joints from one segment to a later one, from 0."""
+    path: list[int] = []
+    while child != parent:
+        path.insert(0, child - 1)
+        child = skeleton.chain.joints[child - 1].parent
+    return path
+
+
+def _relative(states: SpatialStates, k: int) -> RelativeMotion:
+    return RelativeMotion(
+        states.joint_rotations[:, k], states.velocity[:, k], states.acceleration[:, k], states.joint_covariance[:, k]
+    )
+
+
+def _angle_columns(found: Sequence[JointAngles], time: FloatArray) -> dict[str, FloatArray]:
     columns: dict[str, FloatArray] = {"time": time}
-    for angles, is_shoulder in found:
+    for angles in found:
         for k, name in enumerate(angles.names):
             columns |= {
                 name: angles.angle[:, k],
                 f"d{name}": angles.rate[:, k],
                 f"dd{name}": angles.acceleration[:, k],
                 f"sd_{name}": angles.sd.angle[:, k],
-                f"sd_d{name}": np.hypot(angles.sd.rate[:, k], angles.constant_sd.rate[:, k]),
-                f"sd_dd{name}": np.hypot(angles.sd.acceleration[:, k], angles.constant_sd.acceleration[:, k]),
-                f"constant_sd_{name}": angles.constant_sd.angle[:, k],
+                f"sd_d{name}": angles.sd.rate[:, k],
+                f"sd_dd{name}": angles.sd.acceleration[:, k],
+                f"constant_sd_{name}": np.where(np.isfinite(angles.angle[:, k]), angles.constant_sd[k], np.nan),
             }
-        if is_shoulder:
+        if angles.names == SHOULDER:
             columns["isb_condition"] = angles.condition
     return columns
 
 
 def _pose_columns(
-    states: SpatialStates, names: Sequence[str], time: FloatArray, observed: BoolArray
+    states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
 ) -> dict[str, FloatArray | BoolArray]:
+    """Return the poses; the origin of the thorax is IJ, those of other segments are the centres of their joints."""
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
-    for k, name in enumerate(names):
+    for k, name in enumerate(skeleton.segments):
+        origin = states.origins[:, k]
+        if name == "thorax" and "IJ" in skeleton.landmarks:
+            origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
         quaternion = _continuous(so3.quaternion(states.rotations[:, k]))
         columns |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
         for i, axis in enumerate("xyz"):
             columns |= {
-                f"{name}_{axis}": states.origins[:, k, i].copy(),
+                f"{name}_{axis}": origin[:, i].copy(),
                 f"{name}_omega_{axis}": states.omega[:, k, i].copy(),
                 f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
             }

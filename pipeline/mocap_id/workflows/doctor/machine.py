@@ -16,7 +16,9 @@ import pandas as pd
 
 from mocap_id.estimation import filter_kernels, smooth
 from mocap_id.estimation.encoder_smoothing import estimate_noise, smooth_encoder
+from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.workflows.doctor.finding import Finding
 
 _ROOM, _LEAST_ROOM = 2e9, 1e8  # bytes: for a long trial with its report; for a short one
@@ -143,7 +145,7 @@ def _broken(name: str, error: Exception, package: str) -> Finding:
 
 
 def compile_filter() -> Finding:
-    """Compile and cache the code of a run, by filtering a swinging arm and its encoder.
+    """Compile and cache the code of a run, by filtering a swinging arm, in the plane and in space, and its encoder.
 
     The cache belongs to a user and a processor: compile as the user who runs the trials, on the same machine.
     """
@@ -155,6 +157,11 @@ def compile_filter() -> Finding:
     smooth(marker_positions(angles, centres, segment, local), _RATE, centres, segment, local)
     encoder = (moment, angles[:, 0], 3.0 * np.cos(3.0 * moment))
     smooth_encoder(*encoder, estimate_noise(*encoder))
+    hinge = SpatialJoint("hinge", 0, np.zeros(3))
+    corners = np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
+    chain = SpatialChain((hinge,), np.repeat([0, 1], 3), np.tile(corners, (2, 1)), np.zeros(6, dtype=np.bool_))
+    turned = corners @ np.swapaxes(hinge.rotation(angles[:, :1]), 1, 2)
+    smooth_in_space(np.concatenate([np.broadcast_to(corners, turned.shape), turned], axis=1), _RATE, chain)
     cached = compiled_code()
     if cached.level != "ok":
         return cached

@@ -90,7 +90,7 @@ def _dynamics(dynamics: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
     yield "dynamics.clock_offset_s", _with_interval(offset, sd, "s")
     for name, residual in (dynamics.get("wrench") or {}).items():
         yield f"dynamics.wrench.{name}.r2", _absolute(residual["r2"], 0.005, "")
-        yield f"dynamics.wrench.{name}.sd", _relative(residual["sd"], 0.05, "N*m" if name == "tauz" else "N")
+        yield f"dynamics.wrench.{name}.sd", _relative(residual["sd"], 0.05, "N*m" if name.startswith("tau") else "N")
     yield "dynamics.cop_rms_m", _relative(dynamics.get("cop_rms_m"), 0.05, "m")
     yield "dynamics.samples", _relative(dynamics.get("samples"), 0.02, "")
 

@@ -33,8 +33,11 @@ class _Scene:
     sticks: StickFigure | None
 
     def extent(self) -> tuple[FloatArray, float]:
-        """Return the middle (3,) of the markers, and half the width of a view of all of them, m."""
-        points = np.concatenate([values.reshape(-1, 3) for _, values, _ in self.markers])
+        """Return the middle (3,) of markers and joints, and half the width of a view of all of them, m."""
+        seen = [values.reshape(-1, 3) for _, values, _ in self.markers]
+        if self.sticks is not None:
+            seen.append(self.sticks.joints.reshape(-1, 3))
+        points = np.concatenate(seen)
         points = points[np.isfinite(points).all(axis=1)]
         if not len(points):
             return np.zeros(3), 1.0

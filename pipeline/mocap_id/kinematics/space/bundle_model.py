@@ -1,0 +1,211 @@
+"""Problem, unknowns and geometry of the bundle over a chain in space; equations in :mod:`.bundle_equations`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import JointKind
+
+
+@dataclass(frozen=True)
+class BundleProblem:
+    """Input of the bundle.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Markers, m; 0 where unseen.
+    weights : (F, M) array
+        Square roots of the inverse variances of one coordinate, 1/m; 0 where unseen.
+    segment : (M,) int array
+    parents : tuple of int, length n
+        Parent of segment 1 … n.
+    kinds : tuple of JointKind, length n
+    rest : (3,) array
+        Direction of the second segment without elevation, in the frame of the base.
+    on_glide : (M,) bool array
+        Markers of the base that ride on the girdle.
+    glides : bool
+        Whether the glide is estimated.
+    long_axes : (n, 3) array
+        Long axis of each segment in its own frame, towards its joint.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+    segment: IntArray
+    parents: tuple[int, ...]
+    kinds: tuple[JointKind, ...]
+    rest: FloatArray
+    on_glide: BoolArray
+    glides: bool
+    long_axes: FloatArray
+
+    @property
+    def frame_size(self) -> int:
+        """Number of unknowns of a frame."""
+        return 6 + 3 * len(self.parents)
+
+    def path(self, segment: int) -> list[int]:
+        """Return the joints from a segment to the base."""
+        joints = []
+        while segment > 0:
+            joints.append(segment - 1)
+            segment = self.parents[segment - 1]
+        return joints
+
+
+@dataclass(frozen=True)
+class BundleState:
+    """Unknowns of the bundle.
+
+    Parameters
+    ----------
+    local : (M, 3) array
+        Marker coordinates, m.
+    centres : (n, 3) array
+        Joint centres in the frames of the parents, m.
+    first, second : (n, 3) arrays
+        Unit axes a (parent's frame) and b (child's frame); without meaning for a ball.
+    cosine : (n,) array
+        Cosine κ of the angle between two axes.
+    glide : (3,) array
+        Glide of joint 1, m.
+    skin : (M,) array
+        Share of the twist of its segment that each marker misses.
+    origin : (F, 3) array
+        Origin of the base, m.
+    rotations : (F, n + 1, 3, 3) array
+        Segment to trial.
+    """
+
+    local: FloatArray
+    centres: FloatArray
+    first: FloatArray
+    second: FloatArray
+    cosine: FloatArray
+    glide: FloatArray
+    skin: FloatArray
+    origin: FloatArray
+    rotations: FloatArray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Places of the parameters of the chain: markers first, then joints, glide and skin."""
+
+    markers: int
+    centre: tuple[slice, ...]
+    first: tuple[slice | None, ...]
+    second: tuple[slice | None, ...]
+    cosine: tuple[int | None, ...]
+    glide: slice | None
+    skin: slice
+    size: int
+
+
+def columns_of(problem: BundleProblem) -> Columns:
+    """Return the places of the parameters of a problem."""
+    markers, at = problem.points.shape[1], 3 * problem.points.shape[1]
+    centre: list[slice] = []
+    first: list[slice | None] = []
+    second: list[slice | None] = []
+    cosine: list[int | None] = []
+    for kind in problem.kinds:
+        centre.append(slice(at, at + 3))
+        at += 3
+        has_axes = kind != "ball"
+        first.append(slice(at, at + 2) if has_axes else None)
+        second.append(slice(at + 2, at + 4) if has_axes else None)
+        at += 4 * has_axes
+        cosine.append(at if kind == "two-axis" else None)
+        at += kind == "two-axis"
+    glide = slice(at, at + 3) if problem.glides else None
+    at += 3 * problem.glides
+    return Columns(
+        markers, tuple(centre), tuple(first), tuple(second), tuple(cosine), glide, slice(at, at + markers), at + markers
+    )
+
+
+def tangents(axis: FloatArray) -> FloatArray:
+    """Return two unit vectors (3, 2) normal to a unit axis (3,) and to each other."""
+    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    one = np.cross(axis, other)
+    one /= np.linalg.norm(one)
+    return np.stack([one, np.cross(axis, one)], axis=1)
+
+
+def share_of_glide(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return u = (1 - cos elevation) / 2 in every frame (F,)."""
+    turned = np.swapaxes(state.rotations[:, 0], 1, 2) @ (state.rotations[:, 1] @ problem.long_axes[0])[..., None]
+    return np.asarray((1 - turned[..., 0] @ problem.rest) / 2)
+
+
+def segment_origins(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the origins of the segments (F, n + 1, 3), m."""
+    origins = [state.origin]
+    for j, parent in enumerate(problem.parents):
+        step = np.broadcast_to(state.centres[j], state.origin.shape)
+        if j == 0 and problem.glides:
+            step = step + share_of_glide(problem, state)[:, None] * state.glide
+        origins.append(origins[parent] + np.einsum("fij,fj->fi", state.rotations[:, parent], step))
+    return np.stack(origins, axis=1)
+
+
+def joint_rotations(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the rotation Q of every joint, child to parent (F, n, 3, 3)."""
+    parents = np.array(problem.parents, dtype=np.int64)
+    return np.asarray(np.swapaxes(state.rotations[:, parents], 2, 3) @ state.rotations[:, 1:])
+
+
+def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the twist of every segment about its long axis (F, n), rad, and its derivatives (F, n, 3).
+
+    Returns
+    -------
+    twist : (F, n) array
+        The rotation about the long axis that is left when the shortest swing is taken off.
+    by_child, by_parent : (F, n, 3) arrays
+        Derivatives by the turns of the child and of the parent.
+    """
+    quaternion = so3.quaternion(joint_rotations(problem, state))
+    scalar, vector = quaternion[..., 0], quaternion[..., 1:]
+    axis = problem.long_axes
+    along = np.einsum("fni,ni->fn", vector, axis)
+    size = np.maximum(scalar**2 + along**2, 1e-9)[..., None]
+    common = scalar[..., None] ** 2 * axis + along[..., None] * vector
+    across = scalar[..., None] * np.cross(axis, vector)
+    twist = 2 * np.arctan2(along, scalar)
+    twist = (twist + np.pi) % (2 * np.pi) - np.pi
+    return twist, (common + across) / size, -(common - across) / size
+
+
+def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, frames: FloatArray) -> BundleState:
+    """Return the state after a step of the chain's parameters (P,) and of the frames' unknowns (F, d)."""
+    cols = columns_of(problem)
+    first, second, cosine = state.first.copy(), state.second.copy(), state.cosine.copy()
+    for j in range(len(problem.kinds)):
+        for axes, place in ((first, cols.first[j]), (second, cols.second[j])):
+            if place is not None:
+                axes[j] += tangents(axes[j]) @ chain[place]
+                axes[j] /= np.linalg.norm(axes[j])
+        at = cols.cosine[j]
+        if at is not None:
+            cosine[j] += chain[at]
+    turns = frames[:, 3:].reshape(len(frames), -1, 3)
+    return replace(
+        state,
+        local=state.local + chain[: 3 * cols.markers].reshape(-1, 3),
+        centres=state.centres + np.stack([chain[place] for place in cols.centre]),
+        first=first,
+        second=second,
+        cosine=cosine,
+        glide=state.glide + (chain[cols.glide] if cols.glide is not None else 0.0),
+        skin=state.skin + chain[cols.skin],
+        origin=state.origin + frames[:, :3],
+        rotations=state.rotations @ so3.exp(turns),
+    )

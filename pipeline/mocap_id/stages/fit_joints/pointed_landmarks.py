@@ -1,0 +1,92 @@
+"""Landmarks from the pointer trials that the configuration names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.anatomy.frames import mirrored
+from mocap_id.anatomy.pointer import Pointer, find_pointer_markers, find_tip, point_landmark
+from mocap_id.anatomy.still_pose import LandmarkPlace
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.recording import Recording
+from mocap_id.stages.base import TrialKeys
+from mocap_id.verdict import Reason
+
+
+@dataclass(frozen=True)
+class MarkedChain:
+    """A chain with the labels of its markers, and whether the recordings must be mirrored."""
+
+    chain: SpatialChain
+    labels: tuple[str, ...]
+    left: bool
+
+
+def read_pointed_landmarks(
+    trial: TrialKeys, marked: MarkedChain, segment: Mapping[str, int], labels: tuple[str, ...], palpation: float
+) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...]]:
+    """Return the places of the pointed landmarks in the frames of their segments.
+
+    Parameters
+    ----------
+    trial : TrialKeys
+    marked : MarkedChain
+    segment : mapping
+        Landmark to the number of its segment.
+    labels : tuple of str
+        All markers of the trial; the pointer's are not among them.
+    palpation : float
+        Standard deviation of a landmark along each axis, m.
+
+    Raises
+    ------
+    RecordingError
+        A pointer trial cannot be used; the message names the file.
+    """
+    files = {str(name): path for name, path in trial.pointers.items() if str(name) in segment}
+    if not files:
+        return {}, ()
+    read = {name: recording.read(path) for name, path in files.items()}
+    rod = find_pointer_markers(labels, [each.labels for each in read.values()])
+    if len(rod) < 2:
+        raise RecordingError(
+            f"{next(iter(files.values()))}: the pointer trials have {len(rod)} markers in common that this trial does "
+            "not have; expected the two or more markers of the pointer"
+        )
+    touches = {name: _touch(each, rod, marked, segment[name]) for name, each in read.items()}
+    pointer = Pointer(np.array(trial.pointer)) if trial.pointer else find_tip(list(touches.values()))
+    places: dict[str, LandmarkPlace] = {}
+    reasons: list[Reason] = []
+    for name, touch in touches.items():
+        try:
+            found = point_landmark(*touch, pointer, palpation)
+        except RecordingError as error:
+            raise RecordingError(f"{files[name]}: {error}") from error
+        places[name] = found.place
+        reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in found.reasons]
+    return places, tuple(reasons)
+
+
+def _touch(
+    trial: Recording, rod: tuple[str, ...], marked: MarkedChain, segment: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the pointer's markers (F, P, 3) and the pose of a segment (F, 3, 3), (F, 3) in a pointer trial."""
+    points = PlaneFrame(0.0).to_plane(trial.positions)
+    points = mirrored(points) if marked.left else points
+    own = [m for m in np.flatnonzero(marked.chain.segment == segment) if marked.labels[m] in trial.labels]
+    if len(own) < 3:
+        raise RecordingError(
+            f"{trial.files[0]}: the pointer trial shows {len(own)} markers of the landmark's segment, expected at "
+            "least 3"
+        )
+    cluster = points[:, [trial.labels.index(marked.labels[m]) for m in own]]
+    rotation, origin, _ = rigid_poses(cluster, marked.chain.local[own])
+    return points[:, [trial.labels.index(label) for label in rod]], rotation, origin

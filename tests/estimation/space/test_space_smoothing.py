@@ -1,0 +1,98 @@
+"""States of simulated arms: accuracy, intervals, gaps, outliers, and independence of the laboratory's axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spatial_cases import UP, arm, true_chain
+
+from mocap_id.arrays import FloatArray
+from mocap_id.estimation.space import SpatialStates, smooth_in_space
+from mocap_id.geometry import so3
+from mocap_id.simulation.arm import SpatialTrial
+
+GAP = slice(900, 1080)  # 1.5 s
+
+
+@pytest.fixture(scope="module")
+def trial() -> SpatialTrial:
+    return arm(23)
+
+
+@pytest.fixture(scope="module")
+def points(trial: SpatialTrial) -> FloatArray:
+    return np.ascontiguousarray(trial.positions @ UP.T)
+
+
+@pytest.fixture(scope="module")
+def states(trial: SpatialTrial, points: FloatArray) -> SpatialStates:
+    return smooth_in_space(points, trial.rate, true_chain(trial))
+
+
+def rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=-1))))
+
+
+def test_accuracy_and_intervals(trial: SpatialTrial, states: SpatialStates) -> None:
+    later = trial.time > trial.still + 0.5
+    omega, alpha = states.omega - trial.omega @ UP.T, states.alpha - trial.alpha @ UP.T
+    assert rms(omega[later, 2]) < 0.1
+    assert rms(alpha[later, 2]) < 0.8
+    assert rms((states.origins - trial.origins @ UP.T)[later, 2]) < 4e-3
+    for error, sd in ((omega, states.sd_omega), (alpha, states.sd_alpha)):
+        held = np.mean(np.abs(error[later]) < 1.96 * sd[later][..., None], axis=(0, 2))
+        assert np.all(held > 0.85)
+        assert np.all(sd[later].mean(axis=0)[1:] < 3 * np.sqrt(np.mean(error[later, 1:] ** 2, axis=(0, 2))))
+    assert states.observed.all()
+
+
+def test_the_laboratorys_axes_do_not_matter(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+    turn = so3.exp(np.array([0.4, -1.1, 0.7]))
+    turned = smooth_in_space(points @ turn.T, trial.rate, true_chain(trial))
+    np.testing.assert_allclose(turned.omega, states.omega @ turn.T, atol=1e-3)
+    np.testing.assert_allclose(turned.alpha, states.alpha @ turn.T, atol=2e-2)
+    np.testing.assert_allclose(turned.sd_alpha, states.sd_alpha, rtol=2e-2)
+
+
+def test_a_gap_is_bridged_or_not_given(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+    hidden = points.copy()
+    hidden[GAP, np.asarray(trial.assignment) >= 2] = np.nan  # forearm and hand
+    found = smooth_in_space(hidden, trial.rate, true_chain(trial))
+    inside = slice(GAP.start + 15, GAP.stop - 15)
+    assert not found.observed[inside, 2:].any()
+    assert found.observed[inside, :2].all()
+    lost = np.isnan(found.omega[:, 2, 0])
+    assert lost[GAP].any()
+    assert not lost[: GAP.start].any()
+    assert not lost[GAP.stop + 5 :].any()
+    given = np.flatnonzero(~lost[GAP]) + GAP.start
+    off = np.linalg.norm(so3.log(np.swapaxes(found.rotations[given, 2], 1, 2) @ states.rotations[given, 2]), axis=1)
+    assert np.mean(off < 3 * np.sqrt(3) * found.sd_rotation[given, 2]) > 0.9
+    np.testing.assert_allclose(found.omega[GAP.stop + 120 :, 2], states.omega[GAP.stop + 120 :, 2], atol=0.05)
+
+
+def test_outliers_are_left_out(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+    rng = np.random.default_rng(0)
+    hit = rng.random(points.shape[:2]) < 0.01
+    wild = points + np.where(hit[..., None], rng.normal(0, 0.3, points.shape), 0.0)
+    found = smooth_in_space(wild, trial.rate, true_chain(trial))
+    assert np.mean(found.used[hit]) < 0.1
+    assert rms(found.omega[:, 2] - states.omega[:, 2]) < 0.03
+
+
+def test_a_vanishing_marker_makes_no_step(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+    hidden = points.copy()
+    column = trial.names.index("EM")
+    hidden[GAP.start : GAP.start + 60, column] = np.nan
+    found = smooth_in_space(hidden, trial.rate, true_chain(trial))
+    assert rms((found.alpha - states.alpha)[GAP, 1]) < 0.5
+    assert found.observed.all()
+
+
+def test_joints_and_segments_agree(states: SpatialStates) -> None:
+    turns = np.swapaxes(states.rotations[:, 1], 1, 2) @ states.rotations[:, 2]
+    np.testing.assert_allclose(turns, states.joint_rotations[:, 1], atol=1e-9)
+    relative = np.einsum("fji,fj->fi", states.rotations[:, 2], states.omega[:, 2] - states.omega[:, 1])
+    np.testing.assert_allclose(relative, states.velocity[:, 1], atol=1e-9)
+    assert np.isnan(states.coordinates[:, 0]).all()
+    assert np.all(np.linalg.eigvalsh(states.joint_covariance[::50])[..., 0] > -1e-9)

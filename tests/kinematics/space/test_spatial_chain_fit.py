@@ -1,0 +1,119 @@
+"""The fit of a chain in space on simulated chains and arms with exact truth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mocap_id.errors import NumericalError
+from mocap_id.geometry import so3
+from mocap_id.kinematics.space.bundle_model import segment_origins
+from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
+from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.simulation.arm import simulate_arm, simulate_chain
+
+_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_ARM: Any = {1: "ball", 2: "two-axis", 3: "two-axis"}
+
+
+def _fit(trial: Any, **more: Any) -> SpatialFit:
+    parents = range(int(trial.assignment.max()))
+    return fit_spatial_chain(trial.positions @ _UP.T, trial.assignment, tuple(parents), **more)
+
+
+def _centre_errors(fit: SpatialFit, trial: Any) -> np.ndarray:
+    """Return the rms distance (n,), m, of the joint centres from the truth over the frames of the fit."""
+    problem, points = fit.bundle.problem, trial.positions @ _UP.T
+    frames = []
+    for f, seen in enumerate(problem.weights > 0):
+        marker = int(np.argmax(seen))
+        off = np.abs(np.nan_to_num(points[:, marker], nan=9.0) - problem.points[f, marker]).sum(axis=1)
+        frames.append(int(np.argmin(off)))
+    off = segment_origins(problem, fit.bundle.state) - trial.origins[frames] @ _UP.T
+    return np.asarray(np.sqrt((off**2).sum(axis=2).mean(axis=0))[1:])
+
+
+@pytest.fixture(scope="module")
+def reach() -> tuple[Any, SpatialFit]:
+    trial = simulate_arm(1)
+    return trial, _fit(trial)
+
+
+def test_ball_joints_of_a_plain_chain() -> None:
+    trial = simulate_chain(3, kinds="SS", arc_deg=40)
+    fit = _fit(trial)
+    assert [each.kind for each in fit.evidence] == ["ball", "ball"]
+    assert _centre_errors(fit, trial).max() < 1e-3
+    true = np.asarray(trial.document["lengths_m"])[0]
+    assert abs(fit.lengths[0] - true) < 4 * fit.length_sd[0] < 3e-3
+    assert all(joint.known for joint in fit.chain.joints)
+
+
+def test_a_hinge_is_found_and_its_place_along_the_axis_is_open() -> None:
+    fit = _fit(simulate_chain(3, kinds="SH", arc_deg=15))
+    assert [each.kind for each in fit.evidence] == ["ball", "hinge"]
+    joint = fit.chain.joints[1]
+    along = np.sqrt(joint.first_axis @ joint.covariance @ joint.first_axis)
+    assert along > 0.09
+    assert joint.known
+    assert np.allclose(joint.offset @ joint.second_axis, joint.first_axis, atol=1e-6)
+
+
+def test_the_lab_does_not_matter() -> None:
+    trial = simulate_chain(4, kinds="SS", arc_deg=40, sway_mm=20)
+    points = trial.positions @ _UP.T
+    turn = so3.exp(np.array([0.4, -1.1, 0.7]))
+    one = fit_spatial_chain(points, trial.assignment, (0, 1))
+    other = fit_spatial_chain(points @ turn.T + [3.0, -1, 2], trial.assignment, (0, 1), up=turn @ [0, 1, 0])
+    assert np.allclose(one.lengths, other.lengths, atol=1e-5)
+    assert np.allclose(one.chain.joints[1].centre @ turn.T, other.chain.joints[1].centre, atol=1e-5)
+
+
+def test_centres_axes_and_glide_of_an_arm(reach: tuple[Any, SpatialFit]) -> None:
+    trial, fit = reach
+    assert [each.likely for each in fit.evidence] == ["ball", "two-axis", "two-axis"]
+    shoulder, elbow, _ = _centre_errors(fit, trial)
+    assert shoulder < 0.005
+    assert elbow < 0.006
+    riding = [trial.labels[m] for m in np.flatnonzero(fit.chain.on_glide)]
+    assert riding == ["AC"]
+    size = np.linalg.norm(fit.chain.joints[0].glide)
+    assert 0.008 < size < 0.022
+    assert all(joint.known for joint in fit.chain.joints)
+
+
+def test_a_landmark_moves_the_centre_along_its_uncertain_direction(reach: tuple[Any, SpatialFit]) -> None:
+    _, fit = reach
+    joint = fit.chain.joints[1]
+    target = joint.centre + np.array([0.004, -0.002, 0.005])
+    moved = move_centre(fit, 2, target, 1e-10 * np.eye(3))
+    assert np.allclose(moved.chain.joints[1].centre, target, atol=1e-5)
+    assert np.linalg.eigvalsh(moved.chain.joints[1].covariance)[-1] < 1e-9
+    loose = move_centre(fit, 2, target, 100 * np.eye(3))
+    assert np.allclose(loose.chain.joints[1].centre, joint.centre, atol=1e-5)
+
+
+def test_curls_do_not_show_the_shoulder() -> None:
+    trial = simulate_arm(5, movement="curl", subject=110, rate=60, repetitions=4)
+    fit = _fit(trial, kinds=_ARM)
+    assert not fit.chain.joints[0].known
+    assert fit.chain.joints[1].known
+
+
+@pytest.mark.parametrize("estimator", ["score", "sphere", "helical"])
+def test_other_estimators(estimator: Any) -> None:
+    trial = simulate_chain(3, kinds="SS", arc_deg=40)
+    fit = _fit(trial, estimator=estimator)
+    assert _centre_errors(fit, trial).max() < 5e-3
+    assert np.isnan(fit.chain.joints[0].covariance).all()
+    assert fit.iterations == 0
+
+
+def test_too_few_frames_are_refused() -> None:
+    trial = simulate_chain(3, kinds="SS", arc_deg=40)
+    points = trial.positions.copy()
+    points[10:, trial.assignment == 1] = np.nan
+    with pytest.raises(NumericalError, match="three markers of every segment"):
+        fit_spatial_chain(points, trial.assignment, (0, 1))
