@@ -64,10 +64,8 @@ def filter_and_smooth(
         White noise of a coordinate, m.
     gate_variance : (M,) array
         Variance of a coordinate in the gate, m².
-    snap : (d,) array
-        Standard deviation of each snap over one frame.
-    gap_snap : (d,) array
-        The same in frames whose markers do not determine the joint.
+    snap, gap_snap : (d,) arrays
+        Standard deviation of each snap over one frame; in frames whose markers do not determine the joint.
     gate : float
         Limit of an innovation, in standard deviations.
 

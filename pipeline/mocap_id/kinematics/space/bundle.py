@@ -24,6 +24,7 @@ _ITERATIONS = 60
 _CONVERGED = 1e-4  # relative fall of the cost
 _NEARLY = 1e-2  # the same, before the weights are renewed
 _WEIGHINGS = 5
+_PATIENCE = 8  # iterations, after which the weights are renewed in any case
 _HUBER = 3.0  # standard deviations of a marker
 _FINEST = 1e-4  # m; smallest standard deviation of a marker
 _SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
@@ -103,7 +104,7 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     scale = _step_scales(cols)
     fixed = gauge_rows(problem, state, cols) / _FIXED
     fixed = fixed.T @ fixed + np.diag((np.arange(cols.size) < 3 * cols.markers) / _ANYWHERE**2)
-    damping, weighings = 1.0, 0
+    damping, weighings, since = 1.0, 0, 0
     linear = linearise(problem, state)
     cost = _cost(linear, problem, state, prior)
     for iteration in range(1, _ITERATIONS + 1):
@@ -122,7 +123,8 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
         if tried_cost <= cost:
             state, linear, cost = tried, tried_linear, tried_cost
         damping = max(damping / 10, _FREE)
-        if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
+        since += 1
+        if weighings < _WEIGHINGS and (fall <= _NEARLY * cost or since == _PATIENCE):
             sd, together = marker_errors(problem, state, linear)
             root = 1 / (sd * np.sqrt(together))
             problem = replace(problem, weights=seen * root * _huber(problem, state, sd))
@@ -130,7 +132,8 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
             linear = linearise(problem, state)
             cost = _cost(linear, problem, state, prior)
             weighings, damping = weighings + 1, max(damping, 1e-2)
-        elif fall <= _CONVERGED * cost:
+            since = 0
+        elif fall <= (_CONVERGED if iteration < _ITERATIONS else _NEARLY) * cost:
             reduced = eliminate_frames(problem, linear)
             rows = prior.equations(problem, state)[1]
             matrix = reduced.matrix + rows.T @ rows + fixed

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, columns_of, tangents
 
-_CENTRE = 0.15  # m
+_CENTRE = 0.1  # m
 _ON_HINGE = 0.005  # m; along a hinge, where no motion shows the centre
 _GLIDE = 0.02  # m; of the girdle at 180° of elevation
 _LONG_AXIS = np.radians(3.5)  # weight in the fit; small, because soft tissue counts as noise there and pulls too hard

@@ -23,7 +23,7 @@ from mocap_id.kinematics.space.bundle_model import (
 from mocap_id.kinematics.space.joint_kinds import JointEvidence
 
 _UNKNOWN = 0.02  # m; a centre with a larger standard deviation across its axis is unknown
-_LEAST_ARC = np.radians(6)  # a smaller rotation shows no centre; soft tissue alone looks the same
+_LEAST_ARC = float(np.radians(6))  # a smaller rotation shows no centre; soft tissue alone looks the same
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
     covariance = chain_covariance(bundle) if covariance is None else covariance
     joints = tuple(_joint(bundle, covariance, j, each.arc) for j, each in enumerate(evidence))
     seen = problem.weights > 0
-    local = np.where(seen.any(axis=0)[:, None], state.local, np.nan)
+    local = np.where(np.asarray(seen.any(axis=0))[:, None], state.local, np.nan)
     chain = SpatialChain(joints, problem.segment, local, problem.on_glide)
     whole = residuals(problem, replace(state, skin=np.zeros(len(problem.segment))))
     square = (whole**2).sum(axis=2)

@@ -15,7 +15,7 @@ from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind
 from mocap_id.kinematics.space.bundle_model import tangents
 
-_EXPLAINED: dict[JointKind, float] = {"hinge": 1.3, "two-axis": 3.4, "ball": np.inf}
+_EXPLAINED: dict[JointKind, float] = {"hinge": 1.15, "two-axis": 3.4, "ball": np.inf}
 """Multiples of the rotation noise of the clusters that a kind may leave; soft tissue adds to two large rotations."""
 _PIN_EXPLAINED = 6.0  # the same for a likely second axis; a wrong one leaves far more
 SHOWN = float(np.radians(10))

@@ -34,7 +34,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
     columns = np.array([view.labels.index(label) for label in labels], dtype=np.int64)
     points = view.in_space(columns)
     names, joint_names = segments.facts["names"], segments.facts["joint_names"]
-    kinds = _given_kinds(settings.kinds, joint_names)
+    kinds = _known_kinds(joint_names) | _given_kinds(settings.kinds, joint_names)
     assert settings.estimator != "rigid-body"
     assert settings.estimator != "circle"
     fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds, estimator=settings.estimator)
@@ -49,6 +49,14 @@ def fit_chain_in_space(context: Context) -> Outputs:
     }
     reasons = _for_comparison(settings) + _weak_joints(fit, joint_names, settings) + framed.reasons
     return (Tree(CHAIN, _data(framed, labels, names, joint_names), facts, reasons),)
+
+
+_ANATOMICAL: Mapping[str, JointKind] = {"shoulder": "ball", "elbow": "two-axis"}
+"""Kinds of joints that landmarks name; the motion alone may be too simple to show them."""
+
+
+def _known_kinds(joint_names: Sequence[str]) -> dict[int, JointKind]:
+    return {k: _ANATOMICAL[name] for k, name in enumerate(joint_names, start=1) if name in _ANATOMICAL}
 
 
 def _given_kinds(given: Mapping[str, JointKind], joint_names: Sequence[str]) -> dict[int, JointKind]:

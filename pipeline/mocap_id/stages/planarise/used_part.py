@@ -61,6 +61,7 @@ class UsedPart:
 
 
 def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
+    """Return the recording of a trial, read with the units and axes of its settings."""
     return recording.read(
         files.markers,
         files.forces,

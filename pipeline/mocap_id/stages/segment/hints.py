@@ -14,6 +14,7 @@ UNSURE = 0.5
 
 
 def search_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
+    """Return the limits of the search for segments; ``longest`` is the protocol's longest chain."""
     return SegmentationRules(
         still_limit=settings.still_limit_m,
         min_arc=float(np.radians(settings.min_arc_deg)),
@@ -38,6 +39,7 @@ def marker_constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Co
 
 
 def given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Return the user's names of ``count`` segments, or raise ConfigError if there are more or fewer."""
     if len(names) != count:
         raise ConfigError(
             f"segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "

@@ -36,7 +36,10 @@ _WHY = {
     "hidden-tip": "the last segment may be two that hardly move against each other",
     "joint": "two neighbouring segments hardly share a point",
     "base": "both ends of the chain move about as much, so either could be the base",
+    "not-rigid": "the markers of a segment move against each other",
     "left-out": "many markers are on no segment",
+    "one-joint": "only one joint turns, and segments that do not move against each other count as one. Name a trial in "
+    "which all joints move as `calibration:`",
 }
 
 
@@ -51,10 +54,22 @@ def segment_bodies(context: Context) -> Outputs:
     points = view.in_space(np.arange(len(labels)))
     points[:, out] = np.nan
     hints = marker_constraints(labels, settings)
-    found = segment_in_space(points, search_rules(settings, _LONGEST), hints, settings.frames)
-    names = given_names(settings.names, found.count) if settings.names else _names(context, labels, found)
+    rules = search_rules(settings, _LONGEST)
+    found = segment_in_space(points, rules, hints, settings.frames)
+    names = _names(context, labels, found)
+    before = _before_the_arm(names, found)
+    if len(before):
+        points[:, before] = np.nan
+        found = segment_in_space(points, rules, hints, settings.frames)
+        names = _names(context, labels, found)
+    if settings.names:
+        names = given_names(settings.names, found.count)
     joint_names = _joint_names(names)
-    why = ["left out by `segment: ignore`" if marker in out else reason for marker, reason in enumerate(found.reasons)]
+    why = list(found.reasons)
+    for marker in before:
+        why[marker] = "on a body before the thorax: not on the chain of the arm"
+    for marker in out:
+        why[marker] = "left out by `segment: ignore`"
     columns = {
         "marker": np.array(labels, dtype=object),
         "segment": found.segment,
@@ -83,6 +98,12 @@ def _names(context: Context, labels: Sequence[str], found: SpatialSegmentation) 
         place = {}
     names = {k: name for name, k in place.items()}
     return tuple(names.get(k, "base" if k == 0 else f"segment_{k}") for k in range(found.count))
+
+
+def _before_the_arm(names: Sequence[str], found: SpatialSegmentation) -> IntArray:
+    """Return the markers of bodies before the thorax, such as a chair, which are no segments of the arm."""
+    first = names.index("thorax") if "thorax" in names else 0
+    return np.flatnonzero((found.segment >= 0) & (found.segment < first))
 
 
 def _joint_names(names: Sequence[str]) -> list[str]:
