@@ -6,6 +6,7 @@ They are a public interface: columns may be added freely, but renamed only with 
 from __future__ import annotations
 
 from mocap_id.store.artefacts import Column, TableSchema, TreeSchema
+from mocap_id.store.spatial_columns import ANGLE, CHAIN_IN_SPACE, POSES_IN_SPACE
 
 _TIME = Column("time", "float64", "s", "the recording's own clock")
 _WRENCH = ("Fx", "N"), ("Fy", "N"), ("tauz", "N*m"), ("cop_x", "m")
@@ -93,24 +94,7 @@ CHAIN = TreeSchema(
         Column("markers/local", "float64", "m", "(M, 2) coordinates in the segment frame; in space (M, 3)"),
         Column("markers/residual", "float64", "m", "(M,) rms re-projection error of the joint fit"),
     ),
-    (
-        (
-            Column("joints/kind", "str", "", "(n,) in space: ball, two-axis or hinge"),
-            Column("joints/axes", "float64", "1", "(n, 2, 3) unit axes, in the parent's and in the child's frame"),
-            Column("joints/axes_covariance", "float64", "1", "(n, 2, 3, 3) covariance of the axes; NaN: no such axis"),
-            Column("joints/offset", "float64", "1", "(n, 3, 3) constant rotation between the axes"),
-            Column("joints/glide", "float64", "m", "(n, 3) shift of the centre at an elevation of 180 degrees"),
-            Column("joints/glide_covariance", "float64", "m^2", "(n, 3, 3) covariance of the glide"),
-            Column("joints/rest", "float64", "1", "(n, 3) direction in the parent that the elevation starts from"),
-            Column("joints/long_axis", "float64", "1", "(n, 3) direction in the child whose elevation is meant"),
-            Column("joints/known", "bool", "", "(n,) the motion shows the centre"),
-            Column("markers/on_glide", "bool", "", "(M,) the marker moves with the glide of the first joint"),
-            Column("landmarks/name", "str", "", "(L,) names of the anatomical landmarks"),
-            Column("landmarks/segment", "int64", "", "(L,) segment of each"),
-            Column("landmarks/local", "float64", "m", "(L, 3) coordinates in the segment frame"),
-            Column("landmarks/sd", "float64", "m", "(L,) standard deviation of each coordinate"),
-        ),
-    ),
+    (CHAIN_IN_SPACE,),
 )
 
 STATES = TableSchema(
@@ -139,21 +123,7 @@ POSES = TableSchema(
         Column("angle_{k}", "float64", "rad", "angle of the body's frame in the plane frame"),
         Column("markers_{k}", "int64", "", "number of markers used for the pose in this frame"),
     ),
-    (
-        (
-            Column("{name}_qw", "float64", "1", "in space: rotation of the segment's frame, unit quaternion, scalar"),
-            *(Column(f"{{name}}_q{axis}", "float64", "1", f"unit quaternion, {axis}") for axis in "xyz"),
-            *(Column(f"{{name}}_{axis}", "float64", "m", f"origin of the segment, {axis}") for axis in "xyz"),
-            *(Column(f"{{name}}_omega_{axis}", "float64", "rad/s", f"angular velocity along {axis}") for axis in "xyz"),
-            *(
-                Column(f"{{name}}_alpha_{axis}", "float64", "rad/s^2", f"angular acceleration along {axis}")
-                for axis in "xyz"
-            ),
-            Column("sd_{name}_omega", "float64", "rad/s", "standard deviation of the angular velocity per axis"),
-            Column("sd_{name}_alpha", "float64", "rad/s^2", "standard deviation of the angular acceleration per axis"),
-            Column("{name}_observed", "bool", "", "estimated from markers in this frame; false = bridged"),
-        ),
-    ),
+    (POSES_IN_SPACE,),
 )
 
 ANGLES = TableSchema(
@@ -162,15 +132,7 @@ ANGLES = TableSchema(
     (_TIME,),
     (),
     (
-        (
-            Column("sd_dd{name}", "float64", "rad/s^2", "standard deviation of the acceleration"),
-            Column("{name}", "float64", "rad", "angle, signs as in the page on ISB frames"),
-            Column("d{name}", "float64", "rad/s", "velocity"),
-            Column("dd{name}", "float64", "rad/s^2", "acceleration"),
-            Column("sd_{name}", "float64", "rad", "standard deviation of its changes, by camera and skin"),
-            Column("sd_d{name}", "float64", "rad/s", "standard deviation of the velocity"),
-            Column("constant_sd_{name}", "float64", "rad", "standard deviation of a constant error, by the landmarks"),
-        ),
+        ANGLE,
         (
             Column(
                 "isb_condition", "float64", "1", "1/|sin elevation|: large where plane and axial rotation mean little"

@@ -17,7 +17,7 @@ from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_ma
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
-TWIST_SHARE = 1.8
+TWIST_SHARE = 1.5
 """Twist of the skin about the long axis that all markers of a segment share, relative to each marker's lasting error.
 
 The residuals show only how markers differ, so the size is assumed. It holds for simulated arms.
