@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from mocap_id.anatomy.frames import FOREARM, THORAX, UPPER_ARM, build_frame, frame_covariance
-from mocap_id.anatomy.segment_frames import SegmentPoses, express_chain, fit_segment_frames
+from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
+from mocap_id.geometry.spatial_frames import reframed
 
 SEGMENT = {
     **dict.fromkeys(("thorax", "IJ", "PX", "C7", "T8"), 0),
@@ -98,7 +99,7 @@ def test_an_expressed_chain_places_every_marker_where_it_was() -> None:
     segment = np.array([0, 0, 1, 2, 3])
     chain = SpatialChain(joints, segment, rng.normal(size=(5, 3)), np.zeros(5, dtype=bool))
     frames, base = so3.exp(rng.normal(size=(4, 3))), rng.normal(size=3)
-    new = express_chain(chain, frames, base)
+    new = reframed(chain, frames, base)
     q = [rng.normal(size=(6, joint.dimension)) for joint in joints]
     origin, rotation = rng.normal(size=(6, 3)), so3.exp(rng.normal(size=(6, 3)))
 

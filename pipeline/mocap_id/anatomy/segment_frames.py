@@ -1,9 +1,9 @@
-"""ISB frames in the frames of marker clusters, and a chain of segments expressed in them."""
+"""ISB frames in the frames of marker clusters."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from mocap_id.anatomy.frames import (
     hand_at_rest,
 )
 from mocap_id.arrays import FloatArray
-from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
+from mocap_id.geometry import so3
 from mocap_id.verdict import Reason
 
 
@@ -66,6 +66,21 @@ class AnatomicalFrames:
         return frame_covariance((self.frames[parent], self.frames[child]), self.covariances)
 
 
+@dataclass(frozen=True)
+class ElbowAxis:
+    """The axis about which the elbow flexes, as the motion shows it.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        Unit vector in the frame of the upper arm's cluster, to the right.
+    covariance : (3, 3) array
+    """
+
+    direction: FloatArray
+    covariance: FloatArray
+
+
 def fit_segment_frames(
     places: Mapping[str, FloatArray],
     segment: Mapping[str, int],
@@ -111,43 +126,33 @@ def fit_segment_frames(
     return AnatomicalFrames(frames, covariances or {}, tuple(reasons))
 
 
-def express_chain(chain: SpatialChain, rotations: FloatArray, base_origin: FloatArray) -> SpatialChain:
-    """Return the same chain in other frames of its segments.
+AXIS_SPREAD = np.radians(4.7)
+"""Standard deviation of the elbow's axis from the line of the epicondyles in one direction, rad; 6.6° in two."""
 
-    Parameters
-    ----------
-    chain : SpatialChain
-    rotations : (n + 1, 3, 3) array
-        New frame of each segment to its old frame.
-    base_origin : (3,) array
-        New origin of the base in its old frame, m. The other origins stay at the centres of the joints.
+_AXIS = "elbow axis"
+
+
+def turn_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
+    """Return the frames with the upper arm's turned about Y towards the axis of the elbow.
+
+    The line of the palpated epicondyles and the axis that the motion shows both lie near Z. Each counts by its
+    variance; that of the axis includes :data:`AXIS_SPREAD`.
     """
-    back = np.swapaxes(rotations, 1, 2)
-    shift = np.zeros((len(rotations), 3))
-    shift[0] = base_origin
-    joints = tuple(
-        _express_joint(joint, rotations[joint.parent], rotations[k + 1], shift[joint.parent])
-        for k, joint in enumerate(chain.joints)
-    )
-    local = np.einsum("mij,mj->mi", back[chain.segment], chain.local - shift[chain.segment])
-    return replace(chain, joints=joints, local=local)
-
-
-def _express_joint(joint: SpatialJoint, parent: FloatArray, child: FloatArray, shift: FloatArray) -> SpatialJoint:
-    turns = np.stack([parent, child])
-    return replace(
-        joint,
-        centre=parent.T @ (joint.centre - shift),
-        covariance=parent.T @ joint.covariance @ parent,
-        first_axis=parent.T @ joint.first_axis,
-        second_axis=child.T @ joint.second_axis,
-        axes_covariance=np.swapaxes(turns, 1, 2) @ joint.axes_covariance @ turns,
-        offset=parent.T @ joint.offset @ child,
-        glide=parent.T @ joint.glide,
-        glide_covariance=parent.T @ joint.glide_covariance @ parent,
-        rest=parent.T @ joint.rest,
-        long_axis=child.T @ joint.long_axis,
-    )
+    frame = found.frames["upper_arm"]
+    x, y, z = frame.rotation.T
+    direction = axis.direction * np.sign(axis.direction @ z)
+    angle = float(np.arctan2(direction @ x, direction @ z))
+    palpated = float(frame_covariance((frame,), found.covariances)[1, 1])
+    across = np.cross(y, direction)
+    shown = float(across @ axis.covariance @ across) / max(float(across @ across), 0.1) + AXIS_SPREAD**2
+    share = palpated / (palpated + shown)
+    turned = frame.rotation @ so3.exp(np.array([0.0, share * angle, 0.0]))
+    less = np.diag([1.0, 1.0 - share, 1.0])
+    sensitivity = {name: less @ part for name, part in frame.sensitivity.items()}
+    sensitivity[_AXIS] = np.diag([0.0, share, 0.0])
+    upper = SegmentFrame(frame.origin, turned, sensitivity)
+    covariances = {**found.covariances, _AXIS: float(np.sqrt(shown))}
+    return AnatomicalFrames({**found.frames, "upper_arm": upper}, covariances, found.reasons)
 
 
 def _place_all(

@@ -61,7 +61,10 @@ class SpatialJoint:
         Translation g of the centre in the parent's frame at an elevation of 180°, m.
     glide_covariance : (3, 3) array
     rest, long_axis : (3,) arrays
-        Directions between which the elevation of the glide is measured: in the parent's and in the child's frame.
+        Directions between which the elevation of the glide is measured: in the parent's and in the child's frame. The
+        skin's twist is about the long axis.
+    untwisted : (3, 3) array
+        Rotation of the joint at which the skin of the child does not twist.
     known : bool
         False if the motion does not show the centre; then the centre has no meaning.
     """
@@ -78,6 +81,7 @@ class SpatialJoint:
     glide_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     rest: FloatArray = field(default_factory=_down)
     long_axis: FloatArray = field(default_factory=_down)
+    untwisted: FloatArray = field(default_factory=lambda: np.eye(3))
     known: bool = True
 
     @property
@@ -94,6 +98,12 @@ class SpatialJoint:
             return so3.exp(q)
         turned = so3.exp(q[..., :1] * self.first_axis) @ self.offset
         return turned if self.kind == "hinge" else turned @ so3.exp(q[..., 1:2] * self.second_axis)
+
+    def twist(self, rotation: FloatArray) -> FloatArray:
+        """Return the child's twist (...,) about its long axis, rad, in (-π, π], for its rotation (..., 3, 3)."""
+        quaternion = so3.quaternion(self.untwisted.T @ rotation)
+        angle = 2 * np.arctan2(quaternion[..., 1:] @ self.long_axis, quaternion[..., 0])
+        return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
     def origin(self, rotation: FloatArray) -> FloatArray:
         """Return the child's origin in the parent's frame (..., 3), m, for its rotation (..., 3, 3)."""
@@ -115,12 +125,17 @@ class SpatialChain:
         Marker coordinates in the frames of their segments, m.
     on_glide : (M,) bool array
         Markers of segment 0 that move with the glide of the first joint, such as AC on the shoulder girdle.
+    skin, skin_sd : (M,) arrays
+        Share of the twist of its segment that the skin under each marker misses, and its standard deviation; empty if
+        all follow the bone.
     """
 
     joints: tuple[SpatialJoint, ...]
     segment: IntArray
     local: FloatArray
     on_glide: BoolArray
+    skin: FloatArray = field(default_factory=lambda: np.zeros(0))
+    skin_sd: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def parents(self) -> tuple[int, ...]:

@@ -61,4 +61,5 @@ def _turned(joint: SpatialJoint, parent: FloatArray, child: FloatArray, origin: 
         glide_covariance=parent.T @ joint.glide_covariance @ parent,
         rest=parent.T @ joint.rest,
         long_axis=child.T @ joint.long_axis,
+        untwisted=parent.T @ joint.untwisted @ child,
     )

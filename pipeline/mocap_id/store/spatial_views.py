@@ -50,6 +50,8 @@ class SpatialSkeleton:
             tree.integers("markers/segment"),
             tree.numbers("markers/local", (-1, 3)),
             tree.integers("markers/on_glide").astype(np.bool_),
+            tree.numbers("markers/skin"),
+            tree.numbers("markers/skin_sd"),
         )
         return cls(
             joints=names or tuple(f"joint {k}" for k in range(1, len(chain.joints) + 1)),
@@ -84,6 +86,7 @@ def _joints(tree: Tree) -> tuple[SpatialJoint, ...]:
     )
     offset, parents = tree.numbers("joints/offset", matrix), tree.integers("joints/parent")
     glide, glide_covariance = tree.numbers("joints/glide", vector), tree.numbers("joints/glide_covariance", matrix)
+    untwisted = tree.numbers("joints/untwisted", matrix)
     rest, long_axis = tree.numbers("joints/rest", vector), tree.numbers("joints/long_axis", vector)
     return tuple(
         SpatialJoint(
@@ -99,6 +102,7 @@ def _joints(tree: Tree) -> tuple[SpatialJoint, ...]:
             glide_covariance=glide_covariance[k],
             rest=rest[k],
             long_axis=long_axis[k],
+            untwisted=untwisted[k],
             known=bool(known),
         )
         for k, (kind, known) in enumerate(zip(tree.texts("joints/kind"), tree.integers("joints/known"), strict=True))

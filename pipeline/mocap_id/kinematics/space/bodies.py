@@ -20,7 +20,7 @@ NARROW = 0.01
 """Least width of a body, m; the skin turns a narrower one about its line by more than a joint does."""
 
 _ITERATIONS = 2
-_REASSIGNMENTS = 8
+_REASSIGNMENTS = 4
 _CLUSTERS = (2, 3, 4)
 _FEW = 14  # markers of a body that is small enough to try all its rigid triples
 _FREE = 0.15  # least share of a marker's error that its own body's pose does not absorb, in any direction
@@ -148,20 +148,24 @@ class SpaceBodies:
             groups = regrouped
         return tuple(self.body(group) for group in groups)
 
-    def divisions(self, markers: IntArray) -> list[tuple[SpaceBody, SpaceBody]]:
+    def divisions(self, markers: IntArray, own: FloatArray | None = None) -> list[tuple[SpaceBody, SpaceBody]]:
         """Return ways to divide some markers into two bodies.
 
         They start from the clusters of average linkage on the deviation of the mutual distances, and from every marker
         with the two that are most rigid with it.
+
+        Parameters
+        ----------
+        markers : (k,) int array
+        own : (k, k) array, optional
+            The part of the deviations to start from, m; default: all.
         """
         if len(markers) < 2 * LEAST:
             return []
         spread = self._spread[np.ix_(markers, markers)]
-        tree = linkage(squareform(spread, checks=False), "average")
-        labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]
-        starts = [each == label for each in labels for label in np.unique(each)]
-        if len(markers) <= _FEW:
-            starts += [np.isin(np.arange(len(markers)), order[:LEAST]) for order in np.argsort(spread, axis=1)]
+        if own is not None:
+            spread = np.sqrt(self.constraints.constrained_variance(own**2, markers))
+        starts = _starts(spread)
         found: dict[bytes, tuple[SpaceBody, SpaceBody]] = {}
         for inside in {start.tobytes(): start for start in starts}.values():
             groups = [markers[inside], markers[~inside]]
@@ -173,6 +177,16 @@ class SpaceBodies:
                     first, second = sorted(bodies, key=lambda body: int(body.markers[0]))
                     found[first.markers.tobytes()] = first, second
         return list(found.values())
+
+
+def _starts(spread: FloatArray) -> list[BoolArray]:
+    """Return sets of markers that are rigid by a spread (k, k) of the distances: clusters, and triples of few."""
+    tree = linkage(squareform(spread, checks=False), "average")
+    labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]
+    starts = [each == label for each in labels for label in np.unique(each)]
+    if len(spread) <= _FEW:
+        starts += [np.isin(np.arange(len(spread)), order[:LEAST]) for order in np.argsort(spread, axis=1)]
+    return starts
 
 
 def distance_deviation(points: FloatArray) -> FloatArray:

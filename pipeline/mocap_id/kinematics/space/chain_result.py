@@ -14,6 +14,7 @@ from mocap_id.kinematics.space.bundle_covariance import chain_covariance
 from mocap_id.kinematics.space.bundle_equations import residuals
 from mocap_id.kinematics.space.bundle_model import (
     BundleProblem,
+    BundleState,
     Columns,
     apply_step,
     columns_of,
@@ -90,7 +91,8 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
     joints = tuple(_joint(bundle, covariance, j, each.arc) for j, each in enumerate(evidence))
     seen = problem.weights > 0
     local = np.where(np.asarray(seen.any(axis=0))[:, None], state.local, np.nan)
-    chain = SpatialChain(joints, problem.segment, local, problem.on_glide)
+    skin_sd = np.sqrt(np.maximum(np.diag(covariance[cols.skin, cols.skin]), 0.0))
+    chain = SpatialChain(joints, problem.segment, local, problem.on_glide, _anchored_skin(problem, state), skin_sd)
     whole = residuals(problem, replace(state, skin=np.zeros(len(problem.segment))))
     square = (whole**2).sum(axis=2)
     inner = [j for j, parent in enumerate(problem.parents) if parent > 0]
@@ -99,7 +101,6 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
     length_sd = np.array(
         [np.sqrt(a @ joints[j].covariance @ a) for a, j in zip(along, inner, strict=True)], dtype=np.float64
     )
-    skin = covariance[cols.skin, cols.skin]
     return SpatialFit(
         chain,
         evidence,
@@ -108,13 +109,30 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
         lengths,
         length_sd,
         state.skin,
-        np.sqrt(np.diag(skin)),
+        skin_sd,
         bundle.sd,
         bundle.together,
         bundle.iterations,
         bundle,
         covariance,
     )
+
+
+def _anchored_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
+    """Return the share of the twist (M,) that the skin misses if it misses none beside the next joint.
+
+    The motion shows how markers differ, and hardly the share that all markers of a segment miss. With the share c of
+    the two markers nearest to the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no such joint.
+    """
+    skin: FloatArray = np.zeros_like(state.skin)
+    for j, parent in enumerate(problem.parents):
+        here = np.flatnonzero(problem.segment == parent)
+        if parent == 0 or not len(here):
+            continue
+        away = np.linalg.norm(state.local[here] - state.centres[j], axis=1)
+        common = float(np.clip(state.skin[here[np.argsort(away)[:2]]].mean(), -0.5, 0.9))
+        skin[here] = 1 - (1 - state.skin[here]) / (1 - common)
+    return skin
 
 
 def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
@@ -125,7 +143,12 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
     centre = covariance[cols.centre[j], cols.centre[j]]
     near = _about_markers(problem, cols, covariance, j)
     joint = SpatialJoint(
-        kind, problem.parents[j], state.centres[j], centre, known=arc >= _LEAST_ARC and _is_known(kind, near, axis)
+        kind,
+        problem.parents[j],
+        state.centres[j],
+        centre,
+        long_axis=problem.long_axes[j],
+        known=arc >= _LEAST_ARC and _is_known(kind, near, axis),
     )
     if kind != "ball":
         spread = np.full((2, 3, 3), np.nan)
@@ -143,7 +166,6 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
             glide=state.glide,
             glide_covariance=covariance[cols.glide, cols.glide],
             rest=problem.rest,
-            long_axis=problem.long_axes[0],
         )
     return joint
 

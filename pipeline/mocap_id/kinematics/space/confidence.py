@@ -20,14 +20,15 @@ SpaceEvidence: TypeAlias = Literal[
     "weakest", "runner-up", "hidden-tip", "joint", "base", "not-rigid", "left-out", "one-joint"
 ]
 
-_BEST = 4.0  # log odds without evidence against
-_ONE_JOINT = 4.2  # off the log odds
+_BEST = 3.3  # log odds without evidence against
+_ONE_JOINT = 5.0  # largest reduction of the log odds
 _SURE_DIVISION = 1.5  # evidence of the weakest division
 _SURE_WHOLE = 0.85  # evidence against a body that stayed whole
-_SURE_TIP = 0.33  # the same for the last body, which may hide one more segment
+_SURE_TIP = 0.45  # the same for the last body, which may hide one more segment
 _SURE_JOINT = 2.0  # motion without a joint over the joint's residual
 _SURE_BODY = 0.014  # m; residual of the markers of a segment
 _SURE_BASE = 2.0  # motion of the tip over that of the base
+_SURE_SECOND = float(np.radians(16.0))  # arc of the second independent rotation of the joints
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,8 @@ class SpaceConfidence:
         ``left-out``
             markers on no segment, and on no branch of the chain;
         ``one-joint``
-            only one joint turns: segments that did not move against each other in this trial are one.
+            the joints hardly turn but in one way, as if only one turned: segments that did not move against each
+            other in this trial are one.
     """
 
     value: float
@@ -67,7 +69,13 @@ class SpaceConfidence:
 
 
 def assess_space_confidence(
-    chain: SpaceChain, made: Sequence[Division], refused: Sequence[Division], motion: float, left_out: float
+    chain: SpaceChain,
+    made: Sequence[Division],
+    refused: Sequence[Division],
+    *,
+    motion: float,
+    second_arc: float,
+    left_out: float,
 ) -> SpaceConfidence:
     """Weigh the evidence.
 
@@ -78,6 +86,8 @@ def assess_space_confidence(
         Accepted divisions, and the best divisions of the bodies that stayed whole.
     motion : float
         Motion of the tip over that of the base.
+    second_arc : float
+        Arc of the second independent rotation of the joints, rad; 0 for a single joint.
     left_out : float
         Share of the markers that are neither on the chain nor on its branches.
     """
@@ -86,14 +96,14 @@ def assess_space_confidence(
     whole = [each.evidence for each in refused if not np.array_equal(each.whole.markers, tip)]
     ratios = [joint.free / max(joint.residual, 1e-6) for joint in chain.joints]
     against: dict[SpaceEvidence, float] = {
-        "weakest": 8 * _short_of(min((each.evidence for each in made), default=np.inf), _SURE_DIVISION),
+        "weakest": 12 * _short_of(min((each.evidence for each in made), default=np.inf), _SURE_DIVISION),
         "runner-up": 6 * _short_of(_SURE_WHOLE, max(whole, default=0.0)),
         "hidden-tip": 10 * _short_of(_SURE_TIP, max(hidden, default=0.0)),
         "joint": 4 * _short_of(min(ratios), _SURE_JOINT),
         "base": 3 * _short_of(motion, _SURE_BASE),
         "not-rigid": 8 * _short_of(_SURE_BODY, max(body.usual for body in chain.bodies)),
         "left-out": 30 * _short_of(1 - left_out, 1.0),
-        "one-joint": _ONE_JOINT if len(chain.joints) == 1 else 0.0,
+        "one-joint": min(10 * _short_of(second_arc, _SURE_SECOND), _ONE_JOINT),
     }
     return SpaceConfidence(
         float(1 / (1 + np.exp(sum(against.values()) - _BEST))),

@@ -1,9 +1,9 @@
-"""Division of the markers into rigid bodies, with skin that twists told from a joint.
+"""Division of the markers into rigid bodies, with skin that moves told from a joint.
 
-The skin of a limb follows only a part of the limb's rotation about its long axis, and least near the joint above. Two
-groups of markers on the skin then turn against each other by several degrees, as two segments do. A joint shows more:
-it also moves the markers across the long axis. A body is therefore divided only if the two parts fit its markers better
-without their motion around the long axis, or if they fit far better than skin could explain.
+The skin of a limb slides, and follows only a part of the limb's rotation about its long axis. Two groups of markers on
+it then turn against each other by several degrees, as two segments do. But they do so with the joints next to the body
+(:mod:`.own_motion`), and a joint that hides in the body does not. A body is therefore divided only if the two parts fit
+its markers better where those joints do not explain their motion, or if they fit far better than skin could explain.
 """
 
 from __future__ import annotations
@@ -15,14 +15,16 @@ from itertools import combinations
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, SpaceBody, around_mean
-from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint, mean_rotation
+from mocap_id.kinematics.space.bodies import SpaceBodies, SpaceBody
+from mocap_id.kinematics.space.own_motion import gain_of_parts, own_deviation, own_motion
+from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint
 
-GAIN = 1.4
-"""Summed log gain across the long axis from which a division is real: skin reaches 1.4, a wrist of 14° 2.0 and more."""
+_GAIN_END = 0.7  # summed log gain of the own motion from which a body with one joint is two: skin reaches 0.5
+_GAIN_BETWEEN = 1.15  # the same between two joints, whose large rotations explain less: skin reaches 1.1
 
 _FAR_BETTER = float(np.log(3.5))  # mean log gain per marker that skin does not reach
 _RIGID = 1.2e-3  # m; a joint that turns by 2° leaves more in a body
+_NEARLY_RIGID = 0.01  # m; residual of a body with no more than a small joint in it
 _UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
 _FLOOR = 1e-3  # m; smaller residuals are no better
 _STAY = 0.5  # share of its residual for which a marker leaves its part of a division that was accepted
@@ -39,20 +41,23 @@ class Division:
     parts : tuple of two SpaceBody
     gain : float
         Summed log gain of the markers' residuals.
-    across : float
-        The same without their motion around the long axis of the body; ``gain`` for a body without neighbours.
+    own : float
+        The same of the motion that the joints next to the body do not explain; ``gain`` for a body without neighbours.
+    needed : float
+        Least ``own`` of a division that is real.
     """
 
     whole: SpaceBody
     parts: tuple[SpaceBody, SpaceBody]
     gain: float
-    across: float
+    own: float
+    needed: float
 
     @property
     def evidence(self) -> float:
         """Return the evidence for two bodies, over what is required: 1 or more if they are real."""
         far = self.gain / len(self.whole.markers) / _FAR_BETTER
-        return max(self.across / GAIN, far)
+        return max(self.own / self.needed, far)
 
 
 @dataclass
@@ -136,65 +141,30 @@ def _best_division(
     whole = found.bodies[index]
     if whole.usual <= _RIGID:
         return None
-    axis = _long_axis(found, index)
-    key = whole.markers.tobytes() + (b"" if axis is None else np.round(np.concatenate(axis), 2).tobytes())
+    neighbours = [
+        found.bodies[j if i == index else i]
+        for i, j in spanning_tree(found.joints, len(found.bodies))
+        if index in (i, j)
+    ]
+    key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
     if key not in tried:
-        every = [_weigh(sorter.points, whole, parts, axis) for parts in sorter.divisions(whole.markers)]
+        every = _weigh(sorter, whole, neighbours)
         tried[key] = max(every, key=lambda division: division.evidence, default=None)
     return tried[key]
 
 
-def _long_axis(found: Partition, index: int) -> tuple[FloatArray, FloatArray] | None:
-    """Return a point (3,) and the direction (3,) of a body's long axis in its frame; None for a body without joints.
-
-    The axis leads through the two joints that are farthest apart, or from the only joint to the centroid.
-    """
-    places = [
-        found.joints[i, j].in_first if i == index else found.joints[i, j].in_second
-        for i, j in spanning_tree(found.joints, len(found.bodies))
-        if index in (i, j)
-    ]
-    if not places:
-        return None
-    ends = [*places, np.zeros(3)] if len(places) == 1 else places
-    first, second = max(combinations(ends, 2), key=lambda pair: float(np.linalg.norm(pair[1] - pair[0])))
-    length = float(np.linalg.norm(second - first))
-    return (first, (second - first) / length) if length > 0 else None
-
-
-def _weigh(
-    points: FloatArray,
-    whole: SpaceBody,
-    parts: tuple[SpaceBody, SpaceBody],
-    axis: tuple[FloatArray, FloatArray] | None,
-) -> Division:
-    gain = sum(_log_gain(whole.residual[part.markers], part.residual[part.markers]) for part in parts)
-    if axis is None:
-        return Division(whole, parts, gain, gain)
-    across = 0.0
-    for part in parts:
-        turn = np.swapaxes(part.rotation, 1, 2) @ whole.rotation
-        shift = np.einsum("fji,fj->fi", part.rotation, whole.origin - part.origin)
-        both = np.isfinite(shift[:, 0])
-        if not both.any():
-            return Division(whole, parts, gain, 0.0)
-        mean = mean_rotation(turn[both])
-        own = mean @ axis[0] + shift[both].mean(axis=0), mean @ axis[1]
-        across += _log_gain(_across(points[:, part.markers], whole, axis), _across(points[:, part.markers], part, own))
-    return Division(whole, parts, gain, across)
-
-
-def _across(points: FloatArray, body: SpaceBody, axis: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return the rms distance (k,) of a body's markers from their places, without motion around an axis, m.
-
-    The pose absorbs six of a frame's 3 k' coordinates of the body's markers k'.
-    """
-    off, mean, counts = around_mean(body.local(points))
-    around = np.cross(axis[1], mean - axis[0])
-    around /= np.maximum(np.linalg.norm(around, axis=1), 1e-9)[:, None]
-    square = np.sum(off**2, axis=(0, 2)) - np.sum(np.einsum("fki,ki->fk", off, around) ** 2, axis=0)
-    freedom = 3 * max(len(body.markers), LEAST)
-    return np.asarray(np.sqrt(square / np.maximum(counts, 1) * freedom / (freedom - 6)))
+def _weigh(sorter: SpaceBodies, whole: SpaceBody, neighbours: Sequence[SpaceBody]) -> list[Division]:
+    """Return the divisions of a body, with their gains."""
+    motion, shape = own_motion(sorter.points, whole, neighbours)
+    needed = _GAIN_BETWEEN if len(neighbours) > 1 else _GAIN_END
+    divisions = []
+    deviation = own_deviation(motion, shape) if neighbours and whole.usual <= _NEARLY_RIGID else None
+    for parts in sorter.divisions(whole.markers, deviation):
+        gain = sum(_log_gain(whole.residual[part.markers], part.residual[part.markers]) for part in parts)
+        rows = [np.searchsorted(whole.markers, part.markers) for part in parts]
+        own = gain_of_parts(motion, shape, rows) if neighbours else gain
+        divisions.append(Division(whole, parts, gain, own, needed))
+    return divisions
 
 
 def _log_gain(before: FloatArray, after: FloatArray) -> float:

@@ -7,7 +7,7 @@ moves least (:mod:`.chain_order`), and what is left over goes to the segment wit
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, distance_deviat
 from mocap_id.kinematics.space.chain_order import CHANCE, SpaceChain, joints_between, scatter
 from mocap_id.kinematics.space.chain_search import SpaceSearch, search_best_chain, search_chain
 from mocap_id.kinematics.space.confidence import SpaceConfidence, assess_space_confidence
-from mocap_id.kinematics.space.pair_joint import fit_pair_joint
+from mocap_id.kinematics.space.pair_joint import fit_pair_joint, mean_rotation
 
 _SEARCH_FRAMES = 120
 _STEPS = 60  # rotations are compared over this share of the frames, so that noise has little part in them
@@ -232,7 +232,12 @@ def _assemble(
     beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
     explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
     confidence = assess_space_confidence(
-        chain, found.made, found.refused, tip / max(base, 1e-6), 1 - explained / max(int(seen.sum()), 1)
+        chain,
+        found.made,
+        found.refused,
+        motion=tip / max(base, 1e-6),
+        second_arc=_second_arc(chain),
+        left_out=1 - explained / max(int(seen.sum()), 1),
     )
     return SpatialSegmentation(
         segment=segment,
@@ -316,6 +321,23 @@ def _planarity(chain: SpaceChain) -> float:
         moment += vector.T @ vector
     values = np.linalg.eigvalsh(moment)
     return float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0
+
+
+def _second_arc(chain: SpaceChain) -> float:
+    """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
+
+    The rotation vectors of all joints are split into independent courses in time (principal components).
+    """
+    if len(chain.joints) < 2:
+        return 0.0
+    turns = [np.swapaxes(a.rotation, 1, 2) @ b.rotation for a, b in pairwise(chain.bodies)]
+    together = np.isfinite(np.stack([turn[:, 0, 0] for turn in turns])).all(axis=0)
+    if together.sum() < LEAST:
+        return 0.0
+    vectors = [so3.log(mean_rotation(turn[together]).T @ turn[together]) for turn in turns]
+    vector = np.concatenate(vectors, axis=1)
+    values = np.linalg.eigvalsh(np.cov(vector.T))
+    return float(4 * np.sqrt(max(values[-2], 0.0)))
 
 
 def _hypotheses(found: SpaceSearch) -> tuple[SpatialHypothesis, ...]:

@@ -31,7 +31,7 @@ class FitJointsSettings(Settings):
         1, description="in space: frame of the upper arm by the ISB's first option, or by its second, from the forearm"
     )
     palpation_sd_m: float = Field(
-        0.003, gt=0, description="in space: standard deviation of a landmark along each axis by palpation, m"
+        0.004, gt=0, description="in space: standard deviation of a landmark along each axis by palpation, m"
     )
     frames: int = Field(400, ge=50, description="number of frames fitted, evenly along the path of the markers")
     lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")

@@ -10,15 +10,22 @@ import numpy as np
 
 from mocap_id.anatomy.frames import PALPATION
 from mocap_id.anatomy.landmark_names import SEGMENTS, find_landmarks
-from mocap_id.anatomy.segment_frames import AnatomicalFrames, SegmentPoses, express_chain, fit_segment_frames
+from mocap_id.anatomy.segment_frames import (
+    AnatomicalFrames,
+    ElbowAxis,
+    SegmentPoses,
+    fit_segment_frames,
+    turn_to_elbow_axis,
+)
 from mocap_id.anatomy.still_pose import LandmarkPlace, find_still_pose, place_landmarks
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.geometry.spatial_frames import reframed
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
-from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.stages.base import Context, given_landmarks
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.pointed_landmarks import MarkedChain, read_pointed_landmarks
+from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -109,13 +116,13 @@ def in_anatomical_frames(
         "frame_covariance": _covariances(frames),
     }
     found = _landmarks({name: (segment[name], local[name]) for name in places}, places)
-    chain = express_chain(fit.chain, turns, base)
+    chain = reframed(fit.chain, turns, base)
     return AnatomicalChain(fit, chain, found, facts, (*named.reasons, *still.reasons, *reasons, *frames.reasons))
 
 
 @dataclass(frozen=True)
 class _ClusterPoses:
-    """Poses of all clusters, (F, S, 3, 3) and (F, S, 3), in the frames of the chain, and the still frames."""
+    """Poses of all segments in the frames of the chain, (F, S, 3, 3) and (F, S, 3), and the still frames."""
 
     rotations: FloatArray
     origins: FloatArray
@@ -123,13 +130,7 @@ class _ClusterPoses:
 
     @classmethod
     def of(cls, points: FloatArray, chain: SpatialChain, still: slice) -> _ClusterPoses:
-        rotations, origins = [], []
-        for k in range(len(chain.joints) + 1):
-            here = (chain.segment == k) & ~chain.on_glide
-            rotation, origin, _ = rigid_poses(points[:, here], chain.local[here])
-            rotations.append(rotation)
-            origins.append(origin)
-        return cls(np.stack(rotations, axis=1), np.stack(origins, axis=1), still)
+        return cls(*cluster_poses(without_skin_twist(points, chain), chain), still)
 
     def standing(self) -> SegmentPoses:
         """Return the pose in the middle of the still frames that show all clusters."""
@@ -165,7 +166,13 @@ def _frames(
         at["GH"], spread["GH"] = np.zeros(3), turn @ _gh_covariance(joint.covariance) @ turn.T
         where = {**where, "GH": where["upper_arm"]}
     bent = _bent_pose(at, where, poses) if option == 2 else None
-    return fit_segment_frames(at, where, standing, covariances=spread, bent=bent)
+    found = fit_segment_frames(at, where, standing, covariances=spread, bent=bent)
+    if option == 2 or not {"upper_arm", "forearm"} <= where.keys() or "upper_arm" not in found.frames:
+        return found
+    elbow = fit.chain.joints[where["forearm"] - 1]
+    if elbow.kind == "ball" or not np.isfinite(elbow.axes_covariance[0]).all():
+        return found
+    return turn_to_elbow_axis(found, ElbowAxis(elbow.first_axis, elbow.axes_covariance[0]))
 
 
 def _gh_covariance(covariance: FloatArray) -> FloatArray:

@@ -51,7 +51,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
     return (Tree(CHAIN, _data(framed, labels, names, joint_names), facts, reasons),)
 
 
-_ANATOMICAL: Mapping[str, JointKind] = {"shoulder": "ball", "elbow": "two-axis"}
+_ANATOMICAL: Mapping[str, JointKind] = {"shoulder": "ball", "elbow": "two-axis", "wrist": "ball"}
 """Kinds of joints that landmarks name; the motion alone may be too simple to show them."""
 
 
@@ -90,6 +90,8 @@ def _data(framed: AnatomicalChain, labels: list[str], names: list[str], joint_na
             "local": chain.local,
             "residual": fit.residual,
             "on_glide": chain.on_glide,
+            "skin": chain.skin,
+            "skin_sd": chain.skin_sd,
         },
         "landmarks": framed.landmarks,
     }
@@ -110,7 +112,7 @@ def joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
             name: stacked(name)
             for name in (
                 *("centre", "covariance", "axes_covariance", "offset"),
-                *("glide", "glide_covariance", "rest", "long_axis"),
+                *("glide", "glide_covariance", "rest", "long_axis", "untwisted"),
             )
         },
     }

@@ -56,7 +56,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=7,
+    version=8,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),

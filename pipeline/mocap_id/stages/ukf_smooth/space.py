@@ -20,6 +20,7 @@ from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.skin_twist import with_twist_errors, without_skin_twist
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames, repeated_reason
 from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
@@ -48,10 +49,11 @@ def smooth_rotations(context: Context) -> Outputs:
     points = view.in_space(columns)
     repeated = find_repeated_frames(points)
     points[repeated] = np.nan
+    points = without_skin_twist(points, skeleton.chain)
     given = SpatialSettings(
         settings.marker_sd, settings.sigma_v, settings.marker_sd_floor, settings.gate, settings.angle_sd_limit
     )
-    states = smooth_in_space(points, view.rate, skeleton.chain, given)
+    states = with_twist_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
     observed = bridge_repeated(states.observed, repeated, view.rate)
     angles = _angles(states, skeleton, tree.facts.get("frame_covariance", {}))
     reasons = _gaps(states, view.time, skeleton.segments, settings) + repeated_reason(repeated)

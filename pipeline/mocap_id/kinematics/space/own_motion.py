@@ -1,0 +1,114 @@
+"""Motion of markers in a body of theirs that the joints next to the body do not explain.
+
+Skin slides and twists with the joints next to it, so its motion is a function of their angles. A joint that hides in
+the body has a motion of its own. What remains after a regression on the angles therefore tells the one from the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.geometry import so3
+from mocap_id.kinematics.space.bodies import LEAST, SpaceBody, around_mean
+from mocap_id.kinematics.space.pair_joint import mean_rotation
+
+_RIDGE = 1e-3  # of the regression; the terms have unit variance
+_TURNS = 0.09  # rad rms; less may come from a hidden joint, which also turns the body, and explains nothing
+_FLOOR = 0.5e-3  # m; smaller residuals are no better
+
+
+def own_motion(points: FloatArray, body: SpaceBody, neighbours: Sequence[SpaceBody]) -> tuple[FloatArray, FloatArray]:
+    """Return what the rotations against the neighbours do not explain, of the motion of a body's markers in its frame.
+
+    The motion is regressed on the components of each relative rotation vector and their products.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Trajectories in the lab, m; NaN where unseen.
+    body : SpaceBody
+    neighbours : sequence of SpaceBody
+        Bodies that joints connect with it.
+
+    Returns
+    -------
+    motion : (F, k, 3) array
+        m, in the body's frame; 0 where unseen.
+    shape : (k, 3) array
+        Mean place of each marker, m.
+    """
+    off, shape, _ = around_mean(body.local(points[:, body.markers]))
+    terms = np.concatenate([np.ones((len(off), 1)), *(_posture_terms(body, other) for other in neighbours)], axis=1)
+    known = np.isfinite(terms).all(axis=1)
+    seen = np.isfinite(points[:, body.markers, 0]) & known[:, None]
+    motion = np.zeros_like(off)
+    penalty = _RIDGE * np.diag([0.0, *np.ones(terms.shape[1] - 1)])
+    for marker in range(len(shape)):
+        frames = seen[:, marker]
+        if frames.sum() > terms.shape[1]:
+            given, moved = terms[frames], off[frames, marker]
+            normal = given.T @ given + frames.sum() * penalty
+            motion[frames, marker] = moved - given @ np.linalg.solve(normal, given.T @ moved)
+    return motion, shape
+
+
+def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArray]) -> float:
+    """Return the summed log gain of the markers' residuals if each part has a small motion of its own.
+
+    Parameters
+    ----------
+    motion, shape : (F, k, 3) and (k, 3) arrays
+        Of :func:`own_motion`, m.
+    parts : sequence of int arrays
+        Rows of the markers of each part.
+    """
+    together = _without_pose(motion, shape)
+    apart = np.empty_like(together)
+    for part in parts:
+        apart[part] = _without_pose(motion[:, part], shape[part])
+    return float(np.sum(np.log((together**2 + _FLOOR**2) / (apart**2 + _FLOOR**2))) / 2)
+
+
+def own_deviation(motion: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return the deviation (k, k) of every mutual distance by the motion of :func:`own_motion`, m."""
+    along = shape[:, None] - shape
+    along /= np.maximum(np.linalg.norm(along, axis=2), 1e-9)[..., None]
+    change = np.einsum("fijc,ijc->fij", motion[:, :, None] - motion[:, None], along)
+    return np.asarray(np.sqrt(np.mean(change**2, axis=0)))
+
+
+def _posture_terms(body: SpaceBody, other: SpaceBody) -> FloatArray:
+    """Return the components of the relative rotation vector and their products (F, 9), in units of their spread.
+
+    The components are along the principal axes of the rotation; the small ones are 0.
+    """
+    turn = np.swapaxes(other.rotation, 1, 2) @ body.rotation
+    known = np.isfinite(turn[:, 0, 0])
+    terms = np.full((len(turn), 9), np.nan)
+    if known.any():
+        vector = so3.log(mean_rotation(turn[known]).T @ turn[known])
+        _, axes = np.linalg.eigh(np.cov(vector.T))
+        vector = vector @ axes
+        size = vector.std(axis=0)
+        vector = np.where(size >= _TURNS, vector / np.maximum(size, _TURNS), 0.0)
+        first, second = np.triu_indices(3)
+        terms[known] = np.concatenate([vector, vector[:, first] * vector[:, second]], axis=1)
+        terms[known] -= terms[known].mean(axis=0)
+    return terms
+
+
+def _without_pose(motion: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return the rms (k,) of motion (F, k, 3) after the small motion (6 degrees of freedom) of a rigid body, m."""
+    count = len(shape)
+    centred = shape - shape.mean(axis=0)
+    pose = np.concatenate([np.tile(np.eye(3), (count, 1, 1)), so3.hat(centred)], axis=2).reshape(3 * count, 6)
+    basis, _ = np.linalg.qr(pose)
+    flat = motion.reshape(len(motion), 3 * count)
+    left = flat - (flat @ basis) @ basis.T
+    square = np.sum(left.reshape(motion.shape) ** 2, axis=(0, 2))
+    freedom = 3 * max(count, LEAST)
+    seen = np.maximum(np.any(motion != 0, axis=2).sum(axis=0), 1)
+    return np.asarray(np.sqrt(square / seen * freedom / (freedom - 6)))
