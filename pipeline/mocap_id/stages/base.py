@@ -157,10 +157,10 @@ class TrialKeys(Settings):
     pointers: dict[Landmark, Path] = Field(
         {}, description="in space: recordings in which a pointer touches a landmark, C3D files"
     )
-    pointer: tuple[float, ...] = Field(
-        (),
-        description="in space: distances from the pointer's tip to its markers, in the order of the file, m; found "
-        "from the pointer's motion if not given",
+    pointer: dict[str, float] = Field(
+        {},
+        description="in space: markers of the pointer, with their distances from its tip, m; found from the pointer's "
+        "motion if not given",
     )
     static: tuple[float, float] | None = Field(
         None,

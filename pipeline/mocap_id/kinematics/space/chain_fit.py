@@ -16,11 +16,12 @@ from mocap_id.kinematics.space.bundle import Bundle, long_axes, solve_bundle, un
 from mocap_id.kinematics.space.bundle_equations import residuals
 from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, joint_rotations, share_of_glide
 from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
-from mocap_id.kinematics.space.chain_prior import ChainPrior
+from mocap_id.kinematics.space.chain_prior import CENTRE_SD, MARKED_SD, ChainPrior
 from mocap_id.kinematics.space.chain_result import SpatialFit, collect
 from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters
 from mocap_id.kinematics.space.girdle import markers_on_girdle
 from mocap_id.kinematics.space.joint_kinds import (
+    PARALLEL,
     JointAxes,
     axes_with_pin,
     hinge_axes,
@@ -47,6 +48,7 @@ def fit_spatial_chain(
     kinds: Mapping[int, JointKind] | None = None,
     *,
     estimator: Estimator = "bundle",
+    near: Mapping[int, FloatArray] | None = None,
     up: Sequence[float] = _UP,
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories in one bundle.
@@ -64,6 +66,9 @@ def fit_spatial_chain(
     estimator : {"bundle", "score", "sphere", "helical"}
         With an estimator other than the bundle, centres come from pairs of clusters. There are then no covariances, no
         glide and no motion of the skin, and no centre is called unknown.
+    near : mapping of int to (F, 3) array, optional
+        Trajectories of points that are near the joints, such as the middle of the epicondyles, by the number of the
+        segment, m; NaN where unknown.
     up : (3,) sequence
         Direction from which the elevation of the girdle is measured, in the frame of the trial.
 
@@ -77,7 +82,8 @@ def fit_spatial_chain(
     clusters, used = fit_clusters_at(points, segment, used)
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
     ball: JointKind = "ball"
-    start = _Start(points[used], segment, tuple(parents), clusters, np.asarray(up, dtype=np.float64))
+    beside = {k: track[used] for k, track in (near or {}).items()}
+    start = _Start(points[used], segment, tuple(parents), clusters, np.asarray(up, dtype=np.float64), beside)
     rough = solve_bundle(*start.at(few, (ball,) * len(parents)))
     evidence = tuple(
         weigh_kinds(
@@ -92,9 +98,19 @@ def fit_spatial_chain(
     if estimator != "bundle":
         problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
         return collect(unsolved(problem, state), evidence)
-    riding = _riders(rough, chosen)
-    problem, state, prior = start.at(np.arange(len(used)), chosen, rough, riding)
-    return collect(solve_bundle(problem, state, prior), evidence)
+    every, riding = np.arange(len(used)), _riders(rough, chosen)
+    bundle = solve_bundle(*start.at(every, chosen, rough, riding))
+    parallel = [j for j in _parallel_axes(bundle) if j + 1 not in kinds]
+    if parallel:
+        evidence = tuple(replace(each, kind=ball) if j in parallel else each for j, each in enumerate(evidence))
+        bundle = solve_bundle(*start.at(every, tuple(each.kind for each in evidence), rough, riding))
+    return collect(bundle, evidence)
+
+
+def _parallel_axes(bundle: Bundle) -> list[int]:
+    """Return the joints of two axes, from 0, whose axes are too near to each other to determine two angles."""
+    near = np.abs(bundle.state.cosine) > PARALLEL
+    return [j for j, kind in enumerate(bundle.problem.kinds) if kind == "two-axis" and near[j]]
 
 
 def usable_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
@@ -133,6 +149,7 @@ class _Start:
     parents: tuple[int, ...]
     clusters: Clusters
     up: FloatArray
+    near: Mapping[int, FloatArray]
 
     def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
         """Return the centres (n, 3) from the parents' joints, and those of all segments in their clusters, m."""
@@ -140,7 +157,10 @@ class _Start:
         name: CentreEstimator = "score" if estimator == "bundle" else estimator
         for j, parent in enumerate(self.parents):
             markers = self.clusters.local[self.segment == j + 1]
-            centres[j], own[j + 1] = estimate_centre(name, self.clusters, parent, j + 1, markers)
+            if j + 1 in self.near and estimator == "bundle":
+                centres[j], own[j + 1] = (self.clusters.mean_place(k, self.near[j + 1]) for k in (parent, j + 1))
+            else:
+                centres[j], own[j + 1] = estimate_centre(name, self.clusters, parent, j + 1, markers)
         return centres - own[list(self.parents)], own
 
     def at(
@@ -193,7 +213,8 @@ class _Start:
             bool(riding.any()),
             np.zeros((count, 3)),
         )
-        return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft)
+        sd = np.array([MARKED_SD if j + 1 in self.near else CENTRE_SD for j in range(count)])
+        return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft, sd)
 
 
 def _back_on_hinges(

@@ -9,7 +9,10 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, columns_of, tangents
 
-_CENTRE = 0.1  # m
+CENTRE_SD = 0.1
+"""Standard deviation of each coordinate of a centre about the middle of its clusters, m."""
+MARKED_SD = 0.03
+"""The same about markers that are known to be beside the joint, whose skin moves, m."""
 _ON_HINGE = 0.005  # m; along a hinge, where no motion shows the centre
 _GLIDE = 0.02  # m; of the girdle at 180° of elevation
 _LONG_AXIS = np.radians(3.5)  # weight in the fit; small, because soft tissue counts as noise there and pulls too hard
@@ -35,8 +38,8 @@ class ChainPrior:
         Joints of two axes whose second axis may be the long axis of their segment.
     soft : (n,) bool array
         Segments 1 … n whose skin may move.
-    centre_sd : float
-        Standard deviation of each coordinate, m.
+    centre_sd : (n,) array
+        Standard deviation of each coordinate of the centres, m.
     glide_sd : float
         Standard deviation of each coordinate of the glide, m.
     """
@@ -44,7 +47,7 @@ class ChainPrior:
     centres: FloatArray
     along: BoolArray
     soft: BoolArray
-    centre_sd: float = _CENTRE
+    centre_sd: FloatArray
     glide_sd: float = _GLIDE
 
     def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
@@ -59,7 +62,8 @@ class ChainPrior:
             rows.append(block)
 
         for j, place in enumerate(cols.centre):
-            add((state.centres[j] - self.centres[j]) / self.centre_sd, place, np.eye(3) / self.centre_sd)
+            sd = self.centre_sd[j]
+            add((state.centres[j] - self.centres[j]) / sd, place, np.eye(3) / sd)
             if problem.kinds[j] == "hinge":
                 axis = state.first[j][None]
                 add(axis @ (state.centres[j] - self.centres[j]) / _ON_HINGE, place, axis / _ON_HINGE)

@@ -32,6 +32,11 @@ class Clusters:
     origin: FloatArray
     noise: FloatArray
 
+    def mean_place(self, segment: int, track: FloatArray) -> FloatArray:
+        """Return the median place (3,) of a trajectory (F, 3) in the frame of a cluster, m."""
+        local = np.einsum("fji,fj->fi", self.rotation[:, segment], track - self.origin[:, segment])
+        return np.asarray(np.nanmedian(local, axis=0))
+
     def turn(self, parent: int, child: int) -> FloatArray:
         """Return the rotation of a child in its parent (F, 3, 3)."""
         return np.asarray(np.swapaxes(self.rotation[:, parent], 1, 2) @ self.rotation[:, child])

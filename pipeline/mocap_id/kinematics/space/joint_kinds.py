@@ -21,7 +21,8 @@ _PIN_EXPLAINED = 6.0  # the same for a likely second axis; a wrong one leaves fa
 SHOWN = float(np.radians(10))
 """Smaller arcs, rad, show neither the kind of a joint nor its centre."""
 _LEAST_NOISE = np.radians(0.15)
-_PARALLEL = 0.75  # cosine of the angle between two axes above which they do not make a joint of two axes
+PARALLEL = 0.75
+"""Cosine of the angle between two axes above which they do not make a joint of two axes."""
 _UPRIGHT = 0.05  # pull of two axes to a right angle, as a share of the motion, while they are searched
 _TURNS = 40
 _STARTS = 12
@@ -159,7 +160,7 @@ def two_axes(turn: FloatArray) -> JointAxes:
         second = _least(np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _squares(carried))
     cosine = np.einsum("si,ij,sj->s", first, middle, second)
     value = np.einsum("ijkl,si,sj,sk,sl->s", form, first, second, first, second) / np.maximum(1 - cosine**2, 1e-6)
-    best = int(np.argmin(value + (np.abs(cosine) > _PARALLEL) * size))
+    best = int(np.argmin(value + (np.abs(cosine) > PARALLEL) * size))
     return JointAxes(first[best], second[best], float(cosine[best]))
 
 

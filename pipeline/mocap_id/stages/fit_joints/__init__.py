@@ -51,7 +51,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=8,
+    version=9,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),

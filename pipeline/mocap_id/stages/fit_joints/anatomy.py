@@ -33,6 +33,8 @@ _MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
 """Landmarks whose middle is the centre of the joint above a segment."""
 _GH_SD = 0.01
 """Standard deviation of a shoulder centre that is given as a marker along each axis, m."""
+_OFTEN = 0.5
+"""Share of the frames in which landmarks beside a joint must be seen to start the fit."""
 JOINTS = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
 """Segments between which the ISB defines angles."""
 
@@ -137,6 +139,19 @@ class _ClusterPoses:
         seen = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
         middle = int(seen[len(seen) // 2]) if len(seen) else self.still.start
         return SegmentPoses(self.rotations[middle], self.origins[middle])
+
+
+def points_near_joints(context: Context, view: Trajectories, names: Sequence[str]) -> dict[int, FloatArray]:
+    """Return the middles of the landmarks beside the joints of an arm (F, 3), m, by the number of the segment."""
+    markers = find_landmarks(view.labels, given_landmarks(context.trial), context.trial.side).markers
+    found = {}
+    for child, pair in _MIDDLES.items():
+        if child in names and names.index(child) > 0 and all(name in markers for name in pair):
+            tracks = view.in_space(np.array([markers[name] for name in pair], dtype=np.int64))
+            middle = tracks.mean(axis=1)
+            if np.isfinite(middle).all(axis=1).mean() > _OFTEN:
+                found[names.index(child)] = middle
+    return found
 
 
 def _with_middles(fit: SpatialFit, places: Mapping[str, LandmarkPlace], numbers: Mapping[str, int]) -> SpatialFit:

@@ -55,14 +55,21 @@ def read_pointed_landmarks(
     if not files:
         return {}, ()
     read = {name: recording.read(path) for name, path in files.items()}
-    rod = find_pointer_markers(labels, [each.labels for each in read.values()])
+    rod = tuple(trial.pointer) or find_pointer_markers(labels, [each.labels for each in read.values()])
+    for name, each in read.items():
+        missing = [label for label in rod if label not in each.labels]
+        if missing:
+            raise RecordingError(
+                f"{files[name]}: the pointer's markers {', '.join(missing)} are missing; the file has "
+                f"{', '.join(each.labels)}"
+            )
     if len(rod) < 2:
         raise RecordingError(
             f"{next(iter(files.values()))}: the pointer trials have {len(rod)} markers in common that this trial does "
             "not have; expected the two or more markers of the pointer"
         )
     touches = {name: _touch(each, rod, marked, segment[name]) for name, each in read.items()}
-    pointer = Pointer(np.array(trial.pointer)) if trial.pointer else find_tip(list(touches.values()))
+    pointer = Pointer(np.array(list(trial.pointer.values()))) if trial.pointer else find_tip(list(touches.values()))
     places: dict[str, LandmarkPlace] = {}
     reasons: list[Reason] = []
     for name, touch in touches.items():

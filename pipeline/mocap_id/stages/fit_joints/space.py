@@ -15,7 +15,7 @@ from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_chain import read_calibration
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames
+from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames, points_near_joints
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
@@ -37,7 +37,8 @@ def fit_chain_in_space(context: Context) -> Outputs:
     kinds = _known_kinds(joint_names) | _given_kinds(settings.kinds, joint_names)
     assert settings.estimator != "rigid-body"
     assert settings.estimator != "circle"
-    fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds, estimator=settings.estimator)
+    near = points_near_joints(context, view, names)
+    fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds, estimator=settings.estimator, near=near)
     framed = in_anatomical_frames(context, view, fit, columns, names)
     facts = {
         "estimator": settings.estimator,
@@ -51,7 +52,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
     return (Tree(CHAIN, _data(framed, labels, names, joint_names), facts, reasons),)
 
 
-_ANATOMICAL: Mapping[str, JointKind] = {"shoulder": "ball", "elbow": "two-axis", "wrist": "ball"}
+_ANATOMICAL: Mapping[str, JointKind] = {"clavicle": "ball", "shoulder": "ball", "elbow": "two-axis", "wrist": "ball"}
 """Kinds of joints that landmarks name; the motion alone may be too simple to show them."""
 
 

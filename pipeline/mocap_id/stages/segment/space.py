@@ -25,7 +25,7 @@ from mocap_id.verdict import Reason
 
 _LONGEST = 9
 _ARM = ("thorax", "girdle", "upper_arm", "forearm", "hand")
-_ARM_JOINTS = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
+_ARM_JOINTS = {"girdle": "clavicle", "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 _SHOWS = {name: segment for name, segment in LANDMARK_SEGMENTS.items() if name != "GH"} | dict.fromkeys(
     ("AC", "AA", "AI", "TS", "PC"), "girdle"
 )
