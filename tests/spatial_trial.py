@@ -162,7 +162,7 @@ class SpatialTrial:
                 name: np.array([getattr(joint, name) for joint in made])
                 for name in (
                     *("centre", "covariance", "axes_covariance", "offset"),
-                    *("glide", "glide_covariance", "rest", "long_axis"),
+                    *("glide", "glide_covariance", "rest", "long_axis", "untwisted"),
                 )
             },
             "segments": {
@@ -176,6 +176,8 @@ class SpatialTrial:
                 "local": self.chain.local,
                 "residual": np.full(len(self.labels), 0.001),
                 "on_glide": self.chain.on_glide,
+                "skin": np.zeros(len(self.chain.segment)),
+                "skin_sd": np.zeros(len(self.chain.segment)),
             },
             "landmarks": {
                 "name": np.array(list(marks), dtype="U4"),

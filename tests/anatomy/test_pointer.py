@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mocap_id.anatomy.frames import PALPATION
 from mocap_id.anatomy.pointer import Pointer, find_tip, point_landmark, tip_positions
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
@@ -37,7 +38,7 @@ def test_the_landmark_is_found_in_the_cluster() -> None:
     assert np.allclose(found.place.local, place, atol=5e-4)
     assert found.rod_residual < 0.001
     assert not found.reasons
-    assert found.place.sd == pytest.approx(0.003, rel=0.05)
+    assert found.place.sd == pytest.approx(PALPATION, rel=0.05)
     tip, residual = tip_positions(markers, Pointer(DISTANCES))
     assert np.isnan(tip[20:30]).all() and np.isnan(residual[20:30]).all()
 

@@ -76,7 +76,7 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
         "segments.parquet": Table(SEGMENTS, {}, {}),
         "chain.h5": Tree(CHAIN, {"joints": joints, "segments": segments, "markers": markers}),
     }
-    states, _, _, beside, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
+    states, _, _, beside, _, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table) and isinstance(beside, Table)
     conform(states)
     conform(beside)

@@ -74,7 +74,7 @@ def run(
     }
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))
-    states, poses = outputs[0], outputs[-1]
+    states, poses = outputs[0], outputs[4]
     assert isinstance(states, Table) and isinstance(poses, Table)
     conform(poses)
     return states, poses

@@ -224,7 +224,7 @@ def test_oddities_become_reasons(tmp_path: Path) -> None:
 
 
 def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) -> None:
-    from mocap_id.stages.planarise.function import _Part, _trajectories
+    from mocap_id.stages.planarise.used_part import UsedPart, trajectories
 
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, ["A"], body(10, 1), RATE)
@@ -232,9 +232,9 @@ def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) ->
     source = replace(recording.read(path), frames=np.arange(count), time=np.arange(count) / 480)
     positions = np.random.default_rng(0).normal(size=(count, markers, 3))
     positions[1000:1100, 2] = np.nan
-    part = _Part(source, 0, count, tuple(f"M{i}" for i in range(markers)), positions, proposed=False)
+    part = UsedPart(source, 0, count, tuple(f"M{i}" for i in range(markers)), positions, proposed=False)
     frame = PlaneFrame(0.3, np.array([1.0, 2.0, 3.0]))
-    values = _trajectories(part, frame)
+    values = trajectories(part, frame)
     np.testing.assert_array_equal(np.stack([values[name] for name in "xyz"], axis=2), frame.to_plane(positions))
 
 

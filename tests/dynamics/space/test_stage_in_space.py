@@ -39,6 +39,7 @@ def chain_tree(chain: SpatialChain, base: str) -> Tree:
                 "glide_covariance": np.array([joint.glide_covariance for joint in joints]),
                 "rest": np.array([joint.rest for joint in joints]),
                 "long_axis": np.array([joint.long_axis for joint in joints]),
+                "untwisted": np.array([joint.untwisted for joint in joints]),
                 "known": np.array([joint.known for joint in joints]),
                 "arc": np.ones(count),
             },
@@ -49,6 +50,8 @@ def chain_tree(chain: SpatialChain, base: str) -> Tree:
                 "local": chain.local,
                 "residual": np.zeros(len(chain.segment)),
                 "on_glide": chain.on_glide,
+                "skin": np.zeros(len(chain.segment)),
+                "skin_sd": np.zeros(len(chain.segment)),
             },
             "landmarks": {
                 "name": np.zeros(0, dtype=object),

@@ -94,7 +94,7 @@ def test_schur_complement_equals_the_whole_system(case: tuple[BundleProblem, Bun
 def test_priors_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
     cols = columns_of(problem)
-    prior = ChainPrior(np.zeros((3, 3)), np.array([False, True, False]), np.array([False, False, False]))
+    prior = ChainPrior(np.zeros((3, 3)), np.array([False, True, False]), np.zeros(3, bool), np.full(3, 0.1))
     still = np.zeros((len(problem.points), problem.frame_size))
     rows = prior.equations(problem, state)[1]
     hinge_row = 3 * 2 + 2 + 3  # its axis is fixed within a step

@@ -52,7 +52,10 @@ def segment(context: Context) -> Outputs:
     try:
         done = segmented(settings.count)
     except Refused as refused:
-        raise _with_hint_at_space(refused, recorded.planar.facts["plane"]["planarity"], settings) from refused
+        planarity = recorded.planar.facts["plane"]["planarity"]
+        if planarity <= settings.planarity_caution:
+            raise
+        raise _with_hint_at_space(refused, planarity) from refused
     lift = lift_of_good_markers(recorded.planar.facts.get("heel_lift"), done.view.bad)
     if settings.count is None:
         done = with_foot(done, lift, labels, segmented)
@@ -146,10 +149,8 @@ def _not_planar(planarity: float, settings: SegmentSettings) -> tuple[Reason, ..
     )
 
 
-def _with_hint_at_space(refused: Refused, planarity: float, settings: SegmentSettings) -> Refused:
-    """Return the refusal, with a hint if the markers move far out of the plane."""
-    if planarity <= settings.planarity_caution:
-        return refused
+def _with_hint_at_space(refused: Refused, planarity: float) -> Refused:
+    """Return the refusal with a hint at trials in space."""
     text = (
         f"{refused} {100 * planarity:.0f} % of the markers' motion leaves the plane: for an arm, or another chain "
         "whose joints turn about several axes, set `space: 3d`."
