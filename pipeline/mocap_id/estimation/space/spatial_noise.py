@@ -28,6 +28,7 @@ from mocap_id.estimation.space.space_kernels import ChainModel
 SNAP_BOUNDS = (1e-1, 1e6)
 """Search range of the snap's standard deviation over one frame, rad/s⁴ or m/s⁴."""
 
+_MOST_ALIKE = 2.0  # ratio of the snaps of two coordinates of one joint
 _STILL = 0.3  # of the rms speed; slower samples do not count
 _AROUND = 0.25  # s, about a moving sample, that count too
 _WINDOW = 4.0  # s
@@ -118,7 +119,19 @@ def process_noise(model: ChainModel, frames: FramePoses, dt: float) -> tuple[Flo
             passed = 1 / (1 + (turning / corner) ** (2 * ORDER))
             lasting = max(lasting, float(np.sum(passed**2 * power * turning**4)) / dt**4)
         gaps[columns] = max(snap, _GAP_SHARE * math.sqrt(lasting / dt))
-    return snaps, gaps, errors
+    return _alike(model, snaps), gaps, errors
+
+
+def _alike(model: ChainModel, snaps: FloatArray) -> FloatArray:
+    """Return the snaps (d,), of which one coordinate of a joint of two axes is at most some times the other's.
+
+    The twist of a limb has more noise than the estimate from its markers says when its skin slides fast.
+    """
+    found = snaps.copy()
+    for k, at in enumerate(model.first[1:].tolist()):
+        if not model.ball[k] and model.freedom[k] == 2:
+            found[at : at + 2] = np.minimum(snaps[at : at + 2], _MOST_ALIKE * snaps[at : at + 2][::-1])
+    return found
 
 
 def _errors(power: FloatArray, noise: FloatArray, turning: FloatArray, corner: float, dt: float) -> FloatArray:
