@@ -12,6 +12,7 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle_model import segment_origins
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.simulation.arm import simulate_arm, simulate_chain
 
 _UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -100,6 +101,27 @@ def test_curls_do_not_show_the_shoulder() -> None:
     fit = _fit(trial, kinds=_ARM)
     assert not fit.chain.joints[0].known
     assert fit.chain.joints[1].known
+
+
+def test_computed_markers_do_not_outweigh_measured_ones() -> None:
+    trial = simulate_arm(1)
+    points = trial.positions @ _UP.T
+    here = np.flatnonzero(trial.assignment == 2)
+    shape = np.nanmedian(points[:, here], axis=0)
+    rotation, origin, _ = rigid_poses(points[:, here], shape)
+    exact = np.einsum("fij,mj->fmi", rotation, shape) + origin[:, None]
+    segment = np.concatenate([trial.assignment, np.full(len(here), 2)])
+    fit = fit_spatial_chain(np.concatenate([points, exact], axis=1), segment, (0, 1, 2), kinds=_ARM)
+    usual = np.median([np.sqrt(np.mean(fit.sd[segment == k] ** 2)) for k in range(4)])
+    assert fit.sd.min() > 0.4 * usual
+    assert _centre_errors(fit, trial)[:2].max() < 0.02
+
+
+def test_a_firm_segment_has_no_skin(reach: tuple[Any, SpatialFit]) -> None:
+    trial, free = reach
+    firm = _fit(trial, kinds=_ARM, firm=(1,))
+    assert np.abs(free.chain.skin[trial.assignment == 1]).max() > 0.1
+    assert np.abs(firm.chain.skin[trial.assignment == 1]).max() < 0.01
 
 
 @pytest.mark.parametrize("estimator", ["score", "sphere", "helical"])

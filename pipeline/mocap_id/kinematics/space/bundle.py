@@ -27,6 +27,7 @@ _WEIGHINGS = 5
 _PATIENCE = 8  # iterations, after which the weights are renewed in any case
 _HUBER = 3.0  # standard deviations of a marker
 _FINEST = 1e-4  # m; smallest standard deviation of a marker
+_EVEN = 0.5  # the same, as a share of that of the middle segment; computed markers are exactly rigid with each other
 _SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
 _LONGEST = 40  # frames; largest number of frames that count as one
 _FRAME_STEPS = 5
@@ -237,12 +238,15 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
     limit = _HUBER * np.sqrt(np.maximum((size**2).sum(axis=0) / np.maximum(seen.sum(axis=0), 1), 1e-12))
     square = (np.minimum(size, limit) ** 2).sum(axis=0)
     variance = np.empty(markers)
+    usual = []
     for k in np.unique(problem.segment):
         here = problem.segment == k
         typical = square[here].sum() / left[here].sum()
         extra = _SHARED * left[here].mean()
         variance[here] = (square[here] + extra * typical) / (left[here] + extra)
-    return np.sqrt(np.maximum(variance, _FINEST**2)), _frames_together(off)
+        usual.append(typical)
+    least = max(_FINEST**2, _EVEN**2 * float(np.median(usual)))
+    return np.sqrt(np.maximum(variance, least)), _frames_together(off)
 
 
 def _frames_together(off: FloatArray) -> FloatArray:

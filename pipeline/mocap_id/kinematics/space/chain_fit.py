@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -17,7 +17,7 @@ from mocap_id.kinematics.space.bundle_equations import residuals
 from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, joint_rotations, share_of_glide
 from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
 from mocap_id.kinematics.space.chain_prior import CENTRE_SD, MARKED_SD, ChainPrior
-from mocap_id.kinematics.space.chain_result import SpatialFit, collect
+from mocap_id.kinematics.space.chain_result import SpatialFit, collect, unlike_skin
 from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters
 from mocap_id.kinematics.space.girdle import markers_on_girdle
 from mocap_id.kinematics.space.joint_kinds import (
@@ -49,6 +49,7 @@ def fit_spatial_chain(
     *,
     estimator: Estimator = "bundle",
     near: Mapping[int, FloatArray] | None = None,
+    firm: Collection[int] = (),
     up: Sequence[float] = _UP,
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories in one bundle.
@@ -62,13 +63,16 @@ def fit_spatial_chain(
     parents : sequence of int, length n
         Parent of segment 1 … n, smaller than the segment.
     kinds : mapping of int to kind, optional
-        Given kinds of joints, by the number of their segment, 1 … n; the others are chosen by evidence.
+        Given kinds of joints, by the number of their segment, 1 … n; the others are chosen by evidence. A joint of two
+        axes whose axes turn out nearly parallel becomes a ball all the same, since they would not determine its angles.
     estimator : {"bundle", "score", "sphere", "helical"}
         With an estimator other than the bundle, centres come from pairs of clusters. There are then no covariances, no
         glide and no motion of the skin, and no centre is called unknown.
     near : mapping of int to (F, 3) array, optional
         Trajectories of points that are near the joints, such as the middle of the epicondyles, by the number of the
         segment, m; NaN where unknown.
+    firm : collection of int
+        Segments, 1 … n, whose skin does not follow a twist, such as a shoulder girdle.
     up : (3,) sequence
         Direction from which the elevation of the girdle is measured, in the frame of the trial.
 
@@ -83,8 +87,12 @@ def fit_spatial_chain(
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
     ball: JointKind = "ball"
     beside = {k: track[used] for k, track in (near or {}).items()}
-    start = _Start(points[used], segment, tuple(parents), clusters, np.asarray(up, dtype=np.float64), beside)
+    above = np.asarray(up, dtype=np.float64)
+    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, frozenset(firm))
     rough = solve_bundle(*start.at(few, (ball,) * len(parents)))
+    if unlike := unlike_skin(rough.problem, rough.state):
+        start = replace(start, firm=start.firm | set(unlike))
+        rough = solve_bundle(*start.at(few, (ball,) * len(parents)))
     evidence = tuple(
         weigh_kinds(
             joint_rotations(rough.problem, rough.state)[:, j],
@@ -100,8 +108,10 @@ def fit_spatial_chain(
         return collect(unsolved(problem, state), evidence)
     every, riding = np.arange(len(used)), _riders(rough, chosen)
     bundle = solve_bundle(*start.at(every, chosen, rough, riding))
-    parallel = [j for j in _parallel_axes(bundle) if j + 1 not in kinds]
-    if parallel:
+    if unlike := unlike_skin(bundle.problem, bundle.state):
+        start = replace(start, firm=start.firm | set(unlike))
+        bundle = solve_bundle(*start.at(every, chosen, rough, riding))
+    if parallel := _parallel_axes(bundle):
         evidence = tuple(replace(each, kind=ball) if j in parallel else each for j, each in enumerate(evidence))
         bundle = solve_bundle(*start.at(every, tuple(each.kind for each in evidence), rough, riding))
     return collect(bundle, evidence)
@@ -150,6 +160,7 @@ class _Start:
     clusters: Clusters
     up: FloatArray
     near: Mapping[int, FloatArray]
+    firm: frozenset[int] = frozenset()
 
     def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
         """Return the centres (n, 3) from the parents' joints, and those of all segments in their clusters, m."""
@@ -176,11 +187,12 @@ class _Start:
         count, markers = len(self.parents), points.shape[1]
         centres, own = self._centres(estimator)
         inner = np.isin(np.arange(1, count + 1), self.parents)
-        axes, along, soft = [_NO_AXES] * count, np.zeros(count, dtype=bool), inner
+        axes, along = [_NO_AXES] * count, np.zeros(count, dtype=bool)
+        soft = inner & ~np.isin(np.arange(1, count + 1), list(self.firm))
         if rough is not None:
             pairs = [_axes_of(rough, j, kinds[j], bool(inner[j])) for j in range(count)]
             axes, along = [each[0] for each in pairs], np.array([each[1] for each in pairs])
-            soft = inner & np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
+            soft &= np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
         seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
         rotation = clusters.rotation[frames]
         rest = (np.swapaxes(clusters.rotation[:, 0], 1, 2) @ self.up).mean(axis=0)
@@ -200,7 +212,12 @@ class _Start:
         if rough is not None:
             if estimator == "bundle":
                 local, known = _back_on_hinges(rough, kinds, axes, centres)
-                state = replace(state, local=local, centres=known, skin=rough.state.skin)
+                state = replace(
+                    state,
+                    local=local,
+                    centres=known,
+                    skin=rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1),
+                )
             weights = seen / (rough.sd * np.sqrt(rough.together))
         problem = BundleProblem(
             np.where(seen[..., None], points, 0.0),

@@ -24,6 +24,8 @@ from mocap_id.kinematics.space.bundle_model import (
 from mocap_id.kinematics.space.joint_kinds import JointEvidence
 
 _UNKNOWN = 0.02  # m; a centre with a larger standard deviation across its axis is unknown
+_COMMON = 0.5  # share of the twist that the skin beside the next joint misses at most
+_OPPOSITE, _WHOLE = -0.25, 0.9  # shares that the skin of a limb may have
 _LEAST_ARC = float(np.radians(6))  # a smaller rotation shows no centre; soft tissue alone looks the same
 
 
@@ -121,18 +123,35 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
 def _anchored_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
     """Return the share of the twist (M,) that the skin misses if it misses none beside the next joint.
 
-    The motion shows how markers differ, and hardly the share that all markers of a segment miss. With the share c of
-    the two markers nearest to the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no such joint.
+    The motion shows how markers differ, and hardly the share that all markers of a segment miss. With the share c
+    beside the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no such joint.
     """
     skin: FloatArray = np.zeros_like(state.skin)
     for j, parent in enumerate(problem.parents):
         here = np.flatnonzero(problem.segment == parent)
-        if parent == 0 or not len(here):
-            continue
-        away = np.linalg.norm(state.local[here] - state.centres[j], axis=1)
-        common = float(np.clip(state.skin[here[np.argsort(away)[:2]]].mean(), -0.5, 0.9))
-        skin[here] = 1 - (1 - state.skin[here]) / (1 - common)
+        if parent > 0 and len(here):
+            skin[here] = 1 - (1 - state.skin[here]) / (1 - np.clip(_common_share(problem, state, j), -0.5, 0.9))
     return skin
+
+
+def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
+    """Return the mean share of the two markers of the parent that are nearest to joint j, from 0."""
+    here = np.flatnonzero(problem.segment == problem.parents[j])
+    away = np.linalg.norm(state.local[here] - state.centres[j], axis=1)
+    return float(state.skin[here[np.argsort(away)[:2]]].mean())
+
+
+def unlike_skin(problem: BundleProblem, state: BundleState) -> list[int]:
+    """Return the segments whose shares of the twist no skin has, because other motion than twist made them."""
+    anchored = _anchored_skin(problem, state)
+    found = []
+    for j, parent in enumerate(problem.parents):
+        here = problem.segment == parent
+        if parent > 0 and here.any():
+            low, high = anchored[here].min(), anchored[here].max()
+            if abs(_common_share(problem, state, j)) > _COMMON or low < _OPPOSITE or high > _WHOLE:
+                found.append(parent)
+    return found
 
 
 def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:

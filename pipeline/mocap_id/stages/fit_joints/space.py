@@ -38,7 +38,9 @@ def fit_chain_in_space(context: Context) -> Outputs:
     assert settings.estimator != "rigid-body"
     assert settings.estimator != "circle"
     near = points_near_joints(context, view, names)
-    fit = fit_spatial_chain(points, segment, segments.facts["parents"], kinds, estimator=settings.estimator, near=near)
+    firm = [k for k, name in enumerate(names) if name == _GIRDLE]
+    parents = segments.facts["parents"]
+    fit = fit_spatial_chain(points, segment, parents, kinds, estimator=settings.estimator, near=near, firm=firm)
     framed = in_anatomical_frames(context, view, fit, columns, names)
     facts = {
         "estimator": settings.estimator,
@@ -54,6 +56,10 @@ def fit_chain_in_space(context: Context) -> Outputs:
 
 _ANATOMICAL: Mapping[str, JointKind] = {"clavicle": "ball", "shoulder": "ball", "elbow": "two-axis", "wrist": "ball"}
 """Kinds of joints that landmarks name; the motion alone may be too simple to show them."""
+
+
+_GIRDLE = "girdle"
+"""The segment that is no limb: its markers slide over the shoulder blade."""
 
 
 def _known_kinds(joint_names: Sequence[str]) -> dict[int, JointKind]:
