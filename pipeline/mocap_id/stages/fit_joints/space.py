@@ -51,6 +51,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
         **framed.facts,
     }
     reasons = _for_comparison(settings) + _weak_joints(fit, joint_names, settings) + framed.reasons
+    reasons += _parallel(fit, joint_names, kinds)
     return (Tree(CHAIN, _data(framed, labels, names, joint_names), facts, reasons),)
 
 
@@ -150,6 +151,19 @@ def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:
             f"the joints are fitted by `{settings.estimator}`, which is only for comparison; its joints and lengths "
             "have no standard deviations. Remove `fit-joints: {estimator: …}` to fit the whole chain.",
         ),
+    )
+
+
+def _parallel(fit: SpatialFit, names: Sequence[str], kinds: Mapping[int, JointKind]) -> tuple[Reason, ...]:
+    """Return a note for every joint that should have two axes and is fitted as a ball."""
+    return tuple(
+        Reason(
+            "axes-parallel",
+            f"the two axes of the {name} are nearly parallel in this motion, so it is fitted as a ball.",
+            level="ok",
+        )
+        for k, (name, joint) in enumerate(zip(names, fit.chain.joints, strict=True), start=1)
+        if kinds.get(k) == "two-axis" and joint.kind == "ball"
     )
 
 
