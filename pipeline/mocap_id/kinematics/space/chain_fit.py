@@ -23,6 +23,7 @@ from mocap_id.kinematics.space.girdle import markers_on_girdle
 from mocap_id.kinematics.space.joint_kinds import (
     PARALLEL,
     JointAxes,
+    JointEvidence,
     axes_with_pin,
     hinge_axes,
     rotation_arc,
@@ -38,6 +39,7 @@ _FEWEST = 20
 _FIRST_SD = 0.002  # m; first guess of the error of a marker
 _LASTING = 1.5  # frames that share one error; more is soft tissue
 _UP = (0.0, 1.0, 0.0)
+_BALL: JointKind = "ball"
 _NO_AXES = JointAxes(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
 
 
@@ -85,36 +87,48 @@ def fit_spatial_chain(
     used = usable_frames(points, segment, _FRAMES)
     clusters, used = fit_clusters_at(points, segment, used)
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
-    ball: JointKind = "ball"
     beside = {k: track[used] for k, track in (near or {}).items()}
     above = np.asarray(up, dtype=np.float64)
     start = _Start(points[used], segment, tuple(parents), clusters, above, beside, frozenset(firm))
-    rough = solve_bundle(*start.at(few, (ball,) * len(parents)))
-    if unlike := unlike_skin(rough.problem, rough.state):
-        start = replace(start, firm=start.firm | set(unlike))
-        rough = solve_bundle(*start.at(few, (ball,) * len(parents)))
-    evidence = tuple(
-        weigh_kinds(
-            joint_rotations(rough.problem, rough.state)[:, j],
-            rough.turn_noise(j),
-            rotation_arc(clusters.turn(parent, j + 1)),
-            kinds.get(j + 1),
-        )
-        for j, parent in enumerate(parents)
-    )
+    start, rough = _rough_bundle(start, few)
+    evidence = _weigh_joints(rough, clusters, kinds)
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
     if estimator != "bundle":
         problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
         return collect(unsolved(problem, state), evidence)
-    every, riding = np.arange(len(used)), _riders(rough, chosen)
-    bundle = solve_bundle(*start.at(every, chosen, rough, riding))
+    bundle = _whole_bundle(start, chosen, rough)
+    if parallel := _parallel_axes(bundle):
+        evidence = tuple(replace(each, kind=_BALL) if j in parallel else each for j, each in enumerate(evidence))
+        bundle = _whole_bundle(start, tuple(each.kind for each in evidence), rough)
+    return collect(bundle, evidence)
+
+
+def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
+    """Return the bundle over some frames with balls alone, and the start without skin that would twist too far."""
+    balls = (_BALL,) * len(start.parents)
+    rough = solve_bundle(*start.at(frames, balls))
+    if unlike := unlike_skin(rough.problem, rough.state):
+        start = replace(start, firm=start.firm | set(unlike))
+        rough = solve_bundle(*start.at(frames, balls))
+    return start, rough
+
+
+def _weigh_joints(rough: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
+    turns = joint_rotations(rough.problem, rough.state)
+    return tuple(
+        weigh_kinds(turns[:, j], rough.turn_noise(j), rotation_arc(clusters.turn(parent, j + 1)), kinds.get(j + 1))
+        for j, parent in enumerate(rough.problem.parents)
+    )
+
+
+def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
+    """Return the bundle over all frames; segments whose skin would twist beyond reason get skin that does not."""
+    every, riding = np.arange(len(start.points)), _riders(rough, kinds)
+    bundle = solve_bundle(*start.at(every, kinds, rough, riding))
     if unlike := unlike_skin(bundle.problem, bundle.state):
         start = replace(start, firm=start.firm | set(unlike))
-        bundle = solve_bundle(*start.at(every, chosen, rough, riding))
-    if parallel := _parallel_axes(bundle):
-        evidence = tuple(replace(each, kind=ball) if j in parallel else each for j, each in enumerate(evidence))
-        bundle = solve_bundle(*start.at(every, tuple(each.kind for each in evidence), rough, riding))
-    return collect(bundle, evidence)
+        bundle = solve_bundle(*start.at(every, kinds, rough, riding))
+    return bundle
 
 
 def _parallel_axes(bundle: Bundle) -> list[int]:

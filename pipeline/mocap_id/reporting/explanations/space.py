@@ -29,9 +29,9 @@ SPACE: Mapping[str, Explanation] = {
     "axes-parallel": Explanation(
         ("ok",),
         "A joint of two axes is fitted as a ball",
-        "The two axes that fit the motion best are nearly parallel, so two angles about them cannot be told apart. This "
-        "happens when one of the rotations is small against soft tissue. A ball leaves the rotation free; angles between "
-        "anatomical frames do not depend on the axes.",
+        "The two axes that fit the motion best are nearly parallel, so two angles about them cannot be told apart. "
+        "This happens when one of the rotations is small against soft tissue. A ball leaves the rotation free; angles "
+        "between anatomical frames do not depend on the axes.",
         "Nothing, or record a motion with larger rotations about both axes.",
         "fit-joints",
         "Cosine of the angle between the axes; limit 0.75.",
