@@ -13,7 +13,12 @@ from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 class FitJointsSettings(Settings):
     """Estimator, number of frames, and limits for cautions about joints."""
 
-    plane_only: ClassVar[Only] = {"estimator": ("rigid-body", "circle"), "lambda_a": ()}
+    plane_only: ClassVar[Only] = {
+        "estimator": ("rigid-body", "circle"),
+        "lambda_a": (),
+        "frames": (),
+        "small_arc_deg": (),
+    }
     space_only: ClassVar[Only] = {
         "estimator": ("score", "sphere", "helical"),
         **dict.fromkeys(("kinds", "humerus", "palpation_sd_m"), ()),
