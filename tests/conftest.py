@@ -21,7 +21,7 @@ from mocap_id_cli.__main__ import main
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# How long an example takes tells of the machine and of who else uses it, and of no law.
+# The duration of an example depends on the load of the machine; it says nothing about a law.
 settings.register_profile("laws", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("laws")
 

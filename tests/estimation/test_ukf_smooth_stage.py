@@ -52,11 +52,13 @@ def chain(moving: Moving) -> Tree:
     order = np.random.default_rng(0).permutation(len(names))
     data = {
         "joints": {
-            "name": np.array(["ankle", "knee"], dtype=object),
+            "name": np.array(["ankle", "knee", "hip", "neck"][: moving.truth.shape[1]], dtype=object),
             "centre": moving.centres,
             "covariance": np.tile(1e-6 * np.eye(2), (2, 1, 1)),
         },
-        "segments": {"name": np.array(["foot", "shank", "thigh"], dtype=object)},
+        "segments": {
+            "name": np.array(["foot", "shank", "thigh", "trunk", "head"][: moving.truth.shape[1] + 1], dtype=object)
+        },
         "markers": {
             "name": np.array(names, dtype=object)[order],
             "segment": segment[order],

@@ -36,7 +36,7 @@ class ConsistentSolution:
     requested, consistency : {"grid", "cone", "bounded-cone"}
         The requested set of bodies, and the one used: ``grid`` if the solution in the cone could not be proven.
     parameters : (b + k,) array
-        Parameters of the problem: those that the bodies map to, then the free ones.
+        Parameters of the problem: first the parameters of the bodies, then the free ones.
     full : (4(n + 1),) array
         Full parameters of one body with these parameters: closest to the reference, otherwise of the most even point
         masses. NaN for an Izz that is attained only in a limit of bodies.

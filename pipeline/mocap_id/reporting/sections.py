@@ -44,7 +44,7 @@ class KeyNumber:
 
 
 def sections(data: ReportData, summary: Summary) -> list[Section]:
-    """Return the sections of the page; a refused trial has only those that were reached."""
+    """Return the sections of the page; a refused trial has fewer, up to the stage that refused."""
     skeleton = "Markers as recorded" if data.skeleton is None else "Skeleton"
     figures = ("skeleton",) if data.skeleton is None else ("skeleton", "recovery")
     parts = [

@@ -230,7 +230,7 @@ def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
 
 
 def _names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return what stands for ``{name}`` in the names that match a column, in their order."""
+    """Return the part for ``{name}`` of every name that matches the column, in the order of the names."""
     pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 

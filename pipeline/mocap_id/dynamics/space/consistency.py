@@ -101,7 +101,7 @@ class SemidefiniteSolution:
     Parameters
     ----------
     parameters : (b + k,) array
-        Parameters of the problem: those that the bodies map to, then the free ones.
+        Parameters of the problem: first the parameters of the bodies, then the free ones.
     full : (10K,) array
         Full parameters of one body with these parameters, close to equal masses at the joints.
     answer : SolverAnswer

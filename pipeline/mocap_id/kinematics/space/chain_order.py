@@ -116,7 +116,7 @@ def give_landmarks_to_parents(chain: SpaceChain, sorter: SpaceBodies) -> SpaceCh
 
 
 def _give(parent: SpaceBody, child: SpaceBody, sorter: SpaceBodies) -> tuple[SpaceBody, SpaceBody]:
-    """Return two bodies after the landmarks of their joint have moved to the parent, those that fit it."""
+    """Return two bodies after the landmarks near their joint that fit the parent have moved to it."""
     joint = fit_pair_joint(parent, child)
     _, place, _ = around_mean(child.local(sorter.points[:, child.markers]))
     near = child.markers[np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT]
@@ -136,7 +136,7 @@ def _give(parent: SpaceBody, child: SpaceBody, sorter: SpaceBodies) -> tuple[Spa
 
 
 def _leaving_a_body(near: IntArray, child: SpaceBody, sorter: SpaceBodies) -> IntArray:
-    """Return markers of a body near its joint, without those that make the most rigid body of the rest."""
+    """Return the markers near the joint that may leave a body, so that its other markers are most rigid."""
     spare = len(child.markers) - LEAST
     if len(near) <= spare or spare == 0:
         return near[:spare]

@@ -11,7 +11,7 @@ from mocap_id.reporting.summary_schema import Summary
 
 
 def spatial_sections(data: ReportData, summary: Summary) -> list[Section]:
-    """Return the sections of the page; a refused trial has only those that were reached."""
+    """Return the sections of the page; a refused trial has fewer, up to the stage that refused."""
     title = "Markers as recorded" if data.spatial_skeleton is None else "Skeleton"
     own = (
         *(tables.joints(summary), tables.glides(summary), tables.axes(summary), tables.kinds(summary)),

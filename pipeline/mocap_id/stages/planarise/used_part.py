@@ -55,7 +55,7 @@ class UsedPart:
         }
 
     def oddities(self, doubted: Sequence[str]) -> list[Reason]:
-        """Return notes about the file, without those that are already doubts."""
+        """Return notes about the file; irregularities in ``doubted`` already have a caution and are left out."""
         found = [oddity for oddity in self.source.oddities if oddity not in doubted]
         return [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in found]
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, chunks, find_runs
-from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, FilterSettings, States, smooth
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, chunks
+from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
@@ -21,6 +21,7 @@ from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
+from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
 from mocap_id.stages.ukf_smooth.measured_poses import measured_poses
 from mocap_id.stages.ukf_smooth.noise_reasons import (
     LOST_HZ,
@@ -66,7 +67,7 @@ def ukf_smooth(context: Context) -> Outputs:
     markers = predicted_markers(states, view, columns, chain)
     markers["residual"][repeated] = np.nan
     reasons = (
-        _gaps(states, view.time, skeleton.joints, settings)
+        gap_reasons(np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, "angle", settings)
         + _for_comparison(settings)
         + repeated_reason(repeated)
         + filter_reason(spectrum.cut_off)
@@ -190,35 +191,6 @@ def _state_columns(states: States, time: FloatArray) -> dict[str, FloatArray | B
             columns[f"sd_{name}_{j + 1}"] = states.sd[:, j, d]
         columns[f"observed_{j + 1}"] = states.observed[:, j]
     return columns
-
-
-def _gaps(states: States, time: FloatArray, names: Sequence[str], settings: UkfSmoothSettings) -> tuple[Reason, ...]:
-    """Return a caution for every joint whose angle has gaps."""
-    reasons = []
-    for j, name in enumerate(names):
-        missing = np.isnan(states.mean[:, j, 0])
-        if not missing.any():
-            continue
-        gaps = find_runs(missing)
-        longest = max(gaps, key=lambda gap: gap.stop - gap.start)
-        seconds = np.count_nonzero(missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
-        where = "throughout" if missing.all() else f"{len(gaps)} times, longest from {time[longest.start]:.2f} s"
-        message = f"the angle of the {name} is not given for {seconds:.2f} s ({where}): {_limit(settings)}."
-        reasons.append(Reason("gap", message, float(seconds), 0.0))
-    return tuple(reasons)
-
-
-def _limit(settings: UkfSmoothSettings) -> str:
-    """Return why an angle is not given, with advice."""
-    if settings.method == "encoder":
-        return "the encoder's record does not cover this time. Record longer, or leave it out with `window:`"
-    limit = f"its standard deviation would exceed {settings.angle_sd_limit:g} rad"
-    if settings.method in FRAMEWISE:
-        limit = f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves a gap"
-    return (
-        f"its markers are missing, or do not fit the chain, for so long that {limit}. Fill or relabel them, or leave "
-        "this time out with `window:`"
-    )
 
 
 def _for_comparison(settings: UkfSmoothSettings) -> tuple[Reason, ...]:

@@ -16,19 +16,19 @@ from mocap_id.anatomy.angles import (
     wrist_angles,
 )
 from mocap_id.anatomy.coordinates import RelativeMotion, compose
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.skin_twist import with_twist_errors, without_skin_twist
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
 from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames, repeated_reason
 from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import ANGLES, ENCODER, MARKERS, POSES, SKIN, STATES
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import Trajectories
-from mocap_id.verdict import Reason
 
 _ANATOMICAL = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
@@ -56,7 +56,9 @@ def smooth_rotations(context: Context) -> Outputs:
     states = with_twist_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
     observed = bridge_repeated(states.observed, repeated, view.rate)
     angles = _angles(states, skeleton, tree.facts.get("frame_covariance", {}))
-    reasons = _gaps(states, view.time, skeleton.segments, settings) + repeated_reason(repeated)
+    segments = [name.replace("_", " ") for name in skeleton.segments]
+    missing = np.isnan(states.omega[:, :, 0])
+    reasons = gap_reasons(missing, view.time, segments, "pose", settings) + repeated_reason(repeated)
     facts = _facts(states, points, settings)
     return (
         Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
@@ -209,25 +211,3 @@ def _no_skin() -> Tree:
         kind = {"float64": np.float64, "int64": np.int64, "str": object}[node.dtype]
         data.setdefault(group, {})[name] = np.zeros(shapes.get(node.name, (0,)), dtype=kind)
     return Tree(SKIN, data, {"camera_sd_m": None, "basis": "not estimated for trials in space"})
-
-
-def _gaps(
-    states: SpatialStates, time: FloatArray, names: Sequence[str], settings: UkfSmoothSettings
-) -> tuple[Reason, ...]:
-    """Return a caution for every segment whose pose has gaps."""
-    reasons = []
-    for k, name in enumerate(names):
-        missing = np.isnan(states.omega[:, k, 0])
-        if not missing.any():
-            continue
-        gaps = find_runs(missing)
-        longest = max(gaps, key=lambda gap: gap.stop - gap.start)
-        seconds = np.count_nonzero(missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
-        where = "throughout" if missing.all() else f"{len(gaps)} times, longest from {time[longest.start]:.2f} s"
-        message = (
-            f"the pose of the {name.replace('_', ' ')} is not given for {seconds:.2f} s ({where}): its markers are "
-            "missing, or do not fit the chain, for so long that its standard deviation would exceed "
-            f"{settings.angle_sd_limit:g} rad. Fill or relabel them, or leave this time out with `window:`."
-        )
-        reasons.append(Reason("gap", message, float(seconds), 0.0))
-    return tuple(reasons)

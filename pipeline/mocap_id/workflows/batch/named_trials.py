@@ -63,7 +63,7 @@ class _SharedFolder(ConfigError):
 
 
 def _files(name: str) -> Iterator[tuple[Path, Source | None]]:
-    """Return the absolute paths of the matching files, with the content of those that had to be read."""
+    """Return the absolute paths of the matching files, with the content of each file that was read."""
     path = Path(name).expanduser()
     found: Mapping[Path, Source | None]
     if path.is_dir():

@@ -155,7 +155,7 @@ def _transform(joint: ModelJoint) -> Element:
 
 
 def _rows(kind: str, joint: ModelJoint, axes: Sequence[FloatArray]) -> Iterator[Element]:
-    """Yield the three rows of one kind; the rotation axes have to be independent, even those that do not move."""
+    """Yield the three rows of one kind; all rotation axes must be independent, also of a rotation that is fixed."""
     spare = _spare(axes)
     for k in range(3):
         moves = k < len(axes)
