@@ -30,7 +30,7 @@ from mocap_id.dynamics.uncertainty import time_blocks
 _CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: above the first, the chain's smoothed accelerations have errors
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
 _EVERY = 2  # every second of them is a row
-_SECONDS = 3.0  # s: least time with rows
+_SECONDS = 1.5  # s: least time with rows
 _SEEN = 6.6  # of χ²
 _SURE = 2.58  # standard deviations, 99 %
 _ROUNDS = 3
