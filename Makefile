@@ -20,14 +20,14 @@ OPENSIM := .venv-opensim
 .PHONY: help demo test fuzz trials docs docs-site lock opensim clean
 
 help:
-	@echo 'make demo    install, run the whole pipeline on a sample trial and say where the report is'
-	@echo 'make test    install with the tools of development, check and test everything, by a process a core (WORKERS=1: one)'
-	@echo 'make fuzz    try spoiled files, NUMBER=10000 of SEED=1 by JOBS=1 processes; the same call goes on where it stopped'
-	@echo 'make trials  build every trial under sample_trials/, with -j several at a time'
+	@echo 'make demo    install, run the pipeline on a sample trial and print the path of the report'
+	@echo 'make test    install the development tools, check and test everything, one process per core (WORKERS=1: one process)'
+	@echo 'make fuzz    try damaged files (NUMBER=10000 SEED=1 JOBS=1); the same call continues where it stopped'
+	@echo 'make trials  run every trial under sample_trials/; -j runs several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
 	@echo 'make docs-site   build the pages under docs/ into build/site/index.html'
-	@echo 'make lock    resolve the versions of requirements.lock anew'
-	@echo 'make opensim an environment with OpenSim, which some tests ask (400 MB)'
+	@echo 'make lock    update the versions in requirements.lock'
+	@echo 'make opensim create an environment with OpenSim, for some tests (400 MB)'
 	@echo 'make clean   remove what the others made'
 
 demo: $(VENV)/installed
