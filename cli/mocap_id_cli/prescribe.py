@@ -81,6 +81,7 @@ def _lines(found: workflow.PrescriptionResult) -> Iterator[str]:
         yield _searched(found.map)
     if found.graph is not None and found.graph_postures is not None:
         yield from _graph(found)
+    yield from workflow.device_lines(found)
 
 
 def _one(found: workflow.PrescriptionResult) -> Iterator[str]:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap_id.config import schema as trial_schema
+from mocap_id.config.device import device_schema
 from mocap_id.config.prescription import prescription_schema
 from mocap_id.config.study import study_schema
 
@@ -17,7 +18,9 @@ def schema(
     prescription: Annotated[
         bool, typer.Option("--prescription", help="Print the schema of a prescription's file.")
     ] = False,
+    device: Annotated[bool, typer.Option("--device", help="Print the schema of a pneumatic device's file.")] = False,
 ) -> None:
     """Print the JSON Schema of a trial's YAML file, for editors."""
-    found = prescription_schema() if prescription else study_schema() if study else trial_schema()
+    kinds = ((device, device_schema), (prescription, prescription_schema), (study, study_schema))
+    found = next((make for wanted, make in kinds if wanted), trial_schema)()
     typer.echo(json.dumps(found, indent=2, ensure_ascii=False))

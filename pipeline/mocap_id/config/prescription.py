@@ -54,6 +54,7 @@ class SpringWish(Settings):
     joints: tuple[int, ...] = Field((1,), min_length=1, max_length=2, description="joints that it crosses, from 1")
     stiffest: float | None = Field(None, gt=0, description="largest stiffness, N·m/rad")
     rest_deg: _Pair = Field((-360.0, 360.0), description="allowed rest angles, of the sum of its joints")
+    device: Path | None = Field(None, description="YAML file of a pneumatic device that is the spring (docs/assist.md)")
 
 
 class GivenSpring(Settings):
@@ -97,6 +98,16 @@ class Task(Settings):
     point_m: _Pair | None = Field(None, description="or a point for the tip, m")
 
 
+class ControllerRules(Settings):
+    """Controller that changes the device's pressures between tasks, and the tour that tests it."""
+
+    margin_deg: float = Field(2.0, gt=0, description="distance from the end of a sub-workspace at which it changes")
+    hysteresis_deg: float = Field(3.0, gt=0, description="movement before it may change back")
+    speed_deg_s: float = Field(60.0, gt=0, le=1000, description="largest speed of the tour")
+    hold_s: float = Field(1.0, ge=0, le=60, description="time for which the ends of a task are held, s")
+    tremor_deg: float = Field(0.2, ge=0, le=10, description="amplitude of the person's tremor, at 5 Hz")
+
+
 class PrescriptionFile(Settings):
     """Keys of a prescription's file."""
 
@@ -123,6 +134,9 @@ class PrescriptionFile(Settings):
     level_set: LevelSet | None = Field(None, description="for one joint: the reachable set over time")
     search: SearchGrid | None = Field(None, description="for one joint: a map of springs by level sets")
     tasks: tuple[Task, ...] = Field((), max_length=50, description="tasks for a graph of sub-workspaces")
+    controller: ControllerRules | None = Field(
+        None, description="for one joint with a device and tasks: simulate the controller"
+    )
     postures: int = Field(4096, ge=256, le=1 << 17, description="for several joints: number of sampled postures")
     boxes: int = Field(20_000, ge=1, description="for several joints: largest number of boxes of springs in the search")
     seed: int = Field(0, ge=0, description="seed of the sampled postures")
@@ -161,7 +175,10 @@ def prescription_schema() -> dict[str, Any]:
 
 def _completed(data: dict[str, Any]) -> dict[str, Any]:
     """Replace empty sections by empty mappings."""
-    return {key: {} if value is None and key in ("level_set", "search") else value for key, value in data.items()}
+    return {
+        key: {} if value is None and key in ("level_set", "search", "controller") else value
+        for key, value in data.items()
+    }
 
 
 def _contradictions(wishes: PrescriptionFile, source: Source) -> list[str]:
@@ -194,10 +211,13 @@ def _contradictions(wishes: PrescriptionFile, source: Source) -> list[str]:
         ("required_m", wishes.required_m, True),
         ("level_set", wishes.level_set, False),
         ("search", wishes.search, False),
+        ("controller", wishes.controller, False),
     ):
         if given and one == several:
             use = "several joints" if several else "one joint"
             wrong.append(f"{source.where((key,))}: `{key}` is for {use}, and {len(wishes.joints)} are given")
+    if wishes.controller is not None and not (wishes.tasks and any(spring.device for spring in wishes.springs or ())):
+        wrong.append(f"{source.where(('controller',))}: `controller` needs `tasks:` and a spring with a `device:`")
     for index, task in enumerate(wishes.tasks):
         wrong += _task(task, index, one, source)
     return wrong

@@ -22,6 +22,8 @@ from mocap_id.prescription.one_spring import REST, Prescription, SpringRequireme
 from mocap_id.prescription.postures import SpringPlace, sample_postures
 from mocap_id.prescription.several_springs import prescribe_several
 from mocap_id.workflows.prescribe.assisted_body import AssistedBody, read_body
+from mocap_id.workflows.prescribe.controlled_tasks import control_tasks
+from mocap_id.workflows.prescribe.device_springs import device_of_joint, devices_of_chain, read_devices
 from mocap_id.workflows.prescribe.result import PrescriptionResult, Timed
 from mocap_id.workflows.prescribe.spring_map import map_springs
 from mocap_id.workflows.prescribe.task_graph import task_graph
@@ -64,7 +66,7 @@ def prescribe_from(
         result = replace(result, places=spring_places(config, body))
         result = _one(result, folder, tell) if len(body.joints) == 1 else _several(result)
         graph, postures = task_graph(config.wishes.tasks, result)
-        return replace(result, graph=graph, graph_postures=postures)
+        return _with_devices(replace(result, graph=graph, graph_postures=postures))
     except ValueError as error:
         raise ConfigError(f"{config.where()}: {error}") from error
 
@@ -110,6 +112,25 @@ def _one(result: PrescriptionResult, folder: Path | None, tell: Tell) -> Prescri
     return replace(result, joint=joint, one=found, timed=timed, map=springs)
 
 
+def _with_devices(result: PrescriptionResult) -> PrescriptionResult:
+    wishes, devices = result.config.wishes, read_devices(result.config)
+    if not any(devices):
+        return result
+    if result.postures is not None and result.several is not None:
+        strength = result.body.strength
+        return replace(
+            result, devices=devices_of_chain(result.postures, result.places, strength, result.several, devices)
+        )
+    joint, one, device = result.joint, result.one, devices[0]
+    assert joint is not None and one is not None and device is not None
+    required = np.radians(wishes.required_deg).tolist()
+    result = replace(result, devices=device_of_joint(joint, one, device, required))
+    if wishes.controller is None:
+        return result
+    controlled = control_tasks(joint, _inertia(result.body), device, wishes.tasks, wishes.controller)
+    return replace(result, controlled=controlled)
+
+
 def _timed(joint: OneJoint, body: AssistedBody, spring: Prescription, wish: LevelSet) -> Timed:
     inertia = _inertia(body)
     if wish.spring is not None:
@@ -129,7 +150,9 @@ def _hull(parts: list[tuple[float, float]]) -> tuple[float, float] | None:
 
 def _inertia(body: AssistedBody) -> float:
     if body.inertia is None or not np.isfinite(body.inertia) or body.inertia <= 0:
-        raise ValueError("the inertia about the joint is not known: level sets need it (`arm: {inertia_kgm2: …}`)")
+        raise ValueError(
+            "the inertia about the joint is not known: level sets and controllers need it (`arm: {inertia_kgm2: …}`)"
+        )
     return body.inertia
 
 

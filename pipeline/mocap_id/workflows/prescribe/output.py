@@ -12,6 +12,7 @@ from mocap_id import __version__
 from mocap_id.prescription.several_springs import holdable_postures
 from mocap_id.prescription.sub_workspaces import Graph
 from mocap_id.reporting.paper_figures import render
+from mocap_id.reporting.pneumatic_figures import draw_switching
 from mocap_id.reporting.prescription_figures import (
     draw_holdable_postures,
     draw_level_sets,
@@ -20,6 +21,8 @@ from mocap_id.reporting.prescription_figures import (
 )
 from mocap_id.reporting.results.columns import finite
 from mocap_id.reporting.results.result import Result, text_file
+from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
+from mocap_id.workflows.prescribe.device_output import controller_document, devices_document, unsafe_states
 from mocap_id.workflows.prescribe.result import PrescriptionResult, Timed
 from mocap_id.workflows.prescribe.spring_map import SpringMap
 from mocap_id.workflows.workspace import workspace_result
@@ -58,6 +61,10 @@ def prescription_output(found: PrescriptionResult) -> Result:
         content["search"] = _map(found.map)
     if found.graph is not None and found.graph_postures is not None:
         content["sub_workspaces"] = _graph(found.graph, found.graph_postures)
+    if found.devices is not None:
+        content["devices"] = devices_document(found)
+    if found.controlled is not None:
+        content["controller"] = controller_document(found.controlled)
     return Result("prescription", "prescription.json", content, other_files=lambda: _files(found), end="")
 
 
@@ -83,7 +90,19 @@ def _files(found: PrescriptionResult) -> dict[str, bytes]:
             lambda: draw_spring_map(springs.stiffness, springs.rest, springs.width, springs.horizon),
         )
         files["search.csv"] = text_file(_springs(springs))
+    if found.controlled is not None:
+        files |= _controller_files(found.controlled, name)
     return files
+
+
+def _controller_files(found: ControlledTasks, name: str) -> dict[str, bytes]:
+    joint = found.person.joint
+
+    def draw() -> Figure:
+        return draw_switching(found.controller, found.motion, (joint.torque_low, joint.torque_high), found.maps)
+
+    files = render("controller", f"controller over sub-workspaces: {name}", draw)
+    return files | {"unsafe_states.csv": text_file(unsafe_states(found))}
 
 
 def _held(found: PrescriptionResult) -> Figure:

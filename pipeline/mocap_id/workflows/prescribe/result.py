@@ -13,6 +13,8 @@ from mocap_id.prescription.postures import Postures, SpringPlace
 from mocap_id.prescription.several_springs import Springs
 from mocap_id.prescription.sub_workspaces import Graph
 from mocap_id.workflows.prescribe.assisted_body import AssistedBody
+from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
+from mocap_id.workflows.prescribe.device_springs import DeviceSprings
 from mocap_id.workflows.prescribe.spring_map import SpringMap
 from mocap_id.workflows.workspace import Reach
 
@@ -43,6 +45,8 @@ class PrescriptionResult:
     map: SpringMap | None = None
     graph: Graph | None = None
     graph_postures: FloatArray | None = None  # (N, n) the postures of the graph, rad
+    devices: DeviceSprings | None = None
+    controlled: ControlledTasks | None = None  # for one joint
 
     @property
     def refused(self) -> str | None:

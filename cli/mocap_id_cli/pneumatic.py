@@ -1,0 +1,163 @@
+"""``mocap-id pneumatic``: a described pneumatic cylinder as a spring."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mocap_id.config.device import load_device
+from mocap_id.stages.device import Condition
+from mocap_id.workflows import pneumatic as workflow
+from mocap_id_cli.console import AsJson, aligned, print_json
+
+Device = Annotated[
+    Path,
+    typer.Argument(metavar="DEVICE.yaml", help="The device's description (docs/assist.md).", show_default=False),
+]
+_Pressure = Annotated[float | None, typer.Option(metavar="PA", help="Sealed absolute pressure.", show_default=False)]
+_ROWS = 7
+
+
+def commands() -> typer.Typer:
+    """Return the commands of ``mocap-id pneumatic``."""
+    app = typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode=None,
+        help="Describe a pneumatic cylinder as a spring, and choose its pressures.",
+    )
+    for name, function in (("curve", _curve), ("pressures", _pressures), ("identify", _identify), ("budget", _budget)):
+        app.command(name)(function)
+    return app
+
+
+def _curve(
+    device: Device,
+    *,
+    condition: Annotated[
+        str | None, typer.Option(help="A condition of the file; default: its `sealed:`.", show_default=False)
+    ] = None,
+    flexion: _Pressure = None,
+    extension: _Pressure = None,
+    polytropic: Annotated[
+        float | None, typer.Option(help="Exponent, 1 (slow) to 1.4 (fast).", show_default=False)
+    ] = None,
+    angles: Annotated[int, typer.Option(min=2, max=100_000, help="Number of angles.")] = 181,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write JSON and a figure.", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute torque, stiffness and rest angle over the stroke."""
+    config = load_device(device)
+    state = config.condition(condition)
+    given = {"flexion_Pa": flexion, "extension_Pa": extension}
+    changed = {name: pressure for name, pressure in given.items() if pressure is not None}
+    if changed:
+        state = Condition(**(state.model_dump() | changed | {"worn": True}))
+    found = workflow.device_curve(config, state, polytropic, angles)
+    files = () if out is None else found.write(out)
+    if as_json:
+        print_json(found.document)
+        return
+    curve = found.content
+    shown = range(0, angles, max(1, (angles - 1) // (_ROWS - 1)))
+    rows = [["angle", "torque", "± 95 %", "stiffness"], *(_sample(curve, k) for k in shown)]
+    typer.echo("\n".join(aligned(rows, numbers=True)))
+    rest = curve["rest_angle_rad"]
+    typer.echo(curve["why"] if rest is None else f"rest angle: {math.degrees(rest):.1f}°")
+    if files:
+        typer.echo(f"written to {out}: {', '.join(files)}")
+
+
+def _sample(curve: Mapping[str, Any], k: int) -> list[str]:
+    return [
+        f"{math.degrees(curve['angle_rad'][k]):.1f}°",
+        f"{curve['torque_Nm'][k]:.2f} N·m",
+        f"{1.96 * curve['sd_torque_Nm'][k]:.2f} N·m",
+        f"{curve['stiffness_Nm_rad'][k]:.2f} N·m/rad",
+    ]
+
+
+def _pressures(
+    device: Device,
+    *,
+    stiffness: Annotated[float, typer.Option(metavar="N·m/rad", help="Stiffness.", show_default=False)],
+    rest_angle: Annotated[float, typer.Option(metavar="RAD", help="Rest angle.", show_default=False)],
+    span: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--range",
+            metavar="LOW HIGH",
+            help="Agree over this range, rad; default: at the rest angle.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find the two pressures whose spring is nearest to a prescribed one."""
+    found = workflow.spring_pressures(load_device(device), stiffness, rest_angle, span)
+    if as_json:
+        print_json(found)
+        return
+    got = found["achieved"]
+    typer.echo(f"flexion side {found['flexion_Pa']:.0f} Pa, extension side {found['extension_Pa']:.0f} Pa (absolute)")
+    if got["rest_angle_rad"] is None:
+        typer.echo("the torque is not zero at any angle of the stroke")
+    else:
+        rest = math.degrees(got["rest_angle_rad"])
+        typer.echo(f"this gives {got['stiffness_Nm_rad']:.4g} N·m/rad at {rest:.1f}°")
+    low, high = (math.degrees(end) for end in got["range_rad"])
+    error = got["largest_torque_error_Nm"]
+    typer.echo(f"from {low:.1f}° to {high:.1f}° it differs from the linear spring by up to {error:.2f} N·m")
+    if found["why"]:
+        typer.echo(f"not attainable, this is the nearest: {found['why']}")
+
+
+def _identify(
+    device: Device,
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG", help="CSV of angle and torque, or a trial's YAML file or run folder.", show_default=False
+        ),
+    ],
+    *,
+    joint: Annotated[int, typer.Option(min=1, help="For a trial: the joint, from 1.")] = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Estimate a cylinder's parameters from a log of torque and angle."""
+    found = workflow.identify_device(load_device(device), log, joint)
+    if as_json:
+        print_json(found)
+        return
+    rows = [["parameter", "estimate", "95 % interval", "described"], *map(_row, found["parameters"])]
+    typer.echo("\n".join(aligned(rows)))
+    left_out = f", {found['left_out']} with empty cells left out" if found["left_out"] else ""
+    typer.echo(f"residual {found['residual_Nm']:.3f} N·m over {found['samples']} samples{left_out}")
+
+
+def _row(parameter: dict[str, Any]) -> list[str]:
+    described = f"{parameter['described']:.4g}"
+    if parameter["value"] is None:
+        return [parameter["name"], "–", parameter["why"], described]
+    low, high = parameter["interval"]
+    return [parameter["name"], f"{parameter['value']:.4g}", f"{low:.4g} to {high:.4g}", described]
+
+
+def _budget(device: Device, *, as_json: AsJson = False) -> None:
+    """Compute the gas of every change between the file's conditions."""
+    found = workflow.gas_budget(load_device(device))
+    if as_json:
+        print_json(found)
+        return
+    rows = [["from", "to", "gas", "at 0 °C and 1 atm", "changes"]]
+    for change in found["changes"]:
+        times = "–" if change["changes_per_reservoir"] is None else str(change["changes_per_reservoir"])
+        litres = f"{change['normal_litres']:.3f} l"
+        rows.append([change["from"], change["to"], f"{change['gas_g']:.3f} g", litres, times])
+    typer.echo("\n".join(aligned(rows)))

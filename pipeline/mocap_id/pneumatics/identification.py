@@ -1,0 +1,155 @@
+"""Parameters of a cylinder from a log of torque against angle.
+
+Areas, dead lengths, angle of full flexion, exponent and friction are fitted by least squares, with wide priors around
+the described device. A parameter that the log does not show keeps its described value and a wide interval. The
+pulley's radius and the stroke are not estimated: the torque depends only on radius times area and on lengths over
+radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.errors import NumericalError
+from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, Setting
+
+# field: (prior standard deviation, whether of the logarithm, lower and upper bound of the field)
+_PRIORS: Mapping[str, tuple[float, bool, float, float]] = {
+    "area_flexion": (0.5, True, 0.0, np.inf),
+    "area_extension": (0.5, True, 0.0, np.inf),
+    "dead_flexion": (1.0, True, 0.0, np.inf),
+    "dead_extension": (1.0, True, 0.0, np.inf),
+    "full_flexion": (np.radians(10.0), False, -2 * np.pi, 2 * np.pi),
+    "exponent": (0.2, False, ISOTHERMAL, ADIABATIC),
+    "coulomb": (1.0, False, 0.0, np.inf),
+    "viscous": (0.5, False, 0.0, np.inf),
+}
+ESTIMATED = tuple(_PRIORS)
+"""Fields of :class:`Cylinder` that are estimated."""
+_SHOWN = 0.3  # of the prior standard deviation: with a smaller posterior one, the log determines the parameter
+_LEAST_DEAD = 1e-4  # m: a described dead length of zero cannot be scaled
+_ROUNDS = 100  # of the fit
+_MISFIT = 0.3  # of the torque: with a larger residual, the log does not fit a cylinder
+_Z = 1.959964
+
+
+@dataclass(frozen=True)
+class TorqueLog:
+    """A log of torque against angle.
+
+    Parameters
+    ----------
+    angle, torque : (N,) arrays
+        Angle of the joint, rad, and torque of the device on it, N·m.
+    velocity : (N,) array or None
+        rad/s; friction is only estimated with it.
+    settings : tuple of Setting
+    which : (N,) int array
+        Index of the setting of each sample.
+    """
+
+    angle: FloatArray
+    torque: FloatArray
+    velocity: FloatArray | None
+    settings: tuple[Setting, ...]
+    which: IntArray
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A cylinder identified from a log.
+
+    Parameters
+    ----------
+    cylinder : Cylinder
+        With the estimated parameters.
+    interval : mapping of str to (low, high)
+        95 % interval of each parameter.
+    shown : mapping of str to bool
+        Whether the log determines the parameter; otherwise its value rests on the description.
+    residual : float
+        Root mean square of the residual torque, N·m.
+    """
+
+    cylinder: Cylinder
+    interval: Mapping[str, tuple[float, float]]
+    shown: Mapping[str, bool]
+    residual: float
+
+
+def identify_cylinder(described: Cylinder, log: TorqueLog) -> Identified:
+    """Estimate the parameters of a cylinder.
+
+    Raises
+    ------
+    NumericalError
+        The log does not fit any cylinder near the described one.
+    """
+    names = [name for name in ESTIMATED if log.velocity is not None or name not in ("coulomb", "viscous")]
+    described = replace(
+        described,
+        dead_flexion=max(described.dead_flexion, _LEAST_DEAD),
+        dead_extension=max(described.dead_extension, _LEAST_DEAD),
+    )
+    prior = np.array([_coded(name, getattr(described, name)) for name in names])
+    scale = np.array([_PRIORS[name][0] for name in names])
+    bounds = np.array([[_coded(name, _PRIORS[name][k]) for name in names] for k in (2, 3)])
+
+    def cylinder(code: FloatArray) -> Cylinder:
+        fields = {name: float(np.exp(c)) if _PRIORS[name][1] else float(c) for name, c in zip(names, code, strict=True)}
+        return replace(described, **fields)
+
+    def residual(code: FloatArray) -> FloatArray:
+        return np.nan_to_num(predicted_torque(cylinder(code), log), nan=1e3) - log.torque
+
+    def scaled(code: FloatArray, sigma: float) -> FloatArray:
+        return np.concatenate([residual(code) / sigma, (code - prior) / scale])
+
+    code, sigma = np.clip(prior, bounds[0] + 1e-6, bounds[1] - 1e-6), 0.05 * float(np.std(log.torque)) + 1e-6
+    for _ in range(3):
+        found = least_squares(
+            scaled, code, bounds=(bounds[0], bounds[1]), x_scale=scale, args=(sigma,), max_nfev=_ROUNDS
+        )
+        code, sigma = found.x, _deviation(residual(found.x), len(names))
+    rms = float(np.sqrt(np.mean(residual(code) ** 2)))
+    if not found.success or rms > _MISFIT * float(np.sqrt(np.mean(log.torque**2))):
+        raise NumericalError(
+            f"the log does not fit a cylinder near the described one (residual {rms:.2f} N·m): check its signs, units, "
+            "pressures and the angle of full flexion"
+        )
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    deviation = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    ends = np.clip(code + np.array([[-_Z], [_Z]]) * deviation, *bounds)
+    values = np.where([_PRIORS[name][1] for name in names], np.exp(ends), ends)
+    interval = {name: (float(low), float(high)) for name, low, high in zip(names, *values, strict=True)}
+    shown = {name: bool(deviation[k] < _SHOWN * scale[k]) for k, name in enumerate(names)}
+    return Identified(cylinder(code), interval, shown, rms)
+
+
+def predicted_torque(cylinder: Cylinder, log: TorqueLog) -> FloatArray:
+    """Return the torque of the device, with friction if the log has velocities, for each sample, N·m."""
+    torque = np.zeros(len(log.angle))
+    for k, setting in enumerate(log.settings):
+        rows = log.which == k
+        by_pressure = cylinder.torque_by_pressure(log.angle[rows], setting.sealed)
+        torque[rows] = by_pressure @ setting.pressures() + cylinder.torque_of_atmosphere(setting.sealed)
+    return torque if log.velocity is None else torque + cylinder.friction(log.velocity)
+
+
+def _coded(name: str, value: float) -> float:
+    if not _PRIORS[name][1]:
+        return value
+    return float(np.log(value)) if value > 0 else -np.inf
+
+
+def _deviation(residual: FloatArray, parameters: int) -> float:
+    """Return the standard deviation of the residuals, widened for their correlation from sample to sample."""
+    variance = float(residual @ residual) / max(len(residual) - parameters, 1)
+    correlation = float(residual[:-1] @ residual[1:]) / max(float(residual @ residual), 1e-30)
+    correlation = float(np.clip(correlation, 0.0, 0.99))
+    return float(np.sqrt(variance * (1 + correlation) / (1 - correlation))) + 1e-9

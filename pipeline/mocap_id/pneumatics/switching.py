@@ -1,0 +1,257 @@
+"""Hybrid controller over sub-workspaces, simulated for one joint with a cylinder (thesis 9.6).
+
+Each node of the controller has a setting of the cylinder and the angles that the person can hold with it. The depth of
+an angle in a node is its distance from the nearest angle that is not held. The controller changes from node i to j
+where the depth in i is below a margin and the depth in j above margin plus hysteresis. To change back, the joint has to
+move by the hysteresis at least. After a change, each sealed pressure settles with a first-order lag.
+
+The person follows a reference with the torque that the motion needs, as far as the strength allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.pneumatics.cylinder import Cylinder, Setting
+from mocap_id.prescription.one_joint import OneJoint
+
+STEP = 0.002
+"""Step of the simulation, s."""
+_TRACKING = 12.0  # rad/s: bandwidth of the person's corrections
+_STARTS = 4.0  # 1/s: largest acceleration of a tour over its largest speed
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of the controller: its setting, and the depth of each grid angle (N,), rad."""
+
+    name: str
+    setting: Setting
+    depth: FloatArray
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Nodes and rules of the controller.
+
+    Parameters
+    ----------
+    nodes : tuple of Node
+    angle : (N,) array
+        Grid of angles of the nodes' depths, rad.
+    margin, hysteresis : float
+        rad.
+    fill, vent : (2,) arrays
+        Time constants of the flexion and the extension side for pressures that rise and that fall, s.
+    """
+
+    nodes: tuple[Node, ...]
+    angle: FloatArray
+    margin: float
+    hysteresis: float
+    fill: FloatArray
+    vent: FloatArray
+
+    @property
+    def slowest(self) -> float:
+        """The largest time constant, s."""
+        return float(np.max([self.fill, self.vent]))
+
+    def depth(self, node: int, angle: FloatArray) -> FloatArray:
+        """Return the depth of angles in a node, rad."""
+        return np.asarray(np.interp(angle, self.angle, self.nodes[node].depth))
+
+    def changes(self, before: int, after: int, angle: FloatArray) -> BoolArray:
+        """Return whether the controller may change from one node to another at each angle."""
+        return np.asarray(
+            (self.depth(before, angle) < self.margin) & (self.depth(after, angle) > self.margin + self.hysteresis)
+        )
+
+    def next_node(self, node: int, angle: float) -> int:
+        """Return the next node at an angle: the allowed one with the largest depth, or else the same node."""
+        at = np.array(angle)
+        others = [k for k in range(len(self.nodes)) if k != node and bool(self.changes(node, k, at))]
+        return max(others, key=lambda k: float(self.depth(k, at)), default=node)
+
+    def settled(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
+        """Return the pressures (..., 2), Pa, after a time, s, in which they settle towards a target, Pa."""
+        lag = np.where(target > pressures, self.fill, self.vent)
+        return np.asarray(target + (pressures - target) * np.exp(-time / lag))
+
+
+def depths(held: BoolArray, angle: FloatArray) -> FloatArray:
+    """Return the distance (N,) of each angle from the nearest one that is not held, rad.
+
+    For an angle that is not held it is minus the distance from the nearest held angle. The ends of the grid are no
+    boundary. If all angles are held, every depth is the width of the grid.
+    """
+    width = float(angle[-1] - angle[0])
+    if held.all() or not held.any():
+        return np.full(len(angle), width if held.all() else -width)
+    apart = np.abs(angle[:, None] - angle)
+    inside = np.where(held, np.inf, apart).min(axis=1)
+    return np.asarray(np.where(held, inside, -np.where(held, apart, np.inf).min(axis=1)))
+
+
+@dataclass(frozen=True)
+class Person:
+    """A person's joint with its limits of angle and torque, its inertia, kg·m², and the device on it."""
+
+    joint: OneJoint
+    inertia: float
+    cylinder: Cylinder
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Range of the joint within the stroke of the device, rad."""
+        low, high = self.cylinder.limits
+        return max(low, self.joint.lower), min(high, self.joint.upper)
+
+    def needed(self, angle: FloatArray, pressures: FloatArray) -> FloatArray:
+        """Return the person's torque (B,), N·m, that holds angles (B,), rad, with sealed pressures (B, 2), Pa."""
+        device = (self.cylinder.torque_by_pressure(angle) * pressures).sum(axis=-1)
+        return np.asarray(self.joint.gravity(angle) - device - self.cylinder.torque_of_atmosphere())
+
+    def excess(self, needed: FloatArray) -> FloatArray:
+        """Return by how much a torque is beyond the person's limits, N·m; at least 0."""
+        beyond = np.maximum(needed - self.joint.torque_high, self.joint.torque_low - needed)
+        return np.asarray(np.maximum(beyond, 0.0))
+
+    def step(
+        self, angle: FloatArray, velocity: FloatArray, needed: FloatArray, acceleration: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return angle, velocity and the person's torque (B,) after a step with a wanted acceleration, rad/s²."""
+        friction = self.cylinder.friction(velocity)
+        torque = np.clip(needed - friction + self.inertia * acceleration, self.joint.torque_low, self.joint.torque_high)
+        velocity = velocity + STEP * (torque - needed + friction) / self.inertia
+        moved = angle + STEP * velocity
+        angle = np.clip(moved, *self.limits)
+        return angle, np.where(moved == angle, velocity, 0.0), torque
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A task in a tour, its time (start, end), and the last moment at which each of its ends is held, s."""
+
+    task: str
+    time: tuple[float, float]
+    held_until: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Tour:
+    """Reference through all tasks.
+
+    Parameters
+    ----------
+    time, angle, velocity, acceleration : (T,) arrays
+        s, rad, rad/s, rad/s².
+    visits : tuple of Visit
+    """
+
+    time: FloatArray
+    angle: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    visits: tuple[Visit, ...]
+
+
+@dataclass(frozen=True)
+class SwitchedMotion:
+    """A simulated tour with the controller.
+
+    Parameters
+    ----------
+    tour : Tour
+    angle, velocity, torque, excess : (T,) arrays
+        Joint, rad and rad/s; the person's torque, N·m; how far the torque that holds the joint is beyond the limits.
+    node : (T,) int array
+    pressures : (T, 2) array
+        Sealed pressures, Pa.
+    switches : tuple of (sample, before, after)
+        Samples at which the node changed.
+    """
+
+    tour: Tour
+    angle: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    excess: FloatArray
+    node: IntArray
+    pressures: FloatArray
+    switches: tuple[tuple[int, int, int], ...]
+
+
+def plan_tour(tasks: Sequence[tuple[str, float, float]], speed: float, hold: float, tremor: float = 0.0) -> Tour:
+    """Return a tour that visits all tasks in order and back, and moves through the interval of each.
+
+    Parameters
+    ----------
+    tasks : sequence of (name, low, high)
+        rad.
+    speed : float
+        Largest speed of a movement, rad/s; each movement has minimum jerk, and its acceleration is bounded too.
+    hold : float
+        Time for which the ends of each task are held, s.
+    tremor : float
+        Amplitude of a tremor of 5 Hz, rad.
+    """
+    order = [*tasks, *tasks[-2::-1]]
+    pieces, visits, here, now = [np.array([order[0][1]])], [], order[0][1], 0.0
+    for name, low, high in order:
+        ends = (low, high) if abs(low - here) <= abs(high - here) else (high, low)
+        arrivals, leaves = [], []
+        for end in ends:
+            far = abs(end - here)
+            duration = max(1.875 * far / speed, np.sqrt(5.7735 * far / (_STARTS * speed)), STEP)
+            s = np.arange(1, int(np.ceil(duration / STEP)) + 1) * STEP / duration
+            s = np.minimum(s, 1.0)
+            still = np.full(int(hold / STEP), end)
+            pieces += [here + (end - here) * (10 * s**3 - 15 * s**4 + 6 * s**5), still]
+            arrivals.append(now + len(s) * STEP)
+            now, here = arrivals[-1] + len(still) * STEP, end
+            leaves.append(now)
+        visits.append(Visit(name, (arrivals[0], now), (leaves[0], leaves[1])))
+    angle: FloatArray = np.concatenate(pieces)
+    time = np.asarray(STEP * np.arange(len(angle)), dtype=np.float64)
+    angle += tremor * np.sin(2 * np.pi * 5.0 * time)
+    velocity: FloatArray = np.gradient(angle, STEP)
+    acceleration: FloatArray = np.gradient(velocity, STEP)
+    return Tour(time, angle, velocity, acceleration, tuple(visits))
+
+
+def simulate_switching(person: Person, controller: Controller, tour: Tour, start: int) -> SwitchedMotion:
+    """Simulate a tour from a start node.
+
+    Parameters
+    ----------
+    person : Person
+    controller : Controller
+    tour : Tour
+    start : int
+        Index of the first node.
+    """
+    count, node = len(tour.time), start
+    angle, velocity = np.clip(tour.angle[:1], *person.limits), np.zeros(1)
+    pressures = controller.nodes[start].setting.pressures()
+    track, nodes = np.empty((count, 4)), np.empty(count, dtype=np.int64)
+    gas, switches = np.empty((count, 2)), []
+    for k in range(count):
+        after = controller.next_node(node, float(angle[0])) if k % 5 == 0 else node
+        if after != node:
+            switches.append((k, node, after))
+            node = after
+        needed = person.needed(angle, pressures[None])
+        track[k] = angle[0], velocity[0], 0.0, person.excess(needed)[0]
+        nodes[k], gas[k] = node, pressures
+        off, rate = tour.angle[k] - angle, tour.velocity[k] - velocity
+        wanted = tour.acceleration[k] + 2 * _TRACKING * rate + _TRACKING**2 * off
+        angle, velocity, torque = person.step(angle, velocity, needed, wanted)
+        track[k, 2] = torque[0]
+        pressures = controller.settled(pressures, controller.nodes[node].setting.pressures(), STEP)
+    angles, velocities, torques, excess = track.T
+    return SwitchedMotion(tour, angles, velocities, torques, excess, nodes, gas, tuple(switches))

@@ -1,0 +1,101 @@
+"""Figures of pneumatic devices: torque over the stroke, and a tour with a controller that changes the pressures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mocap_id.arrays import FloatArray
+from mocap_id.pneumatics.switching import Controller, SwitchedMotion
+from mocap_id.pneumatics.unsafe_states import TransitionMap
+from mocap_id.reporting import paper_figures, style
+
+_Z = 1.96
+_EVERY = 10  # samples of a tour are drawn
+
+
+def draw_curve(
+    angle: FloatArray,
+    torque: FloatArray,
+    deviation: FloatArray,
+    limits: tuple[FloatArray, FloatArray],
+    friction: float,
+) -> Figure:
+    """Draw the torque of a device over the angle, with its 95 % band, friction, and isothermal and adiabatic limits.
+
+    Parameters
+    ----------
+    angle, torque, deviation : (N,) arrays
+        rad, N·m.
+    limits : pair of (N,) arrays
+        Isothermal and adiabatic torque, N·m.
+    friction : float
+        Coulomb friction, N·m.
+    """
+    figure = paper_figures.new_figure(3.2)
+    axes, degrees = figure.subplots(), np.degrees(angle)
+    band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.15, "lw": 0, "label": "95 % interval"}
+    axes.fill_between(degrees, torque - _Z * deviation, torque + _Z * deviation, **band)
+    axes.plot(degrees, torque, color=style.BLUE, label="torque")
+    for sign, label in ((-1, "flexing"), (1, "extending")):
+        axes.plot(degrees, torque + sign * friction, ":", color=style.INK, lw=0.8, label=label)
+    for values, dash, label in zip(limits, ("--", "-."), ("isothermal", "adiabatic"), strict=True):
+        axes.plot(degrees, values, dash, color=style.VERMILLION, lw=0.8, label=label)
+    axes.axhline(0, color=style.INK, lw=0.6)
+    axes.set(xlabel="angle, positive in flexion (°)", ylabel="torque on the joint (N·m)")
+    paper_figures.legend_above(figure, [axes])
+    return figure
+
+
+def draw_switching(
+    controller: Controller, motion: SwitchedMotion, limits: tuple[float, float], maps: Sequence[TransitionMap]
+) -> Figure:
+    """Draw a tour with its nodes, pressures and torque, and the states in which a change is unsafe.
+
+    Parameters
+    ----------
+    controller : Controller
+    motion : SwitchedMotion
+    limits : (low, high)
+        The person's torque, N·m.
+    maps : sequence of TransitionMap
+    """
+    figure = paper_figures.new_figure(6.4)
+    columns = max(len(maps), 1)
+    grid = figure.add_gridspec(4, columns, height_ratios=(2, 1, 1, 2))
+    shown = slice(None, None, _EVERY)
+    time = motion.tour.time[shown]
+    top = figure.add_subplot(grid[0, :])
+    gas, torque = (figure.add_subplot(grid[k, :], sharex=top) for k in (1, 2))
+    for k, node in enumerate(controller.nodes):
+        held = np.where(node.depth > 0, np.degrees(controller.angle), np.nan)
+        low, high = np.nanmin(held), np.nanmax(held)
+        active = motion.node[shown] == k
+        band: dict[str, Any] = {"color": style.colour(k + 1), "alpha": 0.2, "lw": 0, "label": f"held with {node.name}"}
+        top.fill_between(time, low, high, where=active.tolist(), **band)
+    top.plot(time, np.degrees(motion.tour.angle[shown]), "--", color=style.FAINT, lw=0.8, label="reference")
+    top.plot(time, np.degrees(motion.angle[shown]), color=style.INK, label="angle")
+    for k, (side, dash) in enumerate((("flexion", "-"), ("extension", "--"))):
+        gas.plot(time, 1e-5 * motion.pressures[shown, k], dash, color=style.BLUE, label=f"{side} side")
+    torque.plot(time, motion.torque[shown], color=style.GREEN, lw=0.7, label="person")
+    for limit in limits:
+        torque.axhline(limit, color=style.INK, ls="--", lw=0.8)
+    top.set(ylabel="angle (°)", title="a tour through all tasks")
+    gas.set(ylabel="sealed (bar)")
+    torque.set(ylabel="torque (N·m)", xlabel="time (s)")
+    for column, one in enumerate(maps):
+        axes = figure.add_subplot(grid[3, column])
+        angle = np.degrees(one.angle)
+        names = [controller.nodes[k].name for k in (one.before, one.after)]
+        for unsafe, colour, label in ((False, style.SKY, "safe change"), (True, style.VERMILLION, "unsafe change")):
+            a, v = np.nonzero(one.unsafe == unsafe)
+            axes.plot(angle[a], np.degrees(one.velocity[v]), ".", ms=2, color=colour, label=label, rasterized=True)
+        if one.switched.any():
+            ends = angle[one.switched][[0, -1]]
+            axes.axvspan(*ends, color=style.INK, alpha=0.12, lw=0, label="the controller changes here")
+        axes.set(title=f"{names[0]} → {names[1]}", xlabel="angle (°)", ylabel="" if column else "velocity (°/s)")
+    paper_figures.legend_above(figure, figure.axes)
+    return figure

@@ -1,0 +1,153 @@
+"""Keys of a pneumatic device on one joint, as in its YAML file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from mocap_id.arrays import FloatArray
+from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
+from mocap_id.pneumatics.torque_deviation import torque_and_deviation
+from mocap_id.stages.base import Settings
+
+_Chamber = float | Literal["open"]
+_SHARES = {
+    "pulley_radius": ("pulley_radius_m", 0.01),
+    "area_flexion": ("area_flexion_m2", 0.02),
+    "area_extension": ("area_extension_m2", 0.02),
+    "dead_flexion": ("dead_flexion_m", 0.1),
+    "dead_extension": ("dead_extension_m", 0.1),
+    "coulomb": ("coulomb_Nm", 0.5),
+    "viscous": ("viscous_Nms", 0.5),
+}  # field of the cylinder: its key, and the default deviation as a share of the value
+_Lag = Annotated[float, Field(gt=0)]
+_CHAMBER = "absolute pressure at which it is sealed at full flexion, Pa, or `open` to the atmosphere"
+
+
+class Condition(Settings):
+    """State of both chambers."""
+
+    worn: bool = Field(True, description="false: the person does not wear the device")
+    flexion_Pa: _Chamber = Field("open", description=f"flexion chamber: {_CHAMBER}")  # noqa: N815
+    extension_Pa: _Chamber = Field("open", description=f"extension chamber: {_CHAMBER}")  # noqa: N815
+
+    def setting(self) -> Setting:
+        """Return the setting of the cylinder; both chambers are open if the device is not worn."""
+        return Setting(
+            None if isinstance(self.flexion_Pa, str) else self.flexion_Pa,
+            None if isinstance(self.extension_Pa, str) else self.extension_Pa,
+        )
+
+
+class Deviations(Settings):
+    """Standard deviations of the description, for the deviation of the torque."""
+
+    pulley_radius_m: float | None = Field(None, ge=0, description="m; default: 1 % of the radius")
+    area_flexion_m2: float | None = Field(None, ge=0, description="m²; default: 2 % of the area")
+    area_extension_m2: float | None = Field(None, ge=0, description="m²; default: 2 % of the area")
+    dead_flexion_m: float | None = Field(None, ge=0, description="m; default: 10 % of the length")
+    dead_extension_m: float | None = Field(None, ge=0, description="m; default: 10 % of the length")
+    full_flexion_deg: float = Field(2.0, ge=0, description="degrees")
+    polytropic: float = Field(0.1, ge=0, description="of the exponent: between slow and fast motion")
+    coulomb_Nm: float | None = Field(None, ge=0, description="N·m; default: half of the friction")  # noqa: N815
+    viscous_Nms: float | None = Field(None, ge=0, description="N·m·s/rad; default: half of the friction")  # noqa: N815
+    gauge_Pa: float = Field(3000.0, ge=0, description="of each sealed pressure, Pa")  # noqa: N815
+
+
+class Settling(Settings):
+    """Time constants with which pressures settle after a change of setting."""
+
+    fill_s: _Lag | tuple[_Lag, _Lag] = Field(
+        0.2, description="time constant of a chamber that is filled, or of [flexion, extension] side, s"
+    )
+    vent_s: _Lag | tuple[_Lag, _Lag] = Field(0.2, description="the same of a chamber that is vented, s")
+
+    def lags(self) -> tuple[FloatArray, FloatArray]:
+        """Return the time constants (2,) of the flexion and the extension side for filling and for venting, s."""
+        return np.broadcast_to(self.fill_s, 2), np.broadcast_to(self.vent_s, 2)
+
+
+class Reservoir(Settings):
+    """Reservoir of compressed air."""
+
+    volume_m3: float = Field(gt=0, description="m³")
+    pressure_Pa: float = Field(gt=0, description="absolute pressure when full, Pa")  # noqa: N815
+
+
+class DeviceFile(Settings):
+    """Keys of a device's file."""
+
+    device: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the device")
+    pulley_radius_m: float = Field(gt=0, lt=1, description="radius of the pulley at the joint, m")
+    area_flexion_m2: float = Field(gt=0, lt=1, description="piston area of the chamber that flexes the joint, m²")
+    area_extension_m2: float = Field(gt=0, lt=1, description="piston area of the chamber that extends the joint, m²")
+    dead_flexion_m: float = Field(
+        gt=0, lt=100, description="volume of ports and hoses of the flexion side over its area, m"
+    )
+    dead_extension_m: float = Field(gt=0, lt=100, description="the same of the extension side, m")
+    stroke_m: float = Field(gt=0, lt=10, description="stroke of the cylinder, m")
+    full_flexion_deg: float = Field(
+        description="angle of the joint at the flexed end of the stroke, at which the chambers are sealed, degrees"
+    )
+    polytropic: float = Field(1.2, ge=ISOTHERMAL, le=ADIABATIC, description="exponent n, from 1 (slow) to 1.4 (fast)")
+    coulomb_Nm: float = Field(0.0, ge=0, description="Coulomb friction at the joint, N·m")  # noqa: N815
+    viscous_Nms: float = Field(0.0, ge=0, description="viscous friction at the joint, N·m·s/rad")  # noqa: N815
+    atmosphere_Pa: float = Field(101_325.0, gt=0, description="pressure of the atmosphere, Pa")  # noqa: N815
+    supply_Pa: float = Field(gt=0, description="absolute pressure of the supply, Pa")  # noqa: N815
+    temperature_K: float = Field(293.15, gt=0, description="temperature of the gas, K")  # noqa: N815
+    sealed: Condition = Field(Condition(), description="state of the chambers")
+    conditions: dict[str, Condition] = Field({}, description="named states of the chambers, such as those of a study")
+    settling: Settling = Field(Settling(), description="time constants of the pressures")
+    reservoir: Reservoir | None = Field(None, description="reservoir that the supply is taken from")
+    sd: Deviations = Field(Deviations(), description="standard deviations of this description")
+
+    def cylinder(self) -> Cylinder:
+        """Return the cylinder on its pulley."""
+        return Cylinder(
+            self.pulley_radius_m,
+            self.area_flexion_m2,
+            self.area_extension_m2,
+            self.dead_flexion_m,
+            self.dead_extension_m,
+            self.stroke_m,
+            float(np.radians(self.full_flexion_deg)),
+            self.polytropic,
+            self.coulomb_Nm,
+            self.viscous_Nms,
+            self.atmosphere_Pa,
+        )
+
+    def limits(self) -> PressureLimits:
+        """Return the pressures that can be sealed: from the atmosphere to the supply."""
+        return PressureLimits(self.atmosphere_Pa, self.supply_Pa)
+
+    def deviations(self) -> dict[str, float]:
+        """Return the standard deviations by field of :class:`~mocap_id.pneumatics.cylinder.Cylinder`, and `gauge`."""
+        found = {"exponent": self.sd.polytropic, "gauge": self.sd.gauge_Pa}
+        found["full_flexion"] = float(np.radians(self.sd.full_flexion_deg))
+        for field, (key, share) in _SHARES.items():
+            given = getattr(self.sd, key)
+            found[field] = share * getattr(self, key) if given is None else given
+        return found
+
+    def torque(
+        self,
+        condition: Condition,
+        angle: FloatArray,
+        velocity: FloatArray | None = None,
+        angle_deviation: FloatArray | float = 0.0,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the torque on the joint, and its standard deviation, N·m; zeros if the device is not worn.
+
+        Parameters
+        ----------
+        condition : Condition
+        angle, velocity, angle_deviation
+            As for :func:`~mocap_id.pneumatics.torque_deviation.torque_and_deviation`.
+        """
+        if not condition.worn:
+            return np.zeros(np.shape(angle)), np.zeros(np.shape(angle))
+        setting = condition.setting()
+        return torque_and_deviation(self.cylinder(), setting, angle, self.deviations(), velocity, angle_deviation)

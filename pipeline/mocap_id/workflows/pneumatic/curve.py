@@ -1,0 +1,88 @@
+"""Torque, stiffness and rest angle of a device over the stroke."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mocap_id import __version__
+from mocap_id.config.device import DeviceConfig
+from mocap_id.errors import ConfigError
+from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL
+from mocap_id.reporting.paper_figures import render
+from mocap_id.reporting.pneumatic_figures import draw_curve
+from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.result import Result
+from mocap_id.stages.device import Condition, DeviceFile
+
+_NONE = "the torque is not zero at any angle of the stroke"
+_NEVER = "the device gives no torque in this condition"
+
+
+def device_curve(
+    config: DeviceConfig, condition: Condition, exponent: float | None = None, angles: int = 181
+) -> Result:
+    """Return the torque and stiffness of a device over its stroke.
+
+    Parameters
+    ----------
+    config : DeviceConfig
+    condition : Condition
+    exponent : float, optional
+        By default that of the device.
+    angles : int
+        Number of angles.
+
+    Raises
+    ------
+    ConfigError
+        The exponent is not between 1 and 1.4, or a pressure is not above zero and up to that of the supply.
+    """
+    keys = _checked(config.keys, condition, exponent)
+    cylinder, setting = keys.cylinder(), condition.setting()
+    angle = np.linspace(*cylinder.limits, angles)
+    torque, deviation = keys.torque(condition, angle)
+    none = np.zeros(angles)
+    slow, fast = (
+        cylinder.at_exponent(n).torque(angle, setting) if condition.worn else none for n in (ISOTHERMAL, ADIABATIC)
+    )
+    rest = cylinder.rest_angle(setting) if condition.worn else None
+    friction = cylinder.coulomb if condition.worn else 0.0
+    content = {
+        "product": __version__,
+        "device": keys.device,
+        "flexion_Pa": setting.flexion,
+        "extension_Pa": setting.extension,
+        "polytropic": cylinder.exponent,
+        "angle_rad": angle.tolist(),
+        "torque_Nm": torque.tolist(),
+        "sd_torque_Nm": deviation.tolist(),
+        "torque_isothermal_Nm": slow.tolist(),
+        "torque_adiabatic_Nm": fast.tolist(),
+        "torque_flexing_Nm": (torque - friction).tolist(),
+        "torque_extending_Nm": (torque + friction).tolist(),
+        "stiffness_Nm_rad": (cylinder.stiffness(angle, setting) if condition.worn else none).tolist(),
+        "rest_angle_rad": finite(np.nan if rest is None else rest),
+        "why": "" if rest is not None else _NONE if torque.any() else _NEVER,
+    }
+
+    def draw() -> Figure:
+        return draw_curve(angle, torque, deviation, (slow, fast), friction)
+
+    return Result(
+        "pneumatic-curve",
+        "curve.json",
+        content,
+        other_files=lambda: render("curve", f"torque of the device: {keys.device}", draw),
+    )
+
+
+def _checked(keys: DeviceFile, condition: Condition, exponent: float | None) -> DeviceFile:
+    """Return the device with the exponent."""
+    if exponent is not None and not ISOTHERMAL <= exponent <= ADIABATIC:
+        raise ConfigError(f"the exponent {exponent:g} is not between 1 (isothermal) and 1.4 (adiabatic)")
+    for pressure in (condition.flexion_Pa, condition.extension_Pa):
+        if not isinstance(pressure, str) and not 0 < pressure <= keys.supply_Pa * (1 + 1e-9):
+            supply = f"{keys.supply_Pa:g} Pa"
+            raise ConfigError(f"{pressure:g} Pa: expected an absolute pressure above 0, up to the supply's {supply}")
+    return keys if exponent is None else keys.model_copy(update={"polytropic": exponent})

@@ -1,0 +1,128 @@
+"""Parameters of a device from a log of torque against angle, or from a trial of a relaxed person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config.device import DeviceConfig
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.pneumatics.cylinder import Setting
+from mocap_id.pneumatics.identification import ESTIMATED, TorqueLog, identify_cylinder
+from mocap_id.recording.text_tables import read_csv
+from mocap_id.store import Table
+from mocap_id.workflows.run_folder import open_run
+
+ANGLE, TORQUE, TIME, VELOCITY = "angle_rad", "torque_Nm", "time_s", "velocity_rad_s"
+PRESSURES = "flexion_Pa", "extension_Pa"
+_KEYS = {
+    "area_flexion": "area_flexion_m2",
+    "area_extension": "area_extension_m2",
+    "dead_flexion": "dead_flexion_m",
+    "dead_extension": "dead_extension_m",
+    "full_flexion": "full_flexion_deg",
+    "exponent": "polytropic",
+    "coulomb": "coulomb_Nm",
+    "viscous": "viscous_Nms",
+}
+_LEAST = 20  # samples
+
+
+def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[str, Any]:
+    """Return the parameters of a device with their intervals; those that the log does not show are named.
+
+    Parameters
+    ----------
+    config : DeviceConfig
+    source : Path
+        A CSV file with ``angle_rad``, ``torque_Nm`` and optionally ``time_s`` or ``velocity_rad_s`` (for friction), and
+        ``flexion_Pa``, ``extension_Pa`` (sealed pressures; by default those of `sealed:`). Or a run folder or YAML file
+        of a trial with joint torques, in which the person is relaxed.
+    joint : int
+        For a trial: the joint, from 1.
+
+    Raises
+    ------
+    ConfigError, RecordingError, StoreError
+        The log or the trial cannot be read, or has no torques.
+    NumericalError
+        As for :func:`~mocap_id.pneumatics.identification.identify_cylinder`.
+    """
+    described = config.keys.cylinder()
+    log, left_out = _of_csv(config, source) if source.suffix.lower() == ".csv" else _of_trial(config, source, joint)
+    found = identify_cylinder(described, log)
+    parameters = []
+    for name in ESTIMATED:
+        unit = np.degrees(1.0) if name == "full_flexion" else 1.0
+        ends = found.interval.get(name)
+        shown = found.shown.get(name, False)
+        value = unit * getattr(found.cylinder, name)
+        parameters.append(
+            {
+                "name": _KEYS[name],
+                "value": value if shown else None,
+                "interval": None if ends is None or not shown else [unit * ends[0], unit * ends[1]],
+                "described": unit * getattr(described, name),
+                "why": "" if shown else "the log does not show it" if ends else "friction needs `time_s` or a velocity",
+            }
+        )
+    return {
+        "device": config.keys.device,
+        "samples": len(log.angle),
+        "left_out": left_out,
+        "residual_Nm": found.residual,
+        "parameters": parameters,
+    }
+
+
+def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
+    table = read_csv(path)
+    columns = dict(zip(table.names, table.numbers().T, strict=True))
+    known = (ANGLE, TORQUE, TIME, VELOCITY, *PRESSURES)
+    missing = [name for name in (ANGLE, TORQUE) if name not in columns]
+    unknown = [name for name in columns if name not in known]
+    if missing or unknown or (PRESSURES[0] in columns) != (PRESSURES[1] in columns):
+        raise RecordingError(
+            f"{path}: has the columns {', '.join(columns)[:120]}, expected {ANGLE}, {TORQUE} and optionally {TIME}, "
+            f"{VELOCITY}, and {' with '.join(PRESSURES)}"
+        )
+    whole = np.all([np.isfinite(column) for column in columns.values()], axis=0)
+    columns = {name: column[whole] for name, column in columns.items()}
+    if len(columns[ANGLE]) < _LEAST:
+        raise RecordingError(f"{path}: has {len(columns[ANGLE])} rows without empty cells, expected at least {_LEAST}")
+    velocity = columns.get(VELOCITY)
+    if velocity is None and TIME in columns:
+        if not np.all(np.diff(columns[TIME]) > 0):
+            raise RecordingError(f"{path}: `{TIME}` does not increase: sort the rows by time and remove repeated rows")
+        velocity = np.gradient(columns[ANGLE], columns[TIME])
+    if PRESSURES[0] in columns:
+        pairs, which = np.unique(np.stack([columns[name] for name in PRESSURES], axis=1), axis=0, return_inverse=True)
+        settings = tuple(Setting(float(flexion), float(extension)) for flexion, extension in pairs)
+    else:
+        settings, which = (config.keys.sealed.setting(),), np.zeros(len(columns[ANGLE]), dtype=np.int64)
+    log = TorqueLog(columns[ANGLE], columns[TORQUE], velocity, settings, which.reshape(-1))
+    return log, int((~whole).sum())
+
+
+def _of_trial(config: DeviceConfig, source: Path, joint: int) -> tuple[TorqueLog, int]:
+    run = open_run(source)
+    states, dynamics = (run.artefacts.get(file) for file in ("states.parquet", "dynamics.parquet"))
+    if not isinstance(states, Table) or not isinstance(dynamics, Table) or f"tau_{joint}" not in dynamics.columns:
+        raise ConfigError(f"{source}: has no torque of joint {joint}: {run.why_missing('dynamics.parquet')}")
+    torque, angle, velocity = (
+        _column(table, name)
+        for table, name in ((dynamics, f"tau_{joint}"), (states, f"theta_{joint}"), (states, f"dtheta_{joint}"))
+    )
+    good = np.isfinite(torque) & np.isfinite(angle) & np.isfinite(velocity)
+    if good.sum() < _LEAST:
+        raise ConfigError(f"{source}: joint {joint} has {int(good.sum())} samples with a torque, expected {_LEAST}")
+    which = np.zeros(int(good.sum()), dtype=np.int64)
+    log = TorqueLog(angle[good], torque[good], velocity[good], (config.keys.sealed.setting(),), which)
+    return log, int((~good).sum())
+
+
+def _column(table: Table, name: str) -> FloatArray:
+    return np.asarray(table.columns[name], dtype=np.float64)

@@ -1,0 +1,143 @@
+"""The controller over sub-workspaces: depth, hysteresis, limited torque, and changes that are unsafe."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
+from mocap_id.pneumatics.held_angles import held_range, holdable, setting_for_tasks, setting_that_holds_most
+from mocap_id.pneumatics.switching import STEP, Controller, Node, Person, Tour, depths, plan_tour, simulate_switching
+from mocap_id.pneumatics.unsafe_states import map_transition
+from mocap_id.prescription.one_joint import OneJoint
+
+CYLINDER = Cylinder(0.03, 2.835e-4, 2.552e-4, 0.09, 0.09, 0.08, np.radians(140), 1.2, 0.2, 0.02)
+JOINT = OneJoint(4.336, 0.0, 0.0, np.radians(140), -2.2, 2.2)
+LIMITS = PressureLimits(101_325.0, 7e5)
+TASKS = (("low", *np.radians([5.0, 44.0])), ("high", *np.radians([34.0, 135.0])))
+PERSON = Person(JOINT, 0.11, CYLINDER)
+
+
+def controller(hysteresis: float = np.radians(3.0)) -> Controller:
+    angle = np.linspace(0.0, JOINT.upper, 721)
+    nodes = []
+    for name, low, high in TASKS:
+        found = setting_for_tasks(JOINT, CYLINDER, LIMITS, [(low, high)])
+        assert found is not None
+        nodes.append(Node(name, found[0], depths(holdable(JOINT, CYLINDER, found[0], angle), angle)))
+    return Controller(tuple(nodes), angle, np.radians(2.0), hysteresis, np.full(2, 0.2), np.full(2, 0.4))
+
+
+def test_depth_is_the_distance_from_the_boundary() -> None:
+    angle = np.linspace(0.0, 1.0, 11)
+    held = (angle > 0.25) & (angle < 0.75)
+    np.testing.assert_allclose(depths(held, angle), [-0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.2, 0.1, -0.1, -0.2, -0.3])
+    assert (depths(angle > -1, angle) == 1.0).all()
+    assert depths(angle < 0.45, angle)[0] == pytest.approx(0.5)  # the end of the grid is no boundary
+
+
+def test_tasks_are_held_with_the_largest_margin() -> None:
+    grid = np.linspace(LIMITS.lowest, LIMITS.supply, 61).tolist()
+    weak = replace(JOINT, torque_low=-1.0, torque_high=1.0)  # no reserve is left: the margin is the largest
+    low, high = np.radians([60.0, 130.0])
+    found = setting_for_tasks(weak, CYLINDER, LIMITS, [(low, high)])
+    assert found is not None
+    angle = np.linspace(low, high, 41)
+
+    def margin(setting: Setting) -> float:
+        needed = [JOINT.gravity(angle) - CYLINDER.at_exponent(n).torque(angle, setting) for n in (1.0, 1.4)]
+        return 1.0 - float(np.abs(needed).max())
+
+    assert found[1] == pytest.approx(margin(found[0]), abs=1e-6)
+    assert found[1] >= max(margin(Setting(a, b)) for a in grid for b in grid) - 1e-9
+    assert setting_for_tasks(JOINT, CYLINDER, LIMITS, [(low, np.radians(150))]) is None
+
+
+@pytest.mark.parametrize("required", [(), (0.3, 0.6)])
+def test_no_pressures_of_a_grid_hold_more(required: tuple[float, ...]) -> None:
+    start = Setting(1.5e5, 1.1e5)
+    found = setting_that_holds_most(JOINT, CYLINDER, LIMITS, start, required)
+    best = held_range(JOINT, CYLINDER, found, required)
+    assert best is not None
+    assert holdable(JOINT, CYLINDER, found, np.linspace(*best, 500)).all()
+    grid = np.linspace(LIMITS.lowest, LIMITS.supply, 13).tolist()
+    parts = [held_range(JOINT, CYLINDER, Setting(a, b), required) for a in grid for b in grid]
+    assert best[1] - best[0] >= max(part[1] - part[0] for part in parts if part) - np.radians(0.3)
+    assert all(best[0] - 0.01 <= at <= best[1] + 0.01 for at in required)
+
+
+def test_a_tour_is_held_within_the_strength_and_pressures_lag() -> None:
+    rules, tour = controller(), plan_tour(TASKS, np.radians(60), 0.5, np.radians(0.2))
+    assert np.abs(tour.velocity).max() < 1.3 * np.radians(60)
+    motion = simulate_switching(PERSON, rules, tour, 0)
+    assert motion.excess.max() == 0.0
+    assert np.abs(motion.torque).max() <= 2.2
+    assert np.degrees(np.abs(motion.angle - tour.angle)[-1]) < 1.0
+    (k, before, after), *_ = motion.switches
+    assert (before, after) == (0, 1)
+    assert rules.changes(0, 1, motion.angle[k])
+    target = rules.nodes[1].setting.flexion
+    lag = int(rules.fill[0] / STEP)
+    assert target is not None
+    left = (target - motion.pressures[k + lag, 0]) / (target - motion.pressures[k, 0])
+    assert left == pytest.approx(np.exp(-1), rel=0.01)
+
+
+def test_hysteresis_stops_chattering() -> None:
+    """A joint that hovers at the boundary by less than the hysteresis changes once; without hysteresis, often."""
+    rules = controller()
+    ends = [np.degrees(rules.angle[node.depth > 0][end]) for node, end in zip(rules.nodes, (-1, 0), strict=True)]
+    time = STEP * np.arange(3000)
+    middle, free = np.radians(ends[0] - 2.0), replace(rules, margin=np.radians(0.5 * (ends[0] - ends[1])), hysteresis=0)
+    counts = []
+    for each, centre in ((rules, middle), (free, np.radians(np.mean(ends)))):
+        angle = centre + np.radians(0.7) * np.sin(2 * np.pi * time)
+        velocity = np.gradient(angle, STEP)
+        tour = Tour(time, angle, velocity, np.gradient(velocity, STEP), ())
+        counts.append(len(simulate_switching(PERSON, each, tour, 0).switches))
+    assert counts[0] == 1
+    assert counts[1] > 5
+
+
+def test_a_change_at_rest_is_unsafe_only_if_one_side_lags() -> None:
+    """Sides that settle together keep the torque between those of both settings; a side that lags loses the arm."""
+    angle = np.linspace(0.0, JOINT.upper, 721)
+    nodes = []
+    for name, setting in (("soft", Setting(3.2e5, 1.1e5)), ("stiff", Setting(5.8e5, 4.0e5))):
+        nodes.append(Node(name, setting, depths(holdable(JOINT, CYLINDER, setting, angle), angle)))
+    together = Controller(tuple(nodes), angle, 0.03, 0.05, np.full(2, 0.2), np.full(2, 0.2))
+    apart = replace(together, fill=np.array([0.05, 0.5]), vent=np.array([0.5, 0.05]))
+    for before, after in ((0, 1), (1, 0)):
+        one, other = (map_transition(PERSON, each, before, after, 1.0, (21, 11)) for each in (together, apart))
+        assert one is not None
+        assert other is not None
+        still = int(np.abs(one.velocity).argmin())
+        assert not one.unsafe[:, still].any()
+        assert one.excess[:, still].max() == 0
+        assert other.unsafe[:, still].any()
+        assert other.excess.max() > 0.1
+
+
+def test_a_free_swing_keeps_its_energy() -> None:
+    """Without strength and friction: kinetic energy, gravity, gas and atmosphere."""
+    cylinder = replace(CYLINDER, coulomb=0.0, viscous=0.0)
+    person = Person(replace(JOINT, torque_low=-1e-12, torque_high=1e-12), 0.11, cylinder)
+    setting, n = Setting(4e5, 2e5), cylinder.exponent
+
+    def energy(angle: np.ndarray, velocity: np.ndarray) -> float:
+        stored = setting.pressures() * cylinder.compression(angle) * cylinder.volumes(angle) / (n - 1)
+        pushed = cylinder.atmosphere * cylinder.volumes(angle)
+        weight = -JOINT.sine * np.cos(angle)
+        return float((0.5 * 0.11 * velocity**2 + weight + (stored + pushed).sum(axis=-1))[0])
+
+    angle, velocity, seen = np.array([1.5]), np.zeros(1), []
+    for _ in range(1500):
+        seen.append((energy(angle, velocity), float(angle[0])))
+        needed = person.needed(angle, setting.pressures()[None])
+        angle, velocity, _torque = person.step(angle, velocity, needed, np.zeros(1))
+    energies, angles = np.array(seen).T
+    assert np.ptp(angles) > 0.3
+    assert not np.isin(angles, person.limits).any()
+    assert np.ptp(energies) < 0.02 * JOINT.sine
