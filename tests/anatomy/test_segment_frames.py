@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.anatomy.frames import FOREARM, THORAX, UPPER_ARM, build_frame, frame_covariance
-from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames
+from mocap_id.anatomy.frames import FOREARM, PALPATION, THORAX, UPPER_ARM, build_frame, frame_covariance
+from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, with_known_middle
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -116,3 +116,13 @@ def test_an_expressed_chain_places_every_marker_where_it_was() -> None:
     before = markers(chain, origin, rotation, old_turns)
     after = markers(new, origin + np.einsum("fij,j->fi", rotation, base), rotation @ frames[0], new_turns)
     assert np.allclose(before, after)
+
+
+def test_a_known_middle_counts_by_its_own_covariance(still: SegmentPoses, places: dict[str, FloatArray]) -> None:
+    found = fit_segment_frames(places, SEGMENT, still)
+    same = with_known_middle(found, ("EL", "EM"), PALPATION**2 / 2 * np.eye(3))
+    assert np.allclose(same.covariance("upper_arm", "forearm"), found.covariance("upper_arm", "forearm"))
+    sure = with_known_middle(found, ("EL", "EM"), np.zeros((3, 3)))
+    before, after = (np.diag(each.covariance("upper_arm", "forearm")) for each in (found, sure))
+    assert after[2] < 0.7 * before[2]  # the long axis of the upper arm
+    assert after[1] > 0.9 * before[1]  # the line of the epicondyles is as unsure as before

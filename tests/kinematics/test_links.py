@@ -13,8 +13,9 @@ from mocap_id.errors import NumericalError, Refused
 from mocap_id.kinematics import LinkMethod, fit_chain, fit_links, fix_gauge, joint_angles
 from mocap_id.kinematics.circle import fit_common_centre
 from mocap_id.kinematics.links import circle_links, rigid_body_links
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import PLANAR, SEGMENTS
 

@@ -104,6 +104,11 @@ def elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> Jo
     return _flexion_angles(ELBOW, motion, frames)
 
 
+def hinge_elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
+    """Return flexion and carrying angle of a forearm whose pronation nothing shows."""
+    return _flexion_angles(ELBOW[:2], motion, frames)
+
+
 def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
     """Return flexion and deviation of the hand in the forearm; flexion and ulnar deviation are positive."""
     return _flexion_angles(WRIST, motion, frames)

@@ -15,7 +15,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
 
-PALPATION = 0.004
+PALPATION = 0.005
 """Standard deviation of a palpated landmark along each axis, m."""
 
 _MIRROR = np.array([1.0, 1.0, -1.0])

@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.anatomy.frames import (
     DEFINITIONS,
     FOREARM,
+    PALPATION,
     UPPER_ARM_2,
     SegmentFrame,
     bent_enough,
@@ -153,6 +154,30 @@ def turn_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFr
     upper = SegmentFrame(frame.origin, turned, sensitivity)
     covariances = {**found.covariances, _AXIS: float(np.sqrt(shown))}
     return AnatomicalFrames({**found.frames, "upper_arm": upper}, covariances, found.reasons)
+
+
+def with_known_middle(found: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray) -> AnatomicalFrames:
+    """Return the frames with the uncertainty of two landmarks whose middle is a joint centre.
+
+    Parameters
+    ----------
+    found : AnatomicalFrames
+        From landmarks that were moved together, so that their middle is the centre.
+    pair : (str, str)
+        Landmarks, such as EL and EM.
+    covariance : (3, 3) array
+        Of the centre in the axes of the landmarks' segment, m².
+    """
+    middle, apart = f"middle of {pair[0]} and {pair[1]}", f"half from {pair[0]} to {pair[1]}"
+    frames = {}
+    for name, frame in found.frames.items():
+        sensitivity = dict(frame.sensitivity)
+        one, other = (sensitivity.pop(each, np.zeros((3, 3))) for each in pair)
+        sensitivity |= {middle: one + other, apart: one - other}
+        frames[name] = SegmentFrame(frame.origin, frame.rotation, sensitivity)
+    half = np.mean([np.mean(np.square(found.covariances.get(each, PALPATION))) for each in pair]) / 2
+    known = {**found.covariances, middle: covariance, apart: float(np.sqrt(half))}
+    return AnatomicalFrames(frames, known, found.reasons)
 
 
 def _place_all(

@@ -67,6 +67,9 @@ class SpatialJoint:
         Rotation of the joint at which the skin of the child does not twist.
     known : bool
         False if the motion does not show the centre; then the centre has no meaning.
+    slide_sd : float
+        Standard deviation along each axis of the slide of the marker clusters beside the joint, each as a whole, on the
+        bones, m; 0 if only single markers slide.
     """
 
     kind: JointKind
@@ -83,6 +86,7 @@ class SpatialJoint:
     long_axis: FloatArray = field(default_factory=_down)
     untwisted: FloatArray = field(default_factory=lambda: np.eye(3))
     known: bool = True
+    slide_sd: float = 0.0
 
     @property
     def dimension(self) -> int:

@@ -83,11 +83,11 @@ _COMMON = 0.05
 """Share of the twist that the skin beside the next joint may miss after all."""
 
 
-def with_twist_errors(states: SpatialStates, chain: SpatialChain) -> SpatialStates:
+def with_twist_errors(states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON) -> SpatialStates:
     """Return the states with the uncertainty of the twist that all markers of a segment miss alike.
 
     An error c of this share turns the segment by c τ about its long axis, in every frame. It is an error of the joint
-    above, and with the opposite sign of the joints below.
+    above, and with the opposite sign of the joints below. ``common`` is the share that they all may miss after all.
     """
     if not len(chain.skin_sd):
         return states
@@ -96,7 +96,7 @@ def with_twist_errors(states: SpatialStates, chain: SpatialChain) -> SpatialStat
         own = chain.skin_sd[(chain.segment == k) & np.isfinite(chain.skin_sd)]
         if not len(own) or not np.any(chain.skin[chain.segment == k]):
             continue
-        sd = float(np.hypot(np.mean(own), _COMMON))
+        sd = float(np.hypot(np.mean(own), common))
         axis = joint.long_axis
         size = sd * np.stack(
             [

@@ -33,6 +33,7 @@ def case(request: pytest.FixtureRequest) -> tuple[BundleProblem, BundleState]:
         np.arange(markers) == 3,
         True,
         _units(rng, 3),
+        np.array([0.5, 0.0, 2.0]),
     )
     state = BundleState(
         rng.normal(size=(markers, 3)),
@@ -44,6 +45,7 @@ def case(request: pytest.FixtureRequest) -> tuple[BundleProblem, BundleState]:
         rng.uniform(-0.4, 0.4, markers),
         rng.normal(size=(frames, 3)),
         so3.exp(rng.normal(size=(frames, 4, 3))),
+        rng.normal(size=(frames, 3, 3)) * [[1], [0], [1]],
     )
     return problem, state
 

@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bodies import SpaceBody, fit_space_body
+from mocap_id.kinematics.space.bodies import SpatialBody, fit_spatial_body
 from mocap_id.kinematics.space.own_motion import gain_of_parts, own_deviation, own_motion
 from mocap_id.kinematics.space.segmentation import segment_in_space
 from mocap_id.simulation.arm import simulate_arm
@@ -18,7 +18,7 @@ ELBOW = 1.2 * np.sin(np.linspace(0, 31, FRAMES))
 WRIST = np.radians(6) * np.sin(np.linspace(0, 47, FRAMES) + 1)
 
 
-def limb(turned: FloatArray) -> tuple[FloatArray, SpaceBody, SpaceBody]:
+def limb(turned: FloatArray) -> tuple[FloatArray, SpatialBody, SpatialBody]:
     """Return a base, and a limb whose far half turns by angles (F,) about x: all points, the limb and the base."""
     rng = np.random.default_rng(0)
     base, near, far = rng.uniform(-0.05, 0.05, (3, 4, 3))
@@ -29,7 +29,7 @@ def limb(turned: FloatArray) -> tuple[FloatArray, SpaceBody, SpaceBody]:
     arm = local @ np.swapaxes(so3.exp(ELBOW[:, None] * np.array([0, 0.6, 0.8])), 1, 2)
     points = np.concatenate([arm, np.broadcast_to(base, (FRAMES, 4, 3))], axis=1)
     points = points + rng.normal(0, 0.0003, points.shape)
-    return points, fit_space_body(points, np.arange(8)), fit_space_body(points, np.arange(8, 12))
+    return points, fit_spatial_body(points, np.arange(8)), fit_spatial_body(points, np.arange(8, 12))
 
 
 def test_skin_that_follows_a_joint_has_no_motion_of_its_own() -> None:
@@ -53,7 +53,7 @@ def test_gaps_do_no_harm() -> None:
     points, body, base = limb(WRIST)
     points[40:90, 3] = np.nan
     points[:, 5] = np.nan
-    motion, shape = own_motion(points, fit_space_body(points, body.markers), [base])
+    motion, shape = own_motion(points, fit_spatial_body(points, body.markers), [base])
     assert np.isfinite(motion).all()
     assert (motion[40:90, 3] == 0).all()
     assert (motion[:, 5] == 0).all()

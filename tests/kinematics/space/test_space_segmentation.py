@@ -81,6 +81,12 @@ def test_chains_of_balls_hinges_and_two_axis_joints(kinds: str, arc: float, sway
     assert max(found.joint_residuals) < 0.006
 
 
+@pytest.mark.parametrize("seed", [709, 260022])
+def test_skin_that_slides_is_not_divided_in_place_of_the_hand(seed: int) -> None:
+    trial = simulate_arm(seed, "hard", cycles=1, severity=0.5, anonymous=True)
+    assert_right(segment_in_space(trial.positions), trial, 4)
+
+
 def test_the_other_arm_and_the_head_are_branches() -> None:
     trial, other = reach(), reach(4)
     beside = other.assignment > 0

@@ -110,6 +110,14 @@ def skin_errors(
     return SkinErrors(covariance, postures, _motion(chain, pose, joints, known, axes))
 
 
+def cluster_variances(chain: SpatialChain) -> FloatArray:
+    """Return the variance per axis (n + 1,) of each cluster's slide on its bone, m², half of that of its joints."""
+    found = np.zeros(len(chain.joints) + 1)
+    for k, joint in enumerate(chain.joints, start=1):
+        found[[joint.parent, k]] += joint.slide_sd**2 / 2
+    return found
+
+
 def _long_axes(chain: SpatialChain) -> FloatArray:
     """Return the direction (n, 3) from each joint to the next one, or to the markers, in the child's frame."""
     found = np.zeros((len(chain.joints), 3))

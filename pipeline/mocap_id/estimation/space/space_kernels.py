@@ -20,6 +20,7 @@ _ROUNDS = 5  # iterations of an update from a frame's own pose
 _MOST = 20  # iterations of Gauss–Newton
 _CLOSE = 3e-3  # rad and m; a step smaller than this leaves an error of about its square
 _LEAST_LEFT = 1e-10  # of a variance, that smoothing leaves
+_STEADY = 0.5  # rad/s; largest standard deviation of a rate with which accelerometers are used
 _LEAP = 0.2  # rad and m; largest step that is extrapolated
 
 
@@ -52,6 +53,7 @@ class Noise(NamedTuple):
     start: FloatArray  # (d, 4) initial variances
     variance: float  # m², white noise of a coordinate
     gate_variance: FloatArray  # (M,)
+    weight: FloatArray  # (F, M) of each sample, relative to one with these variances
     gate: float
     patience: int  # frames
     anchor_limit: float  # rad², variance above which the update starts from the frame's own pose
@@ -82,6 +84,34 @@ class Found(NamedTuple):
     used: BoolArray  # (F, M) within the limit
     variance: FloatArray  # (F, d) of the pose, for errors of the weights' size
     leverage: FloatArray  # (F, M) share of a marker's error that the pose follows
+
+
+class Sensors(NamedTuple):
+    """S inertial sensors at F frames, in the axes of their segments."""
+
+    segment: IntArray  # (S,)
+    place: FloatArray  # (S, 3) in the segment's frame, m
+    lag: FloatArray  # (S,) share of the twist that the skin under the sensor misses
+    long_axis: FloatArray  # (S, 3)
+    gyro: FloatArray  # (F, S, 3) rad/s; NaN where missing
+    force: FloatArray  # (F, S, 3) specific force, m/s²; NaN where missing
+    variance: FloatArray  # (F, S, 2) of a component of each
+    spread: FloatArray  # (S, 2) variance of a component in the gate, beside that of the filter
+    gravity: float
+
+
+class Motion(NamedTuple):
+    """Rates of the segments in the axes of the trial, and their derivatives by pose, velocity and acceleration."""
+
+    omega: FloatArray  # (n + 1, 3)
+    alpha: FloatArray  # (n + 1, 3)
+    linear: FloatArray  # (n + 1, 3) acceleration of the origins
+    own: FloatArray  # (n + 1, 3) angular velocity of the joint
+    spin: FloatArray  # (n + 1, d, 3) rotation by the pose
+    omega_by: FloatArray  # (n + 1, 3, d, 3)
+    alpha_by: FloatArray  # (n + 1, 3, d, 3)
+    linear_by: FloatArray  # (n + 1, 3, d, 3)
+    own_by: FloatArray  # (n + 1, 3, d, 3)
 
 
 class Placed(NamedTuple):
@@ -651,6 +681,7 @@ def _update(
     p: FloatArray,
     z: FloatArray,
     used: BoolArray,
+    weight: FloatArray,
     anchor: Pose,
     anchored: bool,
 ) -> bool:
@@ -678,9 +709,9 @@ def _update(
             count = _marker(model, placed, m, x, rows, columns)
             for i in range(3):
                 y[i] = z[m, i] - x[i]
-            used[m] = anchored or _passes(p, rows, columns, count, y, noise.gate_variance[m], noise.gate)
+            used[m] = anchored or _passes(p, rows, columns, count, y, noise.gate_variance[m] / weight[m], noise.gate)
             if used[m]:
-                _gather(a, h, rows, columns, count, y, 1.0 / noise.variance)
+                _gather(a, h, rows, columns, count, y, weight[m] / noise.variance)
         for r in range(d):
             for c in range(r, d):
                 a[c, r] = a[r, c]
@@ -698,6 +729,286 @@ def _update(
             at.rate[e, c] = pose.rate[e, c] + change[(e + 1) * d + c]
     _copy_pose(at, pose)
     return True
+
+
+@compiled
+def _new_motion(n: int, d: int) -> Motion:
+    shape = (n + 1, 3, d, 3)
+    return Motion(
+        np.zeros((n + 1, 3)),
+        np.zeros((n + 1, 3)),
+        np.zeros((n + 1, 3)),
+        np.zeros((n + 1, 3)),
+        np.zeros((n + 1, d, 3)),
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros(shape),
+    )
+
+
+@compiled
+def _add_cross(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
+    """Add a × b to c."""
+    c[0] += a[1] * b[2] - a[2] * b[1]
+    c[1] += a[2] * b[0] - a[0] * b[2]
+    c[2] += a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _carry(motion: Motion, k: int, c: int, order: int, arm: FloatArray, moved: FloatArray, into: FloatArray) -> None:
+    """Add the change of α × arm + ω × (ω × arm) of segment k by a state; ``moved`` is the change of the arm."""
+    omega, by = motion.omega[k], motion.omega_by[k, order, c]
+    round_arm, inner = np.empty(3), np.empty(3)
+    _add_cross(motion.alpha_by[k, order, c], arm, into)
+    _cross(omega, arm, round_arm)
+    _add_cross(by, round_arm, into)
+    _cross(by, arm, inner)
+    if order == 0:
+        _add_cross(motion.alpha[k], moved, into)
+        _add_cross(omega, moved, inner)
+    _add_cross(omega, inner, into)
+
+
+@compiled
+def _move_base(placed: Placed, pose: Pose, motion: Motion) -> None:
+    omega, alpha = motion.omega[0], motion.alpha[0]
+    for i in range(3):
+        motion.linear[0, i] = pose.rate[1, i]
+        motion.linear_by[0, 2, i, i] = 1.0
+        omega[i], alpha[i] = 0.0, 0.0
+        for c in range(3, 6):
+            omega[i] += placed.axis[c, i] * pose.rate[0, c]
+            alpha[i] += placed.axis[c, i] * pose.rate[1, c]
+            motion.spin[0, c, i] = placed.axis[c, i]
+            motion.omega_by[0, 1, c, i] = placed.axis[c, i]
+            motion.alpha_by[0, 2, c, i] = placed.axis[c, i]
+    for c in range(3, 6):
+        _cross(placed.axis[c], omega, motion.omega_by[0, 0, c])
+        _cross(placed.axis[c], alpha, motion.alpha_by[0, 0, c])
+
+
+@compiled
+def _glide_rate(model: ChainModel, placed: Placed, pose: Pose, k: int, turning: FloatArray, more: FloatArray) -> None:
+    """Compute the acceleration ``more`` of a joint's centre by its glide, in a parent that turns."""
+    first, w = model.first[k + 1], pose.rate[0]
+    speed, gain = 0.0, 0.0
+    for c in range(first, first + model.freedom[k]):
+        speed += placed.slope[c] * w[c]
+        gain += placed.slope[c] * pose.rate[1, c]
+    if model.ball[k]:
+        back, turned, product = np.zeros(3), np.zeros(3), np.zeros(3)
+        for i in range(3):
+            for j in range(3):
+                back[i] += pose.turn[k + 1, j, i] * model.rest[k, j]
+        _cross(back, w[first : first + 3], turned)
+        _cross(turned, model.long_axis[k], product)
+        for i in range(3):
+            gain += 0.5 * product[i] * w[first + i]
+    _cross(turning, placed.glide[k], more)
+    for i in range(3):
+        more[i] = 2.0 * speed * more[i] + gain * placed.glide[k, i]
+
+
+@compiled
+def _move_joint(model: ChainModel, placed: Placed, pose: Pose, k: int, motion: Motion) -> None:
+    """Compute rates and derivatives of segment k + 1 from those of its parent; the glide's are approximate."""
+    p, s, first, d = model.parent[k], k + 1, model.first[k + 1], motion.spin.shape[1]
+    last = first + model.freedom[k]
+    second = first + 1 if model.freedom[k] == 2 else -1
+    own, gain, bend, arm, part, moved = motion.own[s], np.zeros(3), np.zeros(3), np.empty(3), np.empty(3), np.empty(3)
+    if second >= 0:
+        _cross(placed.axis[first], placed.axis[second], bend)
+    for i in range(3):
+        own[i] = 0.0
+        for c in range(first, last):
+            own[i] += placed.axis[c, i] * pose.rate[0, c]
+            gain[i] += placed.axis[c, i] * pose.rate[1, c]
+        if second >= 0:
+            gain[i] += bend[i] * pose.rate[0, first] * pose.rate[0, second]
+        arm[i] = placed.origin[s, i] - placed.origin[p, i]
+    _glide_rate(model, placed, pose, k, motion.omega[p], moved)
+    for i in range(3):
+        motion.omega[s, i] = motion.omega[p, i] + own[i]
+        motion.alpha[s, i] = motion.alpha[p, i] + gain[i]
+        motion.linear[s, i] = motion.linear[p, i] + moved[i]
+    _add_cross(motion.omega[p], own, motion.alpha[s])
+    _add_cross(motion.alpha[p], arm, motion.linear[s])
+    _cross(motion.omega[p], arm, part)
+    _add_cross(motion.omega[p], part, motion.linear[s])
+    for c in range(d):
+        mine = first <= c < last
+        for i in range(3):
+            motion.spin[s, c, i] = placed.axis[c, i] if mine else motion.spin[p, c, i]
+            moved[i] = placed.glide[k, i] * placed.slope[c] if mine else 0.0
+        _add_cross(motion.spin[p, c], arm, moved)
+        for order in range(3):
+            own_by, omega_by = motion.own_by[s, order, c], motion.omega_by[s, order, c]
+            alpha_by, linear_by = motion.alpha_by[s, order, c], motion.linear_by[s, order, c]
+            for i in range(3):
+                own_by[i], alpha_by[i] = 0.0, motion.alpha_by[p, order, c, i]
+                linear_by[i] = motion.linear_by[p, order, c, i]
+                if mine and order == 1:
+                    own_by[i] = placed.axis[c, i]
+                    if second >= 0:
+                        alpha_by[i] += bend[i] * pose.rate[0, first if c == second else second]
+                if mine and order == 2:
+                    alpha_by[i] += placed.axis[c, i]
+                    linear_by[i] += placed.glide[k, i] * placed.slope[c]
+            if order == 0 and c != second:
+                _cross(motion.spin[s, c], own, own_by)
+                _add_cross(motion.spin[s, c], gain, alpha_by)
+            _add_cross(motion.omega_by[p, order, c], own, alpha_by)
+            _add_cross(motion.omega[p], own_by, alpha_by)
+            for i in range(3):
+                omega_by[i] = motion.omega_by[p, order, c, i] + own_by[i]
+            _carry(motion, p, c, order, arm, moved, linear_by)
+
+
+@compiled
+def _turn_back(turn: FloatArray, v: FloatArray, out: FloatArray) -> None:
+    """Compute Rᵀ v."""
+    for i in range(3):
+        out[i] = turn[0, i] * v[0] + turn[1, i] * v[1] + turn[2, i] * v[2]
+
+
+@compiled
+def _sense(
+    sensors: Sensors, j: int, placed: Placed, motion: Motion, gyro: FloatArray, force: FloatArray, rows: FloatArray
+) -> None:
+    """Compute what sensor j measures, and the derivatives ``rows`` (6, 3 d) by pose, velocity and acceleration."""
+    s, d = sensors.segment[j], motion.spin.shape[1]
+    turn, along = placed.turn[s], sensors.long_axis[j]
+    arm, world, part, change, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(3):
+        for c in range(3):
+            arm[i] += turn[i, c] * sensors.place[j, c]
+        world[i] = motion.linear[s, i]
+    world[1] += sensors.gravity
+    _add_cross(motion.alpha[s], arm, world)
+    _cross(motion.omega[s], arm, part)
+    _add_cross(motion.omega[s], part, world)
+    _turn_back(turn, motion.omega[s], gyro)
+    _turn_back(turn, world, force)
+    _turn_back(turn, motion.own[s], own)
+    twist = sensors.lag[j] * (own[0] * along[0] + own[1] * along[1] + own[2] * along[2])
+    for i in range(3):
+        gyro[i] -= twist * along[i]
+    for order in range(3):
+        for c in range(d):
+            at = order * d + c
+            for i in range(3):
+                change[i], own[i] = motion.omega_by[s, order, c, i], motion.own_by[s, order, c, i]
+            if order == 0:
+                _add_cross(motion.omega[s], motion.spin[s, c], change)
+                _add_cross(motion.own[s], motion.spin[s, c], own)
+            _turn_back(turn, change, part)
+            _turn_back(turn, own, change)
+            twist = sensors.lag[j] * (change[0] * along[0] + change[1] * along[1] + change[2] * along[2])
+            for i in range(3):
+                rows[i, at] = part[i] - twist * along[i]
+                change[i] = motion.linear_by[s, order, c, i]
+            _cross(motion.spin[s, c], arm, own)
+            _carry(motion, s, c, order, arm, own, change)
+            if order == 0:
+                _add_cross(world, motion.spin[s, c], change)
+            _turn_back(turn, change, part)
+            for i in range(3):
+                rows[3 + i, at] = part[i]
+
+
+@compiled
+def predict_sensors(
+    model: ChainModel, track: Pose, sensors: Sensors, gyro: FloatArray, force: FloatArray, jacobian: FloatArray
+) -> None:
+    """Fill what sensors measure (F, S, 3), and unless it has no frames, the derivatives (F, S, 6, 3 d)."""
+    n, d = len(model.ball), track.rate.shape[2]
+    placed, motion, rows = _new_placed(n, d), _new_motion(n, d), np.empty((6, 3 * d))
+    for f in range(len(gyro)):
+        here = _frame(track, f)
+        _place(model, here, placed)
+        _move_base(placed, here, motion)
+        for k in range(n):
+            _move_joint(model, placed, here, k, motion)
+        for j in range(len(sensors.segment)):
+            _sense(sensors, j, placed, motion, gyro[f, j], force[f, j], rows)
+            if jacobian.shape[0] > 0:
+                _copy(rows, jacobian[f, j])
+
+
+@compiled
+def _fuse(
+    p: FloatArray, rows: FloatArray, y: FloatArray, change: FloatArray, variance: float, spread: float, gate: float
+) -> bool:
+    """Update with three components y, whose derivatives are ``rows`` (3, m); true if they pass the gate."""
+    size, known = len(p), rows.shape[1]
+    w, u, left, total = np.zeros((3, size)), np.zeros((3, 3)), np.empty(3), 0.0
+    for i in range(3):
+        left[i] = y[i]
+        for r in range(known):
+            factor = rows[i, r]
+            if factor != 0.0:
+                left[i] -= factor * change[r]
+                for c in range(size):
+                    w[i, c] += factor * p[r, c]
+    for i in range(3):
+        for j in range(i, 3):
+            for r in range(known):
+                u[i, j] += rows[i, r] * w[j, r]
+        u[i, i] += variance
+        total += u[i, i] + spread
+    if left[0] ** 2 + left[1] ** 2 + left[2] ** 2 > gate**2 * total or not _factor(u):
+        return False
+    for k in range(3):
+        left[k] /= u[k, k]
+        for c in range(size):
+            w[k, c] /= u[k, k]
+        for i in range(k + 1, 3):
+            left[i] -= u[k, i] * left[k]
+            for c in range(size):
+                w[i, c] -= u[k, i] * w[k, c]
+    for k in range(3):
+        for r in range(size):
+            change[r] += w[k, r] * left[k]
+            factor = w[k, r]
+            for c in range(size):
+                p[r, c] -= factor * w[k, c]
+    return True
+
+
+@compiled
+def _update_inertial(
+    model: ChainModel, sensors: Sensors, k: int, gate: float, pose: Pose, p: FloatArray, used: BoolArray
+) -> None:
+    """Update with all sensors of frame k, in place; ``used`` (S, 2) receives what passes the gate."""
+    n, d = len(model.ball), pose.rate.shape[1]
+    seen = False
+    for j in range(len(sensors.segment)):
+        seen = seen or not math.isnan(sensors.gyro[k, j, 0]) or not math.isnan(sensors.force[k, j, 0])
+    if not seen:
+        return
+    placed, motion = _new_placed(n, d), _new_motion(n, d)
+    gyro, force, rows, change = np.empty(3), np.empty(3), np.empty((6, 3 * d)), np.zeros(4 * d)
+    _place(model, pose, placed)
+    _move_base(placed, pose, motion)
+    for joint in range(n):
+        _move_joint(model, placed, pose, joint, motion)
+    steady = True  # the acceleration is not linear in uncertain rates
+    for c in range(3, d):
+        steady = steady and p[d + c, d + c] < _STEADY**2
+    for j in range(len(sensors.segment)):
+        _sense(sensors, j, placed, motion, gyro, force, rows)
+        for i in range(3):
+            gyro[i] = sensors.gyro[k, j, i] - gyro[i]
+            force[i] = sensors.force[k, j, i] - force[i]
+        if not math.isnan(gyro[0]):
+            used[j, 0] = _fuse(p, rows[:3], gyro, change, sensors.variance[k, j, 0], sensors.spread[j, 0], gate)
+        if steady and not math.isnan(force[0]):
+            used[j, 1] = _fuse(p, rows[3:], force, change, sensors.variance[k, j, 1], sensors.spread[j, 1], gate)
+    _move(model, pose, change[:d])
+    for e in range(3):
+        for c in range(d):
+            pose.rate[e, c] += change[(e + 1) * d + c]
 
 
 @compiled
@@ -720,16 +1031,18 @@ def run_filter(
     z: FloatArray,
     anchors: Pose,
     found: BoolArray,
+    followed: BoolArray,
+    sensors: Sensors,
     track: Pose,
     covariance: FloatArray,
     used: BoolArray,
+    sensed: BoolArray,
     restarted: BoolArray,
 ) -> int:
     """Fill the track, its covariance (F, 4 d, 4 d), and flags; return the frame that failed, or −1.
 
-    ``z`` (F, M, 3) are the markers without their lasting displacements, NaN where the frames' own poses do not use
-    them.
-    ``found`` (F, n + 1) tells where the frame's own markers determine the base and each joint.
+    ``z`` (F, M, 3) are the markers without lasting displacements, NaN where the frames' own poses do not use them.
+    ``found`` (F, n + 1): the frame's own markers determine the base and each joint; ``followed``: or sensors do.
     """
     n, d = len(model.ball), len(noise.density)
     pose, last, start, p = _new_pose(model), _new_pose(model), _new_pose(model), np.zeros((4 * d, 4 * d))
@@ -739,7 +1052,7 @@ def run_filter(
     _copy_pose(pose, last)
     for k in range(len(z)):
         if k > 0:
-            _predict(model, noise, pose, p, moved, found[k])
+            _predict(model, noise, pose, p, moved, followed[k])
         anchored, any_found = False, False
         for j in range(n + 1):
             first, end = 0 if j == 0 else model.first[j], model.first[j] + (3 if j == 0 else model.freedom[j - 1])
@@ -759,11 +1072,12 @@ def run_filter(
             for j in range(n + 1):
                 if found[k, j]:
                     _restart(model, start, j, _frame(anchors, k), 0, 0)
-            fine = _update(model, noise, pose, p, z[k], used[k], start, True)
+            fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], start, True)
         else:
-            fine = _update(model, noise, pose, p, z[k], used[k], pose, False)
+            fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], pose, False)
         if not fine:
             return k
+        _update_inertial(model, sensors, k, noise.gate, pose, p, sensed[k])
         _count_failing(model, z[k], used[k], failing)
         for j in range(n + 1):
             if found[k, j] and failing[j] == 0:
@@ -775,7 +1089,7 @@ def run_filter(
 
 @compiled
 def run_smoother(
-    model: ChainModel, noise: Noise, found: BoolArray, restarted: BoolArray, track: Pose, covariance: FloatArray
+    model: ChainModel, noise: Noise, followed: BoolArray, restarted: BoolArray, track: Pose, covariance: FloatArray
 ) -> int:
     """Smooth track and covariance in place, from the last frame to the first; return the frame that failed, or −1."""
     n, d = len(model.ball), len(noise.density)
@@ -791,7 +1105,7 @@ def run_smoother(
         here, after = _frame(track, k), _frame(track, k + 1)
         _copy_pose(here, ahead)
         _copy(covariance[k], pp)
-        _predict(model, noise, ahead, pp, gain, found[k + 1])
+        _predict(model, noise, ahead, pp, gain, followed[k + 1])
         _difference(model, ahead, after, error[:d])
         for e in range(3):
             for c in range(d):

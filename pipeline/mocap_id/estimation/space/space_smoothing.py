@@ -20,11 +20,19 @@ from mocap_id.estimation.space.frame_poses import (
     without_displacements,
 )
 from mocap_id.estimation.space.segment_rates import JointRates, SegmentRates, joint_rates, rate_jacobians, segment_rates
-from mocap_id.estimation.space.skin_errors import SkinErrors, joint_variances, segment_variances, skin_errors
+from mocap_id.estimation.space.skin_errors import (
+    SkinErrors,
+    cluster_variances,
+    joint_variances,
+    segment_variances,
+    skin_errors,
+)
 from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose, Sensors, predict_markers
 from mocap_id.estimation.space.spatial_noise import SpatialNoise, camera_noise, process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain
+
+_LEAST_GATE = 2e-4  # m; nearly exact markers follow the movement when its snap exceeds the usual one
 
 
 @dataclass(frozen=True)
@@ -132,24 +140,14 @@ def smooth_in_space(
     settings = settings or SpatialSettings()
     model = chain_model(chain)
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
-    frames, steady, noise = _estimate_noise(chain, model, points, rate, settings)
-    track = filter_and_smooth(
-        model,
-        steady,
-        1.0 / rate,
-        frames,
-        camera=noise.camera_sd,
-        gate_variance=_gate_sizes(frames, noise.camera_sd) ** 2,
-        snap=noise.snap,
-        gap_snap=noise.gap_snap,
-        gate=settings.gate,
-    )
-    lost = _lost(chain, model, track, settings)
+    frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
+    track = run_both_ways(model, steady, 1.0 / rate, frames, noise, settings.gate)
+    lost = find_lost(chain, model, track, settings)
     scale_to_movement(track, noise.errors)
-    return _states(chain, model, frames, track, noise, lost)
+    return collect_states(chain, model, frames, track, noise, lost)
 
 
-def _estimate_noise(
+def estimate_noise(
     chain: SpatialChain, model: ChainModel, points: FloatArray, rate: float, settings: SpatialSettings
 ) -> tuple[FramePoses, FloatArray, SpatialNoise]:
     """Return the poses of single frames, the markers (F, M, 3) without lasting displacements, and the noise."""
@@ -170,30 +168,56 @@ def _estimate_noise(
     return frames, steady, SpatialNoise(camera, size, snap, gap_snap, errors)
 
 
+def run_both_ways(  # noqa: PLR0917
+    model: ChainModel,
+    points: FloatArray,
+    dt: float,
+    frames: FramePoses,
+    noise: SpatialNoise,
+    gate: float,
+    sensors: Sensors | None = None,
+) -> SpatialTrack:
+    """Run filter and smoother over markers (F, M, 3) without lasting displacements, and inertial sensors if given."""
+    return filter_and_smooth(
+        model,
+        points,
+        dt,
+        frames,
+        camera=noise.camera_sd,
+        gate_variance=_gate_sizes(frames, noise.camera_sd) ** 2,
+        snap=noise.snap,
+        gap_snap=noise.gap_snap,
+        gate=gate,
+        sensors=sensors,
+    )
+
+
 def _gate_sizes(frames: FramePoses, camera: float) -> FloatArray:
     """Return the standard deviations (M,) of the markers in the gate, m."""
-    return ordinary_sizes(frames, np.fmax(own_sizes(frames), camera))
+    return ordinary_sizes(frames, np.fmax(own_sizes(frames), max(camera, _LEAST_GATE)))
 
 
-def _states(  # noqa: PLR0917
+def collect_states(  # noqa: PLR0917
     chain: SpatialChain,
     model: ChainModel,
     frames: FramePoses,
     track: SpatialTrack,
     noise: SpatialNoise,
     lost: BoolArray,
+    lasting: SkinErrors | None = None,
 ) -> SpatialStates:
+    """Return the states; ``lasting`` are errors in place of those of the skin."""
     pose = track.pose
     origins, rotations = chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])
     joints = joint_rates(chain, model, pose)
     rates = segment_rates(chain, pose, rotations, joints)
     known = np.flatnonzero(~lost.any(axis=1))
-    skin = skin_errors(
+    skin = lasting or skin_errors(
         chain,
         model,
         pose,
         joints,
-        lasting=noise.marker_sd**2 - noise.camera_sd**2,
+        lasting=noise.marker_sd**2 - noise.camera_sd**2 + cluster_variances(chain)[model.segment],
         weight=1.0 / noise.marker_sd**2,
         known=known if known.size else np.arange(len(lost)),
     )
@@ -228,7 +252,7 @@ def _states(  # noqa: PLR0917
     )
 
 
-def _lost(chain: SpatialChain, model: ChainModel, track: SpatialTrack, settings: SpatialSettings) -> BoolArray:
+def find_lost(chain: SpatialChain, model: ChainModel, track: SpatialTrack, settings: SpatialSettings) -> BoolArray:
     """Return where (F, n + 1) a segment's pose is too uncertain."""
     groups = group_columns(model)
     spread = np.diagonal(track.covariance, axis1=1, axis2=2)[:, : groups[-1].stop]

@@ -15,7 +15,9 @@ because a still start would suggest less snap than the movement has.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -38,7 +40,12 @@ _GAP_SHARE = 0.36  # s^½; with it, white snap and a constant snap err alike aft
 _REACH = 1.9  # times the corner
 _CAUTION = 1.3  # times the best snap: it costs little accuracy, and fast movement needs more than the average
 _LEAST = 16  # frames of a window
+_FASTEST = 4.0  # Hz, of movement that is larger than noise with a memory
 _TRIALS = 120  # values of the snap
+
+
+Colour: TypeAlias = Callable[[FloatArray], FloatArray]
+"""Power of noise at frequencies (K,), Hz, relative to white noise of the same variance."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +90,9 @@ def camera_noise(frames: FramePoses, floor: float) -> float:
     return max(floor, math.sqrt(squares / freedom)) if freedom >= 1.0 else floor
 
 
-def process_noise(model: ChainModel, frames: FramePoses, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def process_noise(
+    model: ChainModel, frames: FramePoses, dt: float, colour: Colour | None = None, slowest: float = 0.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return snap and gap_snap (d,) of each degree of freedom, and the mean squared errors (3, d) that remain.
 
     Parameters
@@ -92,6 +101,10 @@ def process_noise(model: ChainModel, frames: FramePoses, dt: float) -> tuple[Flo
     frames : FramePoses
     dt : float
         Time step, s.
+    colour : callable, optional
+        Power of the noise at frequencies (K,), Hz, relative to white noise of the same variance; white by default.
+    slowest : float
+        Least corner of the smoother of a joint, Hz.
     """
     series, variance = summed_steps(model, frames.track), frames.variance
     snaps, gaps = np.empty(series.shape[1]), np.empty(series.shape[1])
@@ -106,12 +119,17 @@ def process_noise(model: ChainModel, frames: FramePoses, dt: float) -> tuple[Flo
             _spectrum(series[:, c], variance[:, c], seen, starts, size) for c in range(columns.start, columns.stop)
         ]
         turning = np.asarray(2 * np.pi * np.fft.rfftfreq(size, dt), dtype=np.float64)
+        if colour is not None:
+            frequency = np.asarray(np.fft.rfftfreq(size, dt), dtype=np.float64)
+            spectra = [(power, _shaded(power, noise, frequency, colour), white) for power, noise, white in spectra]
         trials = np.geomspace(*SNAP_BOUNDS, _TRIALS)[:, None]
         risk = np.zeros(_TRIALS)
         for power, noise, white in spectra:
             passed = 1 / (1 + turning ** (2 * ORDER) * white / trials**2)
             risk += np.sum(passed**2 * power - 2 * passed * (power - noise), axis=1)
         snap = _CAUTION * float(trials[np.argmin(risk), 0])
+        if group:
+            snap = max(snap, (2 * math.pi * slowest) ** ORDER * math.sqrt(max(white for _, _, white in spectra)))
         snaps[columns], lasting = snap, 0.0
         for c, (power, noise, white) in zip(range(columns.start, columns.stop), spectra, strict=True):
             corner = (snap**2 / white) ** (1 / (2 * ORDER))
@@ -120,6 +138,12 @@ def process_noise(model: ChainModel, frames: FramePoses, dt: float) -> tuple[Flo
             lasting = max(lasting, float(np.sum(passed**2 * power * turning**4)) / dt**4)
         gaps[columns] = max(snap, _GAP_SHARE * math.sqrt(lasting / dt))
     return _alike(model, snaps), gaps, errors
+
+
+def _shaded(power: FloatArray, noise: FloatArray, frequency: FloatArray, colour: Colour) -> FloatArray:
+    """Return the power of noise with a memory; what the movement cannot have, at high frequencies, is noise too."""
+    coloured = noise * colour(frequency)
+    return np.where(frequency > _FASTEST, np.maximum(coloured, power), coloured)
 
 
 def _alike(model: ChainModel, snaps: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ _FREE = 0.15  # least share of a marker's error that its own body's pose does no
 
 
 @dataclass(frozen=True)
-class SpaceBody:
+class SpatialBody:
     """Markers that move as one rigid body.
 
     Parameters
@@ -59,7 +59,7 @@ class SpaceBody:
         return np.asarray((points - self.origin[:, None]) @ self.rotation)
 
 
-def fit_space_body(points: FloatArray, markers: IntArray) -> SpaceBody:
+def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
     """Fit a rigid body to some markers of the trajectories (F, M, 3), m."""
     shape = fit_shape(points[:, markers], iterations=_ITERATIONS)
     rotation, origin, _ = rigid_poses(points[:, markers], shape)
@@ -71,7 +71,7 @@ def fit_space_body(points: FloatArray, markers: IntArray) -> SpaceBody:
     residual = np.where(counts >= max(3, 0.02 * len(points)), np.sqrt(square), np.inf)
     known = shape[np.isfinite(shape).all(axis=1)]
     width = float(np.linalg.svd(known, compute_uv=False)[1] / np.sqrt(len(known))) if len(known) >= LEAST else 0.0
-    return SpaceBody(markers, rotation, origin, residual, width)
+    return SpatialBody(markers, rotation, origin, residual, width)
 
 
 def around_mean(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -99,7 +99,7 @@ def _absorbed(shape: FloatArray) -> FloatArray:
     return np.asarray((vectors / np.maximum(values, _FREE)[:, None, :]) @ vectors.transpose(0, 2, 1))
 
 
-class SpaceBodies:
+class SpatialBodies:
     """Rigid bodies of some markers, and their divisions. Fits are cached.
 
     Parameters
@@ -113,21 +113,21 @@ class SpaceBodies:
 
     def __init__(self, points: FloatArray, markers: IntArray, constraints: Constraints) -> None:
         self.points, self.markers, self.constraints = points, markers, constraints
-        self._bodies: dict[bytes, SpaceBody] = {}
+        self._bodies: dict[bytes, SpatialBody] = {}
         spread = np.full((points.shape[1],) * 2, np.nan)
         spread[np.ix_(markers, markers)] = np.sqrt(
             constraints.constrained_variance(distance_deviation(points[:, markers]) ** 2, markers)
         )
         self._spread = spread
 
-    def body(self, markers: IntArray) -> SpaceBody:
+    def body(self, markers: IntArray) -> SpatialBody:
         """Return the rigid body of some markers."""
         key = markers.tobytes()
         if key not in self._bodies:
-            self._bodies[key] = fit_space_body(self.points, markers)
+            self._bodies[key] = fit_spatial_body(self.points, markers)
         return self._bodies[key]
 
-    def settled(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpaceBody, ...]:
+    def settled(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpatialBody, ...]:
         """Return bodies from groups of markers, after each of their markers has moved to the body that fits it best.
 
         A marker leaves its body for a residual below the share ``stay`` of the present one. A group that loses all but
@@ -148,7 +148,7 @@ class SpaceBodies:
             groups = regrouped
         return tuple(self.body(group) for group in groups)
 
-    def divisions(self, markers: IntArray, own: FloatArray | None = None) -> list[tuple[SpaceBody, SpaceBody]]:
+    def divisions(self, markers: IntArray, own: FloatArray | None = None) -> list[tuple[SpatialBody, SpatialBody]]:
         """Return ways to divide some markers into two bodies.
 
         They start from the clusters of average linkage on the deviation of the mutual distances, and from every marker
@@ -166,7 +166,7 @@ class SpaceBodies:
         if own is not None:
             spread = np.sqrt(self.constraints.constrained_variance(own**2, markers))
         starts = _starts(spread)
-        found: dict[bytes, tuple[SpaceBody, SpaceBody]] = {}
+        found: dict[bytes, tuple[SpatialBody, SpatialBody]] = {}
         for inside in {start.tobytes(): start for start in starts}.values():
             groups = [markers[inside], markers[~inside]]
             if min(map(len, groups)) < LEAST:

@@ -147,7 +147,7 @@ def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleSta
 
     The constraints bend the valley of the cost. Without this step, the steps of the chain would be short.
     """
-    linear = linearise(problem, state)
+    linear = linearise(problem, state, by_frame_only=True)
     turned = np.swapaxes(linear.by_frame, 1, 2)
     inner = turned @ linear.by_frame + 1e-9 * np.eye(problem.frame_size)
     own = np.asarray(-np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0], dtype=np.float64)
@@ -158,8 +158,7 @@ def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleSta
     worse = (after.off**2).sum(axis=1) > before
     if worse.any():
         settled = apply_step(problem, state, unmoved, np.where(worse[:, None], 0.0, own))
-        for new, old in ((after.off, linear.off), (after.by_frame, linear.by_frame), (after.by_chain, linear.by_chain)):
-            new[worse] = old[worse]
+        after = linearise(problem, settled)
     return settled, after
 
 
@@ -246,11 +245,11 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
         variance[here] = (square[here] + extra * typical) / (left[here] + extra)
         usual.append(typical)
     least = max(_FINEST**2, _EVEN**2 * float(np.median(usual)))
-    return np.sqrt(np.maximum(variance, least)), _frames_together(off)
+    return np.sqrt(np.maximum(variance, least)), frames_together(off)
 
 
-def _frames_together(off: FloatArray) -> FloatArray:
-    """Return the integrated autocorrelation of the residuals of each marker (M,), 1 or more."""
+def frames_together(off: FloatArray) -> FloatArray:
+    """Return the integrated autocorrelation (M,), 1 or more, of residuals (F, M, 3): frames that share one error."""
     energy = np.maximum((off**2).sum(axis=(0, 2)), 1e-18)
     total = np.ones(off.shape[1])
     open_ = np.ones(off.shape[1], dtype=bool)

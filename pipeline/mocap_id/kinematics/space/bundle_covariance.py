@@ -3,7 +3,8 @@
 The inverse of the normal matrix holds noise, with the number of frames that share one error. Soft tissue does worse: it
 has the same error whenever the posture is the same, and moves in step with the joints. Every marker is therefore let
 slide in proportion to each component of the rotation of its joints, with a variance from the lasting part of its
-residual. So is every cluster as a whole, which turns on the bone. The slides are carried through the normal equations.
+residual. So is every cluster as a whole, which turns on the bone, and every joint between clusters that slide as a
+whole. The slides are carried through the normal equations.
 """
 
 from __future__ import annotations
@@ -37,10 +38,13 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     lasting = bundle.sd**2 * np.maximum(1 - 1 / bundle.together, 0)
     turns = joint_rotations(problem, bundle.state)
     total = inverse
+    sliding = _by_joint_slides(bundle)
     for j, parent in enumerate(problem.parents):
         shape = so3.log(middle_rotation(turns[:, j]).T @ turns[:, j])
         shape = shape - shape.mean(axis=0)
         shape = shape @ _whitening(shape)
+        flat = (shape.T @ sliding.reshape(frames, -1)).reshape(-1, inverse.shape[0]) @ inverse
+        total = total + _SLIDE * flat.T @ flat
         moved = (shape.T @ by.reshape(frames, -1)).reshape(-1, rows, inverse.shape[0]) @ inverse
         here = np.isin(problem.segment, [parent, j + 1])
         size = np.repeat(np.sqrt(_SLIDE * lasting * here), 3)
@@ -53,6 +57,15 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
         flat = bundle.prior.axis_errors(problem, bundle.state) @ inverse
         total = total + flat.T @ flat
     return np.asarray(total + _along_hinges(bundle))
+
+
+def _by_joint_slides(bundle: Bundle) -> FloatArray:
+    """Return the derivatives (F, 3 J, P) of the cost by the parameters and by slides of usual size of the J joints."""
+    problem, linear = bundle.problem, bundle.linear
+    rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
+    size = np.array([np.sqrt(np.mean(bundle.state.slides[:, j] ** 2)) for j in problem.sliding])
+    weights = np.repeat(size / problem.slide_sd[problem.sliding], 3)
+    return np.asarray(weights[:, None] * (linear.by_frame[:, rows] @ bundle.reduced.gain))
 
 
 def _cluster_turns(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:

@@ -7,10 +7,11 @@ Marker m of segment k is seen at y. In the frame of its segment, whose origin is
 with the coordinates x_m of the marker and the twist τ_k of the segment about its long axis l_k, of which the skin under
 the marker misses the share s_m. The origin of a segment is that of its parent, plus R_parent (c + u g): the centre c of
 the joint and the glide g of the girdle, u = (1 - cos elevation) / 2. Axes are constraints on the rotation Q = R_parentᵀ
-R_k: a · Q b = κ for two axes, Q b = a for a hinge.
+R_k: a · Q b = κ for two axes, Q b = a for a hinge. Whole clusters may slide on the bones: the centre of a joint between
+them is then c + d with a slide d in every frame, which has a standard deviation.
 
-Every frame has its own unknowns, the origin of the base and the rotations R_k ← R_k exp(δ_k). They are eliminated by a
-Schur complement, so that only the parameters of the chain remain.
+Every frame has its own unknowns, the origin of the base, the rotations R_k ← R_k exp(δ_k) and the slides. They are
+eliminated by a Schur complement, so that only the parameters of the chain remain.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class Linear:
     Parameters
     ----------
     off : (F, N) array
-        Residuals: three of each marker, then the constraints.
+        Residuals: three of each marker, then the constraints, then the slides.
     by_frame : (F, N, d) array
         By the unknowns of the frame.
     by_chain : (F, N, P - 3 M) array
@@ -78,13 +79,14 @@ class Linear:
     root: FloatArray
 
 
-def linearise(problem: BundleProblem, state: BundleState) -> Linear:
-    """Return residuals and Jacobians at a state."""
+def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:
+    """Return residuals and Jacobians at a state; ``by_chain`` has no columns if only those by the frames are wanted."""
     cols = columns_of(problem)
     frames, markers = problem.weights.shape
     off, free, back, twist = _rows(problem, state)
     by_frame = np.zeros((frames, markers, 3, problem.frame_size))
-    by_chain = np.zeros((frames, markers, 3, cols.size - 3 * markers))
+    size = 0 if by_frame_only else cols.size - 3 * markers
+    by_chain = np.zeros((frames, markers, 3, size))
     context = _Context(
         problem, state, cols, free, back, twist, *twists(problem, state)[1:], share_of_glide(problem, state)
     )
@@ -100,7 +102,13 @@ def linearise(problem: BundleProblem, state: BundleState) -> Linear:
             value, of_frame, of_chain = _constraint(problem, state, cols, j)
             rows.append(FIRM * value)
             frame_rows.append(FIRM * of_frame)
-            chain_rows.append(FIRM * of_chain)
+            chain_rows.append(FIRM * of_chain[..., :size])
+    for j in problem.sliding:
+        rows.append(state.slides[:, j] / problem.slide_sd[j])
+        of_frame = np.zeros((frames, 3, problem.frame_size))
+        of_frame[:, :, problem.slide_columns(j)] = np.eye(3) / problem.slide_sd[j]
+        frame_rows.append(of_frame)
+        chain_rows.append(np.zeros((frames, 3, size)))
     stacked = [np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)]
     return Linear(stacked[0], stacked[1], stacked[2], problem.weights)
 
@@ -131,9 +139,12 @@ class _Context:
         by_frame[:, here, :, own] = so3.hat(self.free[:, here]) @ self.back[:, here]
         for j in problem.path(k):
             parent = problem.parents[j]
-            lever = np.broadcast_to(state.centres[j], state.origin.shape)
+            lever = state.centres[j] + state.slides[:, j]
             axes = turned @ state.rotations[:, None, parent]
-            by_chain[:, here, :, cols.centre[j].start - skip : cols.centre[j].stop - skip] = -axes
+            if by_chain.size:
+                by_chain[:, here, :, cols.centre[j].start - skip : cols.centre[j].stop - skip] = -axes
+            if problem.slide_sd[j] > 0:
+                by_frame[:, here, :, problem.slide_columns(j)] = -axes
             if j == 0 and problem.glides:
                 lever = lever + self.share[:, None] * state.glide
                 self._glide(here, axes, by_frame, by_chain)
@@ -150,7 +161,8 @@ class _Context:
         assert self.cols.glide is not None
         share = self.share
         place = slice(self.cols.glide.start - 3 * self.cols.markers, self.cols.glide.stop - 3 * self.cols.markers)
-        by_chain[:, here, :, place] = -axes * share[:, None, None, None]
+        if by_chain.size:
+            by_chain[:, here, :, place] = -axes * share[:, None, None, None]
         relative = np.swapaxes(state.rotations[:, 0], 1, 2) @ state.rotations[:, 1]
         along = -(axes @ state.glide)[..., None]
         child = problem.rest @ relative @ so3.hat(problem.long_axes[0]) / 2
@@ -162,7 +174,8 @@ class _Context:
         problem, state = self.problem, self.state
         swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
         place = self.cols.skin.start - 3 * self.cols.markers + here
-        by_chain[:, here, :, place] = swirl.transpose(1, 0, 2) * self.twist[:, here].T[..., None]
+        if by_chain.size:
+            by_chain[:, here, :, place] = swirl.transpose(1, 0, 2) * self.twist[:, here].T[..., None]
         by_child, by_parent = self.by_child, self.by_parent
         moved = state.skin[here, None] * swirl
         by_frame[:, here, :, 3 + 3 * k : 6 + 3 * k] += moved[..., None] * by_child[:, k - 1, None, None]
@@ -226,8 +239,8 @@ def eliminate_frames(problem: BundleProblem, linear: Linear) -> Reduced:
     weights = np.repeat(linear.root, 3, axis=1)
     cross = np.concatenate([-turned[:, :, : 3 * markers] * weights[:, None], turned @ linear.by_chain], axis=2)
     right = -(turned @ linear.off[..., None])
-    solved = np.linalg.solve(inner + 1e-9 * np.eye(size), np.concatenate([cross, right], axis=2))
-    gain, own = solved[..., :-1], solved[..., -1]
+    inverse = np.linalg.inv(inner + 1e-9 * np.eye(size))  # twice as fast as to solve for so many columns
+    gain, own = inverse @ cross, (inverse @ right)[..., 0]
     chain = linear.by_chain.reshape(-1, linear.by_chain.shape[2])
     matrix = np.zeros((cross.shape[2],) * 2)
     matrix[: 3 * markers, : 3 * markers] = np.diag((weights**2).sum(axis=0))

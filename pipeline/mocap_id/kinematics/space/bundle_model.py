@@ -33,6 +33,8 @@ class BundleProblem:
         Whether the glide is estimated.
     long_axes : (n, 3) array
         Long axis of each segment in its own frame, towards its joint.
+    slide_sd : (n,) array
+        Standard deviation of the slide of each joint along each axis, m; 0: the joint is pinned.
     """
 
     points: FloatArray
@@ -44,11 +46,22 @@ class BundleProblem:
     on_glide: BoolArray
     glides: bool
     long_axes: FloatArray
+    slide_sd: FloatArray
 
     @property
     def frame_size(self) -> int:
         """Number of unknowns of a frame."""
-        return 6 + 3 * len(self.parents)
+        return 6 + 3 * len(self.parents) + 3 * len(self.sliding)
+
+    @property
+    def sliding(self) -> list[int]:
+        """The joints, from 0, that slide."""
+        return np.flatnonzero(self.slide_sd).tolist()
+
+    def slide_columns(self, joint: int) -> slice:
+        """Return the places of a joint's slide among the unknowns of a frame."""
+        at = 6 + 3 * len(self.parents) + 3 * self.sliding.index(joint)
+        return slice(at, at + 3)
 
     def path(self, segment: int) -> list[int]:
         """Return the joints from a segment to the base."""
@@ -81,6 +94,8 @@ class BundleState:
         Origin of the base, m.
     rotations : (F, n + 1, 3, 3) array
         Segment to trial.
+    slides : (F, n, 3) array
+        Slides of the joints in the frames of the parents, m.
     """
 
     local: FloatArray
@@ -92,6 +107,7 @@ class BundleState:
     skin: FloatArray
     origin: FloatArray
     rotations: FloatArray
+    slides: FloatArray
 
 
 @dataclass(frozen=True)
@@ -149,7 +165,7 @@ def segment_origins(problem: BundleProblem, state: BundleState) -> FloatArray:
     """Return the origins of the segments (F, n + 1, 3), m."""
     origins = [state.origin]
     for j, parent in enumerate(problem.parents):
-        step = np.broadcast_to(state.centres[j], state.origin.shape)
+        step = state.centres[j] + state.slides[:, j]
         if j == 0 and problem.glides:
             step = step + share_of_glide(problem, state)[:, None] * state.glide
         origins.append(origins[parent] + np.einsum("fij,fj->fi", state.rotations[:, parent], step))
@@ -196,7 +212,10 @@ def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, fr
         at = cols.cosine[j]
         if at is not None:
             cosine[j] += chain[at]
-    turns = frames[:, 3:].reshape(len(frames), -1, 3)
+    turned = 6 + 3 * len(problem.parents)
+    turns = frames[:, 3:turned].reshape(len(frames), -1, 3)
+    slides = state.slides.copy()
+    slides[:, problem.sliding] += frames[:, turned:].reshape(len(frames), -1, 3)
     return replace(
         state,
         local=state.local + chain[: 3 * cols.markers].reshape(-1, 3),
@@ -208,4 +227,5 @@ def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, fr
         skin=state.skin + chain[cols.skin],
         origin=state.origin + frames[:, :3],
         rotations=state.rotations @ so3.exp(turns),
+        slides=slides,
     )

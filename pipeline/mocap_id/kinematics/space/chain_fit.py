@@ -12,13 +12,14 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry.spatial_chain import JointKind
 from mocap_id.kinematics.frame_sampling import frames_along_motion
-from mocap_id.kinematics.space.bundle import Bundle, long_axes, solve_bundle, unsolved
+from mocap_id.kinematics.space.bundle import Bundle, frames_together, long_axes, solve_bundle, unsolved
 from mocap_id.kinematics.space.bundle_equations import residuals
 from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, joint_rotations, share_of_glide
 from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
 from mocap_id.kinematics.space.chain_prior import CENTRE_SD, MARKED_SD, ChainPrior
 from mocap_id.kinematics.space.chain_result import SpatialFit, collect, unlike_skin
 from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters
+from mocap_id.kinematics.space.cluster_slides import joint_slides
 from mocap_id.kinematics.space.girdle import markers_on_girdle
 from mocap_id.kinematics.space.joint_kinds import (
     PARALLEL,
@@ -89,7 +90,8 @@ def fit_spatial_chain(
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
     beside = {k: track[used] for k, track in (near or {}).items()}
     above = np.asarray(up, dtype=np.float64)
-    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, frozenset(firm))
+    slides = slide_sizes(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents))
+    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, frozenset(firm))
     start, rough = _rough_bundle(start, few)
     evidence = _weigh_joints(rough, clusters, kinds)
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
@@ -137,6 +139,13 @@ def _parallel_axes(bundle: Bundle) -> list[int]:
     return [j for j, kind in enumerate(bundle.problem.kinds) if kind == "two-axis" and near[j]]
 
 
+def slide_sizes(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
+    """Return the standard deviation of each joint's slide (n,), m, for frames that share their errors; 0: none."""
+    slides = joint_slides(clusters, segment, parents)
+    about = slides - slides.mean(axis=0)
+    return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * frames_together(about)))
+
+
 def usable_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
     """Return frames along the motion in which every segment shows three markers or more.
 
@@ -174,6 +183,7 @@ class _Start:
     clusters: Clusters
     up: FloatArray
     near: Mapping[int, FloatArray]
+    slides: FloatArray
     firm: frozenset[int] = frozenset()
 
     def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
@@ -221,6 +231,7 @@ class _Start:
             np.zeros(markers),
             clusters.origin[frames, 0],
             rotation,
+            np.zeros((len(frames), count, 3)),
         )
         weights = seen / _FIRST_SD
         if rough is not None:
@@ -243,6 +254,7 @@ class _Start:
             riding,
             bool(riding.any()),
             np.zeros((count, 3)),
+            self.slides,
         )
         sd = np.array([MARKED_SD if j + 1 in self.near else CENTRE_SD for j in range(count)])
         return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft, sd)

@@ -4,49 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations, islice, pairwise
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.kinematics.hypotheses import SegmentationRules
-from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpaceBodies, SpaceBody, around_mean
+from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, around_mean
 from mocap_id.kinematics.space.division import Partition, spanning_tree
-from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint
+from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
 
 CHANCE = 0.65
 """Largest residual of a joint, relative to the motion of the one body in the other without a joint."""
 
-_NEAR_JOINT = 0.06  # m; bony landmarks of a joint are at most this far from its centre
-_AS_RIGID = 3.0  # a landmark near a joint is on the segment before it up to this multiple of the residual after it
+_NEAR_JOINT = 0.08  # m; bony landmarks of a joint are at most this far from where its centre is found
+_AS_RIGID = 3.5  # a landmark near a joint is on the segment before it up to this multiple of the residual after it
+_MOST = 0.025  # m; largest residual of such a landmark on the segment before it
 _CHOICES = 20
 _ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class SpaceChain:
+class SpatialBodyChain:
     """Bodies from base to tip.
 
     Parameters
     ----------
-    bodies : tuple of SpaceBody, length n + 1
-    joints : tuple of SpacePairJoint, length n
+    bodies : tuple of SpatialBody, length n + 1
+    joints : tuple of SpatialPairJoint, length n
         Joint k - 1 joins bodies k - 1 (first) and k (second).
-    branches : tuple of SpaceBody
+    branches : tuple of SpatialBody
         Bodies that are not on the chain.
     joined : tuple of bool
         For each branch, whether joints connect it with the chain.
     """
 
-    bodies: tuple[SpaceBody, ...]
-    joints: tuple[SpacePairJoint, ...]
-    branches: tuple[SpaceBody, ...]
+    bodies: tuple[SpatialBody, ...]
+    joints: tuple[SpatialPairJoint, ...]
+    branches: tuple[SpatialBody, ...]
     joined: tuple[bool, ...]
 
 
 def find_chain(
     found: Partition, points: FloatArray, rules: SegmentationRules, chance: float = CHANCE
-) -> SpaceChain | None:
+) -> SpatialBodyChain | None:
     """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
 
     Each connected group of bodies has its own base. Of equally long chains, the one whose joints turn most is
@@ -78,7 +79,7 @@ def find_chain(
     reached = next(group for group in _groups(near) if best[0] in group)
     rest = [body for body in range(count) if body not in best]
     bodies = tuple(found.bodies[body] for body in best)
-    return SpaceChain(
+    return SpatialBodyChain(
         bodies,
         joints_between(bodies),
         tuple(found.bodies[body] for body in rest),
@@ -86,7 +87,7 @@ def find_chain(
     )
 
 
-def is_real(joint: SpacePairJoint, rules: SegmentationRules, chance: float = CHANCE) -> bool:
+def is_real(joint: SpatialPairJoint, rules: SegmentationRules, chance: float = CHANCE) -> bool:
     """Return whether two bodies turn far enough about a common point, and not merely because they hardly move.
 
     ``chance`` is the largest residual of the joint, relative to the motion of one body in the other without a joint.
@@ -94,12 +95,12 @@ def is_real(joint: SpacePairJoint, rules: SegmentationRules, chance: float = CHA
     return joint.residual <= min(rules.max_residual, chance * joint.free) and joint.arc >= rules.min_arc
 
 
-def joints_between(bodies: Sequence[SpaceBody]) -> tuple[SpacePairJoint, ...]:
+def joints_between(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, ...]:
     """Return the joints of consecutive bodies."""
     return tuple(fit_pair_joint(first, second) for first, second in pairwise(bodies))
 
 
-def give_landmarks_to_parents(chain: SpaceChain, sorter: SpaceBodies) -> SpaceChain:
+def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) -> SpatialBodyChain:
     """Return the chain with markers near a joint on the segment before it, where both fit about as well.
 
     A marker near the centre of a joint hardly shows on which side of it it is: skin moves it more than the joint does.
@@ -112,36 +113,38 @@ def give_landmarks_to_parents(chain: SpaceChain, sorter: SpaceBodies) -> SpaceCh
             bodies[k - 1], bodies[k] = _give(bodies[k - 1], bodies[k], sorter)
         if all(map(np.array_equal, before, [body.markers for body in bodies])):
             break
-    return SpaceChain(tuple(bodies), joints_between(bodies), chain.branches, chain.joined)
+    return SpatialBodyChain(tuple(bodies), joints_between(bodies), chain.branches, chain.joined)
 
 
-def _give(parent: SpaceBody, child: SpaceBody, sorter: SpaceBodies) -> tuple[SpaceBody, SpaceBody]:
+def _give(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
     """Return two bodies after the landmarks near their joint that fit the parent have moved to it."""
     joint = fit_pair_joint(parent, child)
-    _, place, _ = around_mean(child.local(sorter.points[:, child.markers]))
-    near = child.markers[np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT]
-    given = _leaving_a_body(near, child, sorter)
-    while len(given):
-        kept = np.setdiff1d(child.markers, given)
-        taken = np.sort(np.concatenate([parent.markers, given]))
-        together = bool(np.isin(sorter.constraints.unit[given], sorter.constraints.unit[kept]).any())
-        if together or not sorter.constraints.allow(taken) or sorter.body(kept).width < NARROW:
-            break
-        longer = sorter.body(taken)
-        fitting = given[longer.residual[given] <= _AS_RIGID * child.residual[given]]
-        if len(fitting) == len(given):
-            return longer, sorter.body(kept)
-        given = fitting
+    own = child.markers
+    _, place, _ = around_mean(child.local(sorter.points[:, own]))
+    near = np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT
+    near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
+    for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
+        choices = [_given(np.array(choice), parent, child, sorter) for choice in _choices(own[near], size)]
+        possible = [choice for choice in choices if choice is not None]
+        if possible:
+            return min(possible, key=lambda bodies: bodies[1].usual)
     return parent, child
 
 
-def _leaving_a_body(near: IntArray, child: SpaceBody, sorter: SpaceBodies) -> IntArray:
-    """Return the markers near the joint that may leave a body, so that its other markers are most rigid."""
-    spare = len(child.markers) - LEAST
-    if len(near) <= spare or spare == 0:
-        return near[:spare]
-    choices = [np.array(choice) for choice in combinations(near.tolist(), spare)][:_CHOICES]
-    return min(choices, key=lambda choice: sorter.body(np.setdiff1d(child.markers, choice)).usual)
+def _choices(markers: IntArray, size: int) -> list[tuple[int, ...]]:
+    return list(islice(combinations(markers.tolist(), size), _CHOICES))
+
+
+def _given(
+    given: IntArray, parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies
+) -> tuple[SpatialBody, SpatialBody] | None:
+    """Return two bodies after some markers have moved from the child to the parent; None if they may not."""
+    kept, taken = np.setdiff1d(child.markers, given), np.sort(np.concatenate([parent.markers, given]))
+    constraints = sorter.constraints
+    together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
+    if together or not constraints.allow(taken) or sorter.body(kept).width < NARROW:
+        return None
+    return sorter.body(taken), sorter.body(kept)
 
 
 def scatter(points: FloatArray) -> FloatArray:

@@ -84,6 +84,11 @@ class SpatialFit:
         """Return the covariance (M, 3, 3) of the coordinates of every marker in its segment, m²."""
         return np.stack([self.covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] for m in range(len(self.sd))])
 
+    def centre_among_markers(self, joint: int, segment: int) -> FloatArray:
+        """Return the covariance (3, 3) of the centre of joint 1 … n among the markers of one of its segments, m²."""
+        about = _about_markers(self.bundle.problem, columns_of(self.bundle.problem), joint - 1, segment)
+        return np.asarray(about @ self.covariance @ about.T)
+
 
 def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: FloatArray | None = None) -> SpatialFit:
     """Return the fit of a solved bundle."""
@@ -160,7 +165,8 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
     cols = columns_of(problem)
     kind, axis, pin = problem.kinds[j], state.first[j], state.second[j]
     centre = covariance[cols.centre[j], cols.centre[j]]
-    near = _about_markers(problem, cols, covariance, j)
+    about = _about_markers(problem, cols, j, problem.parents[j])
+    near = about @ covariance @ about.T
     joint = SpatialJoint(
         kind,
         problem.parents[j],
@@ -168,6 +174,7 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
         centre,
         long_axis=problem.long_axes[j],
         known=arc >= _LEAST_ARC and _is_known(kind, near, axis),
+        slide_sd=float(np.sqrt(np.mean(state.slides[:, j] ** 2))),
     )
     if kind != "ball":
         spread = np.full((2, 3, 3), np.nan)
@@ -176,9 +183,8 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
                 spread[i] = tangents(each) @ covariance[place, place] @ tangents(each).T
         turn = joint_rotations(problem, state)[0, j]
         cosine = state.cosine[j] if kind == "two-axis" else 1.0
-        joint = replace(
-            joint, first_axis=axis, second_axis=pin, axes_covariance=spread, offset=_offset(turn, axis, pin, cosine)
-        )
+        offset = offset_between(turn, axis, pin, cosine)
+        joint = replace(joint, first_axis=axis, second_axis=pin, axes_covariance=spread, offset=offset)
     if j == 0 and cols.glide is not None:
         joint = replace(
             joint,
@@ -189,14 +195,15 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
     return joint
 
 
-def _about_markers(problem: BundleProblem, cols: Columns, covariance: FloatArray, j: int) -> FloatArray:
-    """Return the covariance (3, 3) of a centre about the markers of its parent, m², whatever the parent's origin."""
-    here = np.flatnonzero(problem.segment == problem.parents[j])
+def _about_markers(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
+    """Return a centre about the markers of a segment, whatever the segment's origin, by the parameters (3, P)."""
+    here = np.flatnonzero(problem.segment == segment)
     rows = np.zeros((3, cols.size))
-    rows[:, cols.centre[j]] = np.eye(3)
+    if segment == problem.parents[j]:
+        rows[:, cols.centre[j]] = np.eye(3)
     for m in here:
         rows[:, 3 * m : 3 * m + 3] = -np.eye(3) / len(here)
-    return np.asarray(rows @ covariance @ rows.T)
+    return rows
 
 
 def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool:
@@ -207,8 +214,17 @@ def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool
     return bool(np.linalg.eigvalsh(across.T @ covariance @ across)[-1] < _UNKNOWN**2)
 
 
-def _offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
-    """Return the rotation nearest to ``turn`` that brings the pin to its angle with the axis."""
+def offset_between(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
+    """Return the rotation (3, 3) nearest to ``turn`` that brings the pin to its angle with the axis.
+
+    Parameters
+    ----------
+    turn : (3, 3) array
+    axis, pin : (3,) arrays
+        Unit axes in the frames of the parent and of the child.
+    cosine : float
+        Of the angle between them.
+    """
     carried = turn @ pin
     normal = np.cross(axis, carried)
     size = float(np.linalg.norm(normal))
@@ -230,13 +246,14 @@ def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: Floa
     joint : int
         Joint 1 … n, the number of its segment.
     point : (3,) array
-        Measured centre in the frame of the parent segment of ``fit.chain``, m.
+        Measured centre in the frame of the parent segment of ``fit.chain``, among its markers, m.
     covariance : (3, 3) array
         Covariance of the measured centre, m².
     """
     problem, state = fit.bundle.problem, fit.bundle.state
-    place = columns_of(problem).centre[joint - 1]
-    gain = np.linalg.solve(fit.covariance[place, place] + covariance, fit.covariance[place]).T
+    about = _about_markers(problem, columns_of(problem), joint - 1, problem.parents[joint - 1])
+    known = about @ fit.covariance
+    gain = np.linalg.solve(known @ about.T + covariance, known).T
     step = gain @ (point - state.centres[joint - 1])
     moved = apply_step(problem, state, step, -fit.bundle.reduced.gain @ step)
-    return collect(replace(fit.bundle, state=moved), fit.evidence, fit.covariance - gain @ fit.covariance[place])
+    return collect(replace(fit.bundle, state=moved), fit.evidence, fit.covariance - gain @ known)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.kinematics.hypotheses import SegmentationRules
-from mocap_id.kinematics.space.bodies import SpaceBodies, SpaceBody
-from mocap_id.kinematics.space.chain_order import SpaceChain, find_chain, give_landmarks_to_parents
-from mocap_id.kinematics.space.division import Division, divide
+from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody
+from mocap_id.kinematics.space.chain_order import SpatialBodyChain, find_chain, give_landmarks_to_parents
+from mocap_id.kinematics.space.division import Division, divide, undivided
+from mocap_id.kinematics.space.exchange import exchange_markers
 
 _LENIENT = 0.9  # a joint whose landmarks are on the wrong side has a large residual; it is judged when they have moved
 _CLEAR = 1.5  # evidence of a division that is kept in any case
@@ -18,20 +19,20 @@ _ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class SpaceSearch:
+class SpatialSearch:
     """A chain, if there is one, and the divisions that led to it.
 
     Parameters
     ----------
-    chain : SpaceChain or None
-    bodies : tuple of SpaceBody
+    chain : SpatialBodyChain or None
+    bodies : tuple of SpatialBody
         All rigid bodies.
     made, refused : tuple of Division
         Accepted divisions, and the best division of every body that stayed whole.
     """
 
-    chain: SpaceChain | None
-    bodies: tuple[SpaceBody, ...]
+    chain: SpatialBodyChain | None
+    bodies: tuple[SpatialBody, ...]
     made: tuple[Division, ...]
     refused: tuple[Division, ...]
 
@@ -41,14 +42,14 @@ class SpaceSearch:
         return 0 if self.chain is None else sum(len(body.markers) for body in self.chain.bodies)
 
 
-def search_best_chain(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
+def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
     """Return the chain that carries most markers, with or without the weak divisions.
 
     Skin that was taken for a segment of its own is a branch; without this division its markers are on the chain.
 
     Parameters
     ----------
-    sorter : SpaceBodies
+    sorter : SpatialBodies
     rules : SegmentationRules
     """
     best = found = search_chain(sorter, rules, 1.0)
@@ -62,20 +63,20 @@ def search_best_chain(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSea
     return best
 
 
-def search_chain(sorter: SpaceBodies, rules: SegmentationRules, needed: float) -> SpaceSearch:
+def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float) -> SpatialSearch:
     """Return the longest chain of real joints among rigid bodies.
 
     Landmarks on the wrong side of a joint spoil the bodies on both sides. Therefore only clear divisions are made at
-    first. When the landmarks have moved, every body is tried for another division.
+    first. When the landmarks have moved, every body is tried for another division. At last, bodies exchange markers.
 
     Parameters
     ----------
-    sorter : SpaceBodies
+    sorter : SpatialBodies
     rules : SegmentationRules
     needed : float
         Least evidence of a division, 1 as a rule.
     """
-    start: tuple[SpaceBody, ...] = (sorter.body(sorter.markers),)
+    start: tuple[SpatialBody, ...] = (sorter.body(sorter.markers),)
     made: list[Division] = []
     for clear in (True, *(False,) * _ROUNDS):
         found = divide(sorter, start, max(needed, _COARSE) if clear else needed)
@@ -88,6 +89,17 @@ def search_chain(sorter: SpaceBodies, rules: SegmentationRules, needed: float) -
             continue
         chain = give_landmarks_to_parents(chain, sorter)
         start = (*chain.bodies, *chain.branches)
-    if found.made:
-        found = divide(sorter, start, np.inf)
-    return SpaceSearch(find_chain(found, sorter.points, rules), tuple(found.bodies), tuple(made), tuple(found.refused))
+    for least in (needed, np.inf) if made else ():
+        start = exchange_markers(sorter, start)
+        chain = find_chain(undivided(start), sorter.points, rules, _LENIENT)
+        if chain is not None:
+            chain = give_landmarks_to_parents(chain, sorter)
+            start = (*chain.bodies, *chain.branches)
+        found = divide(sorter, start, least)
+        if not found.made:
+            break
+        made += found.made
+        start = tuple(found.bodies)
+    return SpatialSearch(
+        find_chain(found, sorter.points, rules), tuple(found.bodies), tuple(made), tuple(found.refused)
+    )

@@ -25,12 +25,15 @@ class Clusters:
         Poses; NaN where unknown.
     noise : (n + 1,) array
         rms rotation about the worst direction that the residuals explain, rad.
+    sd : (n + 1,) array
+        Standard deviation of one coordinate of a marker about its cluster, m.
     """
 
     local: FloatArray
     rotation: FloatArray
     origin: FloatArray
     noise: FloatArray
+    sd: FloatArray
 
     def mean_place(self, segment: int, track: FloatArray) -> FloatArray:
         """Return the median place (3,) of a trajectory (F, 3) in the frame of a cluster, m."""
@@ -54,7 +57,7 @@ def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clust
         Frame in which the axes of all bodies are those of the trial.
     """
     local = np.full((points.shape[1], 3), np.nan)
-    rotations, origins, noise = [], [], []
+    rotations, origins, noise, variances = [], [], [], []
     for k in range(int(segment.max()) + 1):
         here = np.flatnonzero(segment == k)
         start = points[reference, here] - np.nanmean(points[reference, here], axis=0)
@@ -67,7 +70,9 @@ def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clust
         rotations.append(rotation)
         origins.append(origin)
         noise.append(float(np.sqrt(variance / inertia[0])))
-    return Clusters(local, np.stack(rotations, axis=1), np.stack(origins, axis=1), np.array(noise))
+        variances.append(variance)
+    turns, places = np.stack(rotations, axis=1), np.stack(origins, axis=1)
+    return Clusters(local, turns, places, np.array(noise), np.sqrt(np.array(variances)))
 
 
 def shared_point(clusters: Clusters, parent: int, child: int) -> tuple[FloatArray, FloatArray]:

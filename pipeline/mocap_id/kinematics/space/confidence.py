@@ -13,10 +13,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mocap_id.kinematics.space.chain_order import SpaceChain
+from mocap_id.kinematics.space.chain_order import SpatialBodyChain
 from mocap_id.kinematics.space.division import Division
 
-SpaceEvidence: TypeAlias = Literal[
+SpatialEvidence: TypeAlias = Literal[
     "weakest", "runner-up", "hidden-tip", "joint", "base", "not-rigid", "left-out", "one-joint"
 ]
 
@@ -32,7 +32,7 @@ _SURE_SECOND = float(np.radians(16.0))  # arc of the second independent rotation
 
 
 @dataclass(frozen=True)
-class SpaceConfidence:
+class SpatialConfidence:
     """Probability that the number of segments and every assignment are right, and the evidence against it.
 
     Parameters
@@ -65,23 +65,23 @@ class SpaceConfidence:
 
     value: float
     joints: tuple[float, ...]
-    against: Mapping[SpaceEvidence, float]
+    against: Mapping[SpatialEvidence, float]
 
 
-def assess_space_confidence(
-    chain: SpaceChain,
+def assess_spatial_confidence(
+    chain: SpatialBodyChain,
     made: Sequence[Division],
     refused: Sequence[Division],
     *,
     motion: float,
     second_arc: float,
     left_out: float,
-) -> SpaceConfidence:
+) -> SpatialConfidence:
     """Weigh the evidence.
 
     Parameters
     ----------
-    chain : SpaceChain
+    chain : SpatialBodyChain
     made, refused : sequences of Division
         Accepted divisions, and the best divisions of the bodies that stayed whole.
     motion : float
@@ -95,7 +95,7 @@ def assess_space_confidence(
     hidden = [each.evidence for each in refused if np.array_equal(each.whole.markers, tip)]
     whole = [each.evidence for each in refused if not np.array_equal(each.whole.markers, tip)]
     ratios = [joint.free / max(joint.residual, 1e-6) for joint in chain.joints]
-    against: dict[SpaceEvidence, float] = {
+    against: dict[SpatialEvidence, float] = {
         "weakest": 12 * _short_of(min((each.evidence for each in made), default=np.inf), _SURE_DIVISION),
         "runner-up": 6 * _short_of(_SURE_WHOLE, max(whole, default=0.0)),
         "hidden-tip": 10 * _short_of(_SURE_TIP, max(hidden, default=0.0)),
@@ -105,7 +105,7 @@ def assess_space_confidence(
         "left-out": 30 * _short_of(1 - left_out, 1.0),
         "one-joint": min(10 * _short_of(second_arc, _SURE_SECOND), _ONE_JOINT),
     }
-    return SpaceConfidence(
+    return SpatialConfidence(
         float(1 / (1 + np.exp(sum(against.values()) - _BEST))),
         tuple(ratio / (ratio + _SURE_JOINT) for ratio in ratios),
         against,

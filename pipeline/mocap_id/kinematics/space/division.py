@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.space.bodies import SpaceBodies, SpaceBody
+from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody
 from mocap_id.kinematics.space.own_motion import gain_of_parts, own_deviation, own_motion
-from mocap_id.kinematics.space.pair_joint import SpacePairJoint, fit_pair_joint
+from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
 
 _GAIN_END = 0.7  # summed log gain of the own motion from which a body with one joint is two: skin reaches 0.5
 _GAIN_BETWEEN = 1.15  # the same between two joints, whose large rotations explain less: skin reaches 1.1
@@ -37,8 +37,8 @@ class Division:
 
     Parameters
     ----------
-    whole : SpaceBody
-    parts : tuple of two SpaceBody
+    whole : SpatialBody
+    parts : tuple of two SpatialBody
     gain : float
         Summed log gain of the markers' residuals.
     own : float
@@ -47,8 +47,8 @@ class Division:
         Least ``own`` of a division that is real.
     """
 
-    whole: SpaceBody
-    parts: tuple[SpaceBody, SpaceBody]
+    whole: SpatialBody
+    parts: tuple[SpatialBody, SpatialBody]
     gain: float
     own: float
     needed: float
@@ -66,7 +66,7 @@ class Partition:
 
     Parameters
     ----------
-    bodies : list of SpaceBody
+    bodies : list of SpatialBody
     joints : dict
         The joint of each pair of bodies i < j.
     made : list of Division
@@ -75,25 +75,25 @@ class Partition:
         The best division of every body that stayed whole.
     """
 
-    bodies: list[SpaceBody]
-    joints: dict[tuple[int, int], SpacePairJoint] = field(default_factory=dict)
+    bodies: list[SpatialBody]
+    joints: dict[tuple[int, int], SpatialPairJoint] = field(default_factory=dict)
     made: list[Division] = field(default_factory=list)
     refused: list[Division] = field(default_factory=list)
 
 
-def divide(sorter: SpaceBodies, start: Sequence[SpaceBody], needed: float = 1.0) -> Partition:
+def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
     """Divide bodies until each is rigid, the clearest division first.
 
     Parameters
     ----------
-    sorter : SpaceBodies
-    start : sequence of SpaceBody
+    sorter : SpatialBodies
+    start : sequence of SpatialBody
         One body of all markers, or the bodies of an earlier division.
     needed : float
         Least ``evidence`` of a division.
     """
     found = Partition(list(start))
-    joints: dict[bytes, SpacePairJoint] = {}
+    joints: dict[bytes, SpatialPairJoint] = {}
     tried: dict[bytes, Division | None] = {}
     while True:
         found.joints = _all_joints(found.bodies, joints)
@@ -110,7 +110,12 @@ def divide(sorter: SpaceBodies, start: Sequence[SpaceBody], needed: float = 1.0)
         found.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
 
 
-def spanning_tree(joints: dict[tuple[int, int], SpacePairJoint], count: int) -> list[tuple[int, int]]:
+def undivided(bodies: Sequence[SpatialBody]) -> Partition:
+    """Return bodies with the joints of all pairs; no division is tried."""
+    return Partition(list(bodies), _all_joints(bodies, {}))
+
+
+def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -> list[tuple[int, int]]:
     """Return the pairs of bodies that form the tree with the smallest joint residuals (Kruskal)."""
     group = list(range(count))
     edges = []
@@ -122,8 +127,8 @@ def spanning_tree(joints: dict[tuple[int, int], SpacePairJoint], count: int) -> 
 
 
 def _all_joints(
-    bodies: Sequence[SpaceBody], known: dict[bytes, SpacePairJoint]
-) -> dict[tuple[int, int], SpacePairJoint]:
+    bodies: Sequence[SpatialBody], known: dict[bytes, SpatialPairJoint]
+) -> dict[tuple[int, int], SpatialPairJoint]:
     """Return the joint of each pair of bodies; ``known`` keeps them from step to step."""
     joints = {}
     for i, j in combinations(range(len(bodies)), 2):
@@ -135,7 +140,7 @@ def _all_joints(
 
 
 def _best_division(
-    sorter: SpaceBodies, found: Partition, index: int, tried: dict[bytes, Division | None]
+    sorter: SpatialBodies, found: Partition, index: int, tried: dict[bytes, Division | None]
 ) -> Division | None:
     """Return the division of a body with the most evidence; None if it is rigid or has too few markers."""
     whole = found.bodies[index]
@@ -153,7 +158,7 @@ def _best_division(
     return tried[key]
 
 
-def _weigh(sorter: SpaceBodies, whole: SpaceBody, neighbours: Sequence[SpaceBody]) -> list[Division]:
+def _weigh(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:
     """Return the divisions of a body, with their gains."""
     motion, shape = own_motion(sorter.points, whole, neighbours)
     needed = _GAIN_BETWEEN if len(neighbours) > 1 else _GAIN_END

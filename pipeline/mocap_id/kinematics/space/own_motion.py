@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bodies import LEAST, SpaceBody, around_mean
+from mocap_id.kinematics.space.bodies import LEAST, SpatialBody, around_mean
 from mocap_id.kinematics.space.pair_joint import mean_rotation
 
 _RIDGE = 1e-3  # of the regression; the terms have unit variance
@@ -20,7 +20,9 @@ _TURNS = 0.09  # rad rms; less may come from a hidden joint, which also turns th
 _FLOOR = 0.5e-3  # m; smaller residuals are no better
 
 
-def own_motion(points: FloatArray, body: SpaceBody, neighbours: Sequence[SpaceBody]) -> tuple[FloatArray, FloatArray]:
+def own_motion(
+    points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]
+) -> tuple[FloatArray, FloatArray]:
     """Return what the rotations against the neighbours do not explain, of the motion of a body's markers in its frame.
 
     The motion is regressed on the components of each relative rotation vector and their products.
@@ -29,8 +31,8 @@ def own_motion(points: FloatArray, body: SpaceBody, neighbours: Sequence[SpaceBo
     ----------
     points : (F, M, 3) array
         Trajectories in the lab, m; NaN where unseen.
-    body : SpaceBody
-    neighbours : sequence of SpaceBody
+    body : SpatialBody
+    neighbours : sequence of SpatialBody
         Bodies that joints connect with it.
 
     Returns
@@ -45,13 +47,18 @@ def own_motion(points: FloatArray, body: SpaceBody, neighbours: Sequence[SpaceBo
     known = np.isfinite(terms).all(axis=1)
     seen = np.isfinite(points[:, body.markers, 0]) & known[:, None]
     motion = np.zeros_like(off)
-    penalty = _RIDGE * np.diag([0.0, *np.ones(terms.shape[1] - 1)])
-    for marker in range(len(shape)):
-        frames = seen[:, marker]
-        if frames.sum() > terms.shape[1]:
-            given, moved = terms[frames], off[frames, marker]
-            normal = given.T @ given + frames.sum() * penalty
-            motion[frames, marker] = moved - given @ np.linalg.solve(normal, given.T @ moved)
+    counts, size = seen.sum(axis=0), terms.shape[1]
+    penalty = _RIDGE * np.diag([0.0, *np.ones(size - 1)])
+    enough = np.flatnonzero(counts > size)
+    if enough.size:
+        given = np.where(known[:, None], terms, 0.0)
+        weight, moved = seen[:, enough].T.astype(np.float64), np.where(seen[..., None], off, 0.0)[:, enough]
+        products = (given[:, :, None] * given[:, None]).reshape(len(given), -1)
+        normal = (weight @ products).reshape(-1, size, size) + counts[enough, None, None] * penalty
+        explained = np.linalg.solve(
+            normal, np.swapaxes((given.T @ moved.reshape(len(moved), -1)).reshape(size, -1, 3), 0, 1)
+        )
+        motion[:, enough] = np.where(seen[:, enough, None], moved - np.swapaxes(given @ explained, 0, 1), 0.0)
     return motion, shape
 
 
@@ -72,6 +79,11 @@ def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArra
     return float(np.sum(np.log((together**2 + _FLOOR**2) / (apart**2 + _FLOOR**2))) / 2)
 
 
+def own_residuals(points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]) -> FloatArray:
+    """Return the rms (k,) of the own motion of a body's markers, without a small motion of the body, m."""
+    return _without_pose(*own_motion(points, body, neighbours))
+
+
 def own_deviation(motion: FloatArray, shape: FloatArray) -> FloatArray:
     """Return the deviation (k, k) of every mutual distance by the motion of :func:`own_motion`, m."""
     along = shape[:, None] - shape
@@ -80,7 +92,7 @@ def own_deviation(motion: FloatArray, shape: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(change**2, axis=0)))
 
 
-def _posture_terms(body: SpaceBody, other: SpaceBody) -> FloatArray:
+def _posture_terms(body: SpatialBody, other: SpatialBody) -> FloatArray:
     """Return the components of the relative rotation vector and their products (F, 9), in units of their spread.
 
     The components are along the principal axes of the rotation; the small ones are 0.

@@ -8,14 +8,14 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bodies import SpaceBody
+from mocap_id.kinematics.space.bodies import SpatialBody
 
 _RIDGE = 1e-4  # a hinge has many common points: take the one nearest to the markers
 _FEWEST = 10  # frames
 
 
 @dataclass(frozen=True)
-class SpacePairJoint:
+class SpatialPairJoint:
     """A point that two bodies share, and how far they turn about it.
 
     Parameters
@@ -38,7 +38,7 @@ class SpacePairJoint:
     arc: float
 
 
-def fit_pair_joint(first: SpaceBody, second: SpaceBody) -> SpacePairJoint:
+def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     """Fit the common point of two bodies by linear least squares (SCoRE).
 
     The points x of the first and y of the second body obey ``x - C y = d`` in the first body's frame, with the relative
@@ -48,14 +48,14 @@ def fit_pair_joint(first: SpaceBody, second: SpaceBody) -> SpacePairJoint:
     shift = np.einsum("fji,fj->fi", first.rotation, second.origin - first.origin)
     both = np.isfinite(shift[:, 0])
     if both.sum() < _FEWEST:
-        return SpacePairJoint(np.zeros(3), np.zeros(3), np.inf, 0.0, 0.0)
+        return SpatialPairJoint(np.zeros(3), np.zeros(3), np.inf, 0.0, 0.0)
     turn, shift = turn[both], shift[both]
     mean, back = turn.mean(axis=0), -np.einsum("fji,fj->fi", turn, shift)
     normal = np.block([[np.eye(3), -mean], [-mean.T, np.eye(3)]]) + _RIDGE * np.eye(6)
     solution = np.linalg.solve(normal, np.concatenate([shift.mean(axis=0), back.mean(axis=0)]))
     off = solution[:3] - turn @ solution[3:] - shift
     free = min(_rms(first.residual[second.markers]), _rms(second.residual[first.markers]))
-    return SpacePairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, _arc(turn))
+    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, _arc(turn))
 
 
 def mean_rotation(rotation: FloatArray) -> FloatArray:

@@ -17,10 +17,10 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.hypotheses import SegmentationRules
-from mocap_id.kinematics.space.bodies import LEAST, SpaceBodies, distance_deviation
-from mocap_id.kinematics.space.chain_order import CHANCE, SpaceChain, joints_between, scatter
-from mocap_id.kinematics.space.chain_search import SpaceSearch, search_best_chain, search_chain
-from mocap_id.kinematics.space.confidence import SpaceConfidence, assess_space_confidence
+from mocap_id.kinematics.space.bodies import LEAST, SpatialBodies, distance_deviation
+from mocap_id.kinematics.space.chain_order import CHANCE, SpatialBodyChain, joints_between, scatter
+from mocap_id.kinematics.space.chain_search import SpatialSearch, search_best_chain, search_chain
+from mocap_id.kinematics.space.confidence import SpatialConfidence, assess_spatial_confidence
 from mocap_id.kinematics.space.pair_joint import fit_pair_joint, mean_rotation
 
 _SEARCH_FRAMES = 120
@@ -70,7 +70,7 @@ class SpatialSegmentation:
         Why each marker is where it is.
     count : int
         Number of segments with the base.
-    confidence : SpaceConfidence
+    confidence : SpatialConfidence
     ratios : tuple of float
         For each joint, the motion of one segment in the other without a joint over the residual of their common point.
     joint_residuals, arcs : tuple of float
@@ -91,7 +91,7 @@ class SpatialSegmentation:
     residual: FloatArray
     reasons: tuple[str, ...]
     count: int
-    confidence: SpaceConfidence
+    confidence: SpatialConfidence
     ratios: tuple[float, ...]
     joint_residuals: tuple[float, ...]
     arcs: tuple[float, ...]
@@ -136,7 +136,7 @@ def segment_in_space(
     markers = np.flatnonzero(seen & (partners >= LEAST - 1))
     _require_motion(len(markers), deviation[np.ix_(seen, seen)])
     search = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
-    found = _find_counted(SpaceBodies(search, markers, constraints), rules)
+    found = _find_counted(SpatialBodies(search, markers, constraints), rules)
     return _assemble(found, points, seen, rules, constraints)
 
 
@@ -161,7 +161,7 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
         )
 
 
-def _find_counted(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
+def _find_counted(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
     """Return the chain, with the requested number of segments if there is one."""
     found = search_best_chain(sorter, rules)
     lengths = set()
@@ -187,7 +187,7 @@ def _find_counted(sorter: SpaceBodies, rules: SegmentationRules) -> SpaceSearch:
     raise _no_chain(found, sorter, rules)
 
 
-def _no_chain(found: SpaceSearch, sorter: SpaceBodies, rules: SegmentationRules) -> Refused:
+def _no_chain(found: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
     """Return the refusal: no two bodies turn about a common point."""
     bodies = sum(len(body.markers) >= LEAST for body in found.bodies)
     if bodies < 2:
@@ -213,13 +213,13 @@ def _no_chain(found: SpaceSearch, sorter: SpaceBodies, rules: SegmentationRules)
 
 
 def _assemble(
-    found: SpaceSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
+    found: SpatialSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> SpatialSegmentation:
     """Return the result, with the bodies fitted to all chosen frames and the markers left over assigned."""
     assert found.chain is not None
-    sorter = SpaceBodies(points, np.flatnonzero(seen), constraints)
+    sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
     bodies = [sorter.body(body.markers) for body in found.chain.bodies]
-    chain = SpaceChain(tuple(bodies), joints_between(bodies), found.chain.branches, found.chain.joined)
+    chain = SpatialBodyChain(tuple(bodies), joints_between(bodies), found.chain.branches, found.chain.joined)
     residuals = np.stack([body.residual for body in bodies])
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(bodies):
@@ -231,7 +231,7 @@ def _assemble(
     base, tip = (float(np.median(motion[segment == k])) for k in (0, len(bodies) - 1))
     beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
     explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
-    confidence = assess_space_confidence(
+    confidence = assess_spatial_confidence(
         chain,
         found.made,
         found.refused,
@@ -286,7 +286,7 @@ def _adopt(
             segment[marker] = int(np.argmin(cost))
 
 
-def _reason(marker: int, segment: IntArray, residuals: FloatArray, chain: SpaceChain, seen: BoolArray) -> str:
+def _reason(marker: int, segment: IntArray, residuals: FloatArray, chain: SpatialBodyChain, seen: BoolArray) -> str:
     """Return in words why a marker is on its segment, or on none."""
     k = int(segment[marker])
     if k >= 0:
@@ -309,7 +309,7 @@ def _reason(marker: int, segment: IntArray, residuals: FloatArray, chain: SpaceC
     )
 
 
-def _planarity(chain: SpaceChain) -> float:
+def _planarity(chain: SpatialBodyChain) -> float:
     """Return the share of the rotation of the segments against the base, frame by frame, that is not about one axis."""
     base = chain.bodies[0].rotation
     moment = np.zeros((3, 3))
@@ -323,7 +323,7 @@ def _planarity(chain: SpaceChain) -> float:
     return float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0
 
 
-def _second_arc(chain: SpaceChain) -> float:
+def _second_arc(chain: SpatialBodyChain) -> float:
     """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
 
     The rotation vectors of all joints are split into independent courses in time (principal components).
@@ -340,7 +340,7 @@ def _second_arc(chain: SpaceChain) -> float:
     return float(4 * np.sqrt(max(values[-2], 0.0)))
 
 
-def _hypotheses(found: SpaceSearch) -> tuple[SpatialHypothesis, ...]:
+def _hypotheses(found: SpatialSearch) -> tuple[SpatialHypothesis, ...]:
     """Return the divisions made and refused, the largest gain first."""
     every = [(each, True) for each in found.made] + [(each, False) for each in found.refused]
     return tuple(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import json
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,12 +11,10 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space.base_parameters import full_names, structural_base
-from mocap_id.errors import StoreError
 from mocap_id.geometry import se3
-from mocap_id.recording.writer import write_c3d
 from mocap_id.simulation.space_robot.options import SpaceRobotOptions
 from mocap_id.simulation.space_robot.trial import FRAME, MARKER_NOISE, SpaceRobotTrial, generate_space_robot
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.simulation.trial_files import json_bytes, npz_bytes, points_bytes, write_trial
 
 _YAML = """\
 # A robot of {joints} hinges in space on a force plate{load}.
@@ -69,19 +65,16 @@ def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
     StoreError
         The folder already holds a trial, or cannot be written.
     """
-    if (folder / "trial.c3d").exists():
-        raise StoreError(f"{folder} already holds a trial: remove it or choose another folder")
-    trial = generate_space_robot(options)
-    contents = {
-        "trial.c3d": _c3d(trial),
-        "truth.json": (json.dumps(_truth(trial), indent=1, ensure_ascii=False) + "\n").encode(),
-        "truth.npz": _arrays(trial),
-        "trial.yaml": _yaml(trial, folder.resolve().name).encode(),
+    return write_trial(folder, lambda name: _contents(generate_space_robot(options), name))
+
+
+def _contents(trial: SpaceRobotTrial, name: str) -> dict[str, bytes]:
+    return {
+        "trial.c3d": points_bytes(trial.robot.labels, trial.points, trial.options.rate, [trial.signals]),
+        "truth.json": json_bytes(_truth(trial)),
+        "truth.npz": npz_bytes(_arrays(trial)),
+        "trial.yaml": _yaml(trial, name).encode(),
     }
-    with explained(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    replace_together(folder, contents)
-    return folder / "trial.yaml"
 
 
 def _yaml(trial: SpaceRobotTrial, name: str) -> str:
@@ -94,13 +87,6 @@ def _yaml(trial: SpaceRobotTrial, name: str) -> str:
         name=json.dumps(name, ensure_ascii=False),
         settings=_SETTINGS.format(**values),
     )
-
-
-def _c3d(trial: SpaceRobotTrial) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "trial.c3d"
-        write_c3d(path, trial.robot.labels, trial.points, trial.options.rate, plates=[trial.signals])
-        return path.read_bytes()
 
 
 def _truth(trial: SpaceRobotTrial) -> dict[str, Any]:
@@ -136,25 +122,22 @@ def _truth(trial: SpaceRobotTrial) -> dict[str, Any]:
     }
 
 
-def _arrays(trial: SpaceRobotTrial) -> bytes:
+def _arrays(trial: SpaceRobotTrial) -> dict[str, FloatArray]:
     to_lab, motion = FRAME.axes.T, trial.motion
 
     def vectors(values: FloatArray) -> FloatArray:
         return np.asarray(values @ to_lab.T)
 
-    stream = io.BytesIO()
-    np.savez_compressed(
-        stream,
-        t=trial.time,
-        q=trial.q,
-        dq=trial.dq,
-        ddq=trial.ddq,
-        seg_R=to_lab @ motion.rotation,
-        seg_origin=vectors(motion.origin),
-        omega=vectors(motion.omega),
-        alpha=vectors(motion.alpha),
-        joint_lab=vectors(motion.joint),
-        wrench=np.concatenate([vectors(trial.wrench[:, :3]), vectors(trial.wrench[:, 3:])], axis=1),
-        torque=trial.torque,
-    )
-    return stream.getvalue()
+    return {
+        "t": trial.time,
+        "q": trial.q,
+        "dq": trial.dq,
+        "ddq": trial.ddq,
+        "seg_R": to_lab @ motion.rotation,
+        "seg_origin": vectors(motion.origin),
+        "omega": vectors(motion.omega),
+        "alpha": vectors(motion.alpha),
+        "joint_lab": vectors(motion.joint),
+        "wrench": np.concatenate([vectors(trial.wrench[:, :3]), vectors(trial.wrench[:, 3:])], axis=1),
+        "torque": trial.torque,
+    }

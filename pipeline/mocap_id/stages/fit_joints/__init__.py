@@ -36,7 +36,7 @@ class FitJointsSettings(Settings):
         1, description="in space: frame of the upper arm by the ISB's first option, or by its second, from the forearm"
     )
     palpation_sd_m: float = Field(
-        0.004, gt=0, description="in space: standard deviation of a landmark along each axis by palpation, m"
+        0.005, gt=0, description="in space: standard deviation of a landmark along each axis by palpation, m"
     )
     frames: int = Field(400, ge=50, description="number of frames fitted, evenly along the path of the markers")
     lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")
@@ -56,7 +56,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=9,
+    version=10,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),

@@ -16,21 +16,25 @@ from mocap_id.anatomy.segment_frames import (
     SegmentPoses,
     fit_segment_frames,
     turn_to_elbow_axis,
+    with_known_middle,
 )
 from mocap_id.anatomy.still_pose import LandmarkPlace, find_still_pose, place_landmarks
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.geometry.spatial_frames import reframed
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
-from mocap_id.stages.base import Context, given_landmarks
+from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.pointed_landmarks import MarkedChain, read_pointed_landmarks
 from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
+from mocap_id.stages.trial_keys import given_landmarks
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
 """Landmarks whose middle is the centre of the joint above a segment."""
+_PAIRS = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+"""Those of elbow and wrist."""
 _GH_SD = 0.01
 """Standard deviation of a shoulder centre that is given as a marker along each axis, m."""
 _OFTEN = 0.5
@@ -173,15 +177,18 @@ def _frames(
     option: int,
 ) -> AnatomicalFrames:
     """Return the ISB frames in the frames of the chain; ``where`` are the numbers of segments and of landmarks'."""
-    at = {name: place.local for name, place in places.items()}
+    at = _about_centres(fit, {name: place.local for name, place in places.items()}, where)
     spread: dict[str, FloatArray | float] = {name: place.sd for name, place in places.items()}
     standing = poses.standing()
-    if "upper_arm" in where and (joint := fit.chain.joints[where["upper_arm"] - 1]).known:
-        turn = standing.rotations[where["upper_arm"]].T @ standing.rotations[joint.parent]
-        at["GH"], spread["GH"] = np.zeros(3), turn @ _gh_covariance(joint.covariance) @ turn.T
-        where = {**where, "GH": where["upper_arm"]}
+    if "upper_arm" in where and fit.chain.joints[where["upper_arm"] - 1].known:
+        number = where["upper_arm"]
+        at["GH"], spread["GH"] = np.zeros(3), _known_covariance(fit.centre_among_markers(number, number))
+        where = {**where, "GH": number}
     bent = _bent_pose(at, where, poses) if option == 2 else None
     found = fit_segment_frames(at, where, standing, covariances=spread, bent=bent)
+    for child, pair in _pairs_at_joints(fit, at, where).items():
+        parent = fit.chain.joints[where[child] - 1].parent
+        found = with_known_middle(found, pair, fit.centre_among_markers(where[child], parent))
     if option == 2 or not {"upper_arm", "forearm"} <= where.keys() or "upper_arm" not in found.frames:
         return found
     elbow = fit.chain.joints[where["forearm"] - 1]
@@ -190,7 +197,34 @@ def _frames(
     return turn_to_elbow_axis(found, ElbowAxis(elbow.first_axis, elbow.axes_covariance[0]))
 
 
-def _gh_covariance(covariance: FloatArray) -> FloatArray:
+def _pairs_at_joints(
+    fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]
+) -> dict[str, tuple[str, str]]:
+    """Return the pairs of landmarks whose middle is a centre that the motion shows too, by the child's name.
+
+    There are none if whole clusters slide: the centres then move by centimetres between the clusters.
+    """
+    if any(joint.slide_sd for joint in fit.chain.joints):
+        return {}
+    return {
+        child: pair
+        for child, pair in _PAIRS.items()
+        if child in where
+        and all(name in at for name in pair)
+        and np.isfinite(fit.chain.joints[where[child] - 1].covariance).all()
+    }
+
+
+def _about_centres(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]) -> dict[str, FloatArray]:
+    """Return the landmarks' places, with pairs beside a joint moved so that their middle is its centre."""
+    moved = dict(at)
+    for child, pair in _pairs_at_joints(fit, at, where).items():
+        off = fit.chain.joints[where[child] - 1].centre - (at[pair[0]] + at[pair[1]]) / 2
+        moved |= {name: at[name] + off for name in pair}
+    return moved
+
+
+def _known_covariance(covariance: FloatArray) -> FloatArray:
     return covariance if np.isfinite(covariance).all() else PALPATION**2 * np.eye(3)
 
 

@@ -17,7 +17,7 @@ from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.recording import Recording
-from mocap_id.stages.base import TrialKeys
+from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.verdict import Reason
 
 

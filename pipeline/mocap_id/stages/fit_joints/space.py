@@ -10,14 +10,17 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry.spatial_chain import JointKind, SpatialJoint
+from mocap_id.kinematics.space.axis_refinement import has_known_axes, refine_axes
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_chain import read_calibration
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames, points_near_joints
+from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
+from mocap_id.store.spatial_views import SpatialSkeleton, is_skeleton
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -28,6 +31,10 @@ def fit_chain_in_space(context: Context) -> Outputs:
         return (_calibrated(context),)
     settings: FitJointsSettings = context.settings
     segments = context.table("segments.parquet")
+    if is_skeleton(context.long("planar.parquet").facts):
+        from mocap_id.stages.fit_joints.skeleton import fit_skeleton_chain  # noqa: PLC0415  only skeletons need it
+
+        return fit_skeleton_chain(context)
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
@@ -115,6 +122,7 @@ def joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
     return {
         "kind": np.array([joint.kind for joint in joints], dtype=object),
         "axes": stacked("first_axis", "second_axis"),
+        "slide_sd": np.array([joint.slide_sd for joint in joints], dtype=np.float64),
         "known": np.array([joint.known for joint in joints], dtype=np.bool_),
         **{
             name: stacked(name)
@@ -126,8 +134,12 @@ def joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
     }
 
 
+_REFINED_BY = 600
+"""Largest number of frames that correct the axes of a calibration."""
+
+
 def _calibrated(context: Context) -> Tree:
-    """Return the calibration's chain, with the markers that this trial has."""
+    """Return the calibration's chain, with the markers that this trial has and axes that its motion corrects."""
     assert context.trial.calibration is not None
     tree = read_calibration(context.trial.calibration)
     segments = context.table("segments.parquet")
@@ -136,9 +148,28 @@ def _calibrated(context: Context) -> Tree:
     markers: Mapping[str, Any] = tree.data["markers"]  # type: ignore[assignment]
     data = {**tree.data, "markers": {name: np.asarray(values)[keep] for name, values in markers.items()}}
     name = context.trial.calibration.trial.name
-    note = Reason("calibrated", f"centres, axes and landmark frames of the joints are those of {name}.", level="ok")
+    data["joints"], refined = _refined_joints(context, Tree(CHAIN, data, tree.facts))
+    better = f"; this trial corrects the axes of the {' and '.join(refined)}" if refined else ""
+    message = f"centres, axes and landmark frames of the joints are those of {name}{better}."
+    note = Reason("calibrated", message, level="ok")
     kept = tuple(reason for reason in tree.reasons if reason.level != "ok")
     return Tree(CHAIN, data, {**tree.facts, "calibration": name}, (note, *kept))
+
+
+def _refined_joints(context: Context, tree: Tree) -> tuple[Mapping[str, Any], list[str]]:
+    """Return the group ``joints`` of chain.h5 with corrected axes, and the names of the joints that have them."""
+    skeleton, planar = SpatialSkeleton.from_tree(tree), context.long("planar.parquet")
+    joints: Mapping[str, Any] = tree.data["joints"]  # type: ignore[assignment]
+    if is_skeleton(planar.facts) or tree.facts["frames"] == "skeleton":
+        return joints, []
+    if not any(has_known_axes(joint) for joint in skeleton.chain.joints):
+        return joints, []
+    view = Trajectories(planar, context.table("segments.parquet").facts.get("bad_stretches", ()))
+    columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
+    points = view.in_space(columns)[:: 1 + len(view.time) // _REFINED_BY]
+    rotations, _ = cluster_poses(without_skin_twist(points, skeleton.chain), skeleton.chain)
+    chain, refined = refine_axes(skeleton.chain, rotations)
+    return {**joints, **joint_arrays(chain.joints)}, [skeleton.joints[k] for k in refined]
 
 
 def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:

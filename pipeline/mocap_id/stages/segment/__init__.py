@@ -62,7 +62,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=11,
+    version=12,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("space", "protocol", "calibration"),

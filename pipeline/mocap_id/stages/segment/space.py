@@ -13,13 +13,16 @@ from mocap_id.anatomy.landmark_names import find_landmarks
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
-from mocap_id.stages.base import Context, Outputs, given_landmarks
+from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_chain import read_calibration
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
+from mocap_id.stages.segment.skeleton import skeleton_segments
+from mocap_id.stages.trial_keys import given_landmarks
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
+from mocap_id.store.spatial_views import is_skeleton
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -49,6 +52,8 @@ def segment_bodies(context: Context) -> Outputs:
     view = Trajectories(context.long("planar.parquet"))
     if context.trial.calibration is not None:
         return (_calibrated(context, view),)
+    if is_skeleton(view.planar.facts):
+        return (skeleton_segments(view),)
     labels = view.labels
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
     points = view.in_space(np.arange(len(labels)))

@@ -1,0 +1,83 @@
+"""Joints of a skeleton by their names: Kinect v2, Azure Kinect, MediaPipe, Pose2Sim, OpenCap and their like."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from mocap_id.anatomy.landmark_names import Side
+
+_MIDDLE = {
+    "pelvis": "spinebase pelvis hip hips midhip cmidhip hipcenter hipcentre",
+    "spine": "spinemid spinechest chest spinenaval spinenavel torso",
+    "spine_top": "spineshoulder shouldercenter shouldercentre",
+    "neck": "neck cneck",
+    "head": "head",
+}
+_SIDED = {
+    "shoulder": "shoulder sho shoulderjointcenter shoulderjointcentre",
+    "elbow": "elbow elb elbowjointcenter elbowjointcentre",
+    "wrist": "wrist wri wristjointcenter wristjointcentre",
+    "hand": "hand index middle palm",
+    "hip": "hip hipjointcenter hipjointcentre hjc",
+    "ankle": "ankle ankleankle",
+    "foot": "foot footindex bigtoe toe",
+}
+_MIDDLE_ROLES = {name: role for role, names in _MIDDLE.items() for name in names.split()}
+_SIDED_ROLES = {name: role for role, names in _SIDED.items() for name in names.split()}
+
+TRUNK = ("near_shoulder", "far_shoulder", "near_hip", "far_hip", "pelvis", "spine", "spine_top", "neck")
+"""Roles of the joints that show the trunk."""
+ARM = ("elbow", "wrist", "hand")
+"""Roles of the joints of the arm, from the shoulder outwards."""
+
+
+def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
+    """Return the numbers of the joints by their roles for one arm.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Names of the joints in the file.
+    side : {"right", "left"}
+        The arm; ``near_`` joints are on its side of the trunk, ``far_`` ones on the other.
+
+    Returns
+    -------
+    dict
+        Roles are those in :data:`TRUNK` and :data:`ARM`, ``far_ankle``, ``near_foot`` and so on.
+
+    Examples
+    --------
+    >>> find_roles(["Neck", "ShoulderLeft", "RElbow", "right_wrist", "LElbow"], "right")
+    {'neck': 0, 'far_shoulder': 1, 'elbow': 2, 'wrist': 3, 'far_elbow': 4}
+    """
+    found: dict[str, int] = {}
+    for number, label in enumerate(labels):
+        role = _role(label, side)
+        if role and role not in found:
+            found[role] = number
+    return found
+
+
+def _role(label: str, side: Side) -> str | None:
+    name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
+    if name in _MIDDLE_ROLES:
+        return _MIDDLE_ROLES[name]
+    for own, rest in _sides(name):
+        if rest in _SIDED_ROLES:
+            role = _SIDED_ROLES[rest]
+            near = own[0] == side[0]
+            return role if near and role in ARM else f"{'near' if near else 'far'}_{role}"
+    return None
+
+
+def _sides(name: str) -> list[tuple[str, str]]:
+    """Return the readings of a name as a side and the rest."""
+    found = []
+    for word in ("right", "left", "r", "l"):
+        if name.startswith(word):
+            found.append((word, name[len(word) :]))
+        if name.endswith(word):
+            found.append((word, name[: -len(word)]))
+    return found

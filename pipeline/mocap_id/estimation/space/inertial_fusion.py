@@ -1,0 +1,212 @@
+"""Smoothed states of a chain in space from its markers and inertial sensors.
+
+The markers alone give a first motion. On it each sensor is calibrated, and one that contradicts it is left out. The
+filter then runs again with both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
+from mocap_id.errors import NumericalError
+from mocap_id.estimation.inertial import (
+    Calibrated,
+    Prepared,
+    SegmentMotion,
+    SensorResult,
+    SensorSignals,
+    calibrate_all,
+    find_shown,
+    prepare_sensor,
+)
+from mocap_id.estimation.inertial.signals import GRAVITY
+from mocap_id.estimation.process_model import ORDER
+from mocap_id.estimation.space.chain_model import chain_model, group_columns
+from mocap_id.estimation.space.space_filter import SpatialTrack, scale_to_movement
+from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
+from mocap_id.estimation.space.space_smoothing import (
+    SpatialSettings,
+    SpatialStates,
+    collect_states,
+    estimate_noise,
+    find_lost,
+    run_both_ways,
+)
+from mocap_id.estimation.space.spatial_noise import SpatialNoise
+from mocap_id.geometry.spatial_chain import SpatialChain
+
+_SNAP = 2.0  # the sensors show faster movement than the markers
+_ACCELERATION_SHARE = 0.6  # of the filter's standard deviation, in simulated arms
+_LASTS = 0.3  # s, in which errors of a gyroscope keep their sign
+_WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
+_LEAST_USED = 0.8  # share of the samples that pass the gate
+
+
+def smooth_with_sensors(
+    points: FloatArray,
+    time: FloatArray,
+    chain: SpatialChain,
+    sensors: Mapping[int, SensorSignals],
+    settings: SpatialSettings | None = None,
+) -> tuple[SpatialStates, dict[int, SensorResult]]:
+    """Estimate the states of all segments and joints from markers and inertial sensors.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Measured markers in the frame of the trial (y up), m; NaN where missing.
+    time : (F,) array
+        Uniform times of the cameras, s.
+    chain : SpatialChain
+    sensors : mapping from int to SensorSignals
+        Sensors by the number of their segment.
+    settings : SpatialSettings, optional
+
+    Returns
+    -------
+    SpatialStates
+        From the markers alone if no sensor is left.
+    dict from int to SensorResult
+
+    Raises
+    ------
+    NumericalError
+        A covariance is not positive definite.
+    """
+    settings = settings or SpatialSettings()
+    model, rate = chain_model(chain), 1.0 / float(time[1] - time[0])
+    points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
+    frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
+
+    def smooth(noise: SpatialNoise, fused: Sensors | None = None, followed: BoolArray | None = None) -> SpatialStates:
+        track = run_both_ways(model, steady, 1.0 / rate, frames, noise, settings.gate, fused)
+        _check_gate(track, fused)
+        lost = find_lost(chain, model, track, settings)
+        scale_to_movement(track, noise.errors)
+        if followed is not None:
+            _shrink_accelerations(track.covariance, followed)
+            _add_lasting_errors(track.covariance, model, frames.observed, ready, 1.0 / rate)
+        return collect_states(chain, model, frames, track, noise, lost)
+
+    alone = smooth(noise)
+    motions = segment_motions(chain, alone, rate, find_shown(frames.observed, rate))
+    results = calibrate_all(sensors, motions, time)
+    kept = {s: each.found for s, each in results.items() if each.found is not None and each.why is None}
+    if not kept:
+        return alone, results
+    ready = {s: prepare_sensor(sensors[s], kept[s], motions[s], time, frames.observed[:, s]) for s in kept}
+    followed = _followed(model, list(ready))
+    try:
+        both = smooth(_faster(noise, followed), _as_arrays(kept, ready, motions), followed)
+        _check_residual(both, alone, points)
+    except NumericalError as error:
+        return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
+    return replace(both, noise=noise), results
+
+
+def _check_gate(track: SpatialTrack, sensors: Sensors | None) -> None:
+    """Raise NumericalError if most samples of a gyroscope fail the gate."""
+    if sensors is not None:
+        given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
+        if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
+            raise NumericalError("most samples of a gyroscope are far from what markers and the other sensors show")
+
+
+def _check_residual(both: SpatialStates, alone: SpatialStates, points: FloatArray) -> None:
+    """Raise NumericalError if the markers fit much worse than without sensors."""
+    if not _residual(both, points) < _WORSE * _residual(alone, points):
+        raise NumericalError("the sensors pull the chain away from the markers")
+
+
+def _faster(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
+    """Return the noise where sensors determine the rates (d,): markers say nothing on their errors."""
+    errors = noise.errors.copy()
+    errors[1:, followed] = np.nan
+    return replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
+
+
+def segment_motions(chain: SpatialChain, states: SpatialStates, rate: float, shown: BoolArray) -> list[SegmentMotion]:
+    """Return the motion of every segment in its own axes, where markers show it (F, n + 1)."""
+    found = []
+    for s in range(len(chain.joints) + 1):
+        turn, origin = states.rotations[:, s], states.origins[:, s]
+        force = np.full(origin.shape, np.nan)
+        force[1:-1] = (origin[2:] - 2 * origin[1:-1] + origin[:-2]) * rate**2 + [0.0, GRAVITY, 0.0]
+        own = [np.einsum("fji,fj->fi", turn, each) for each in (states.omega[:, s], states.alpha[:, s], force)]
+        twist, speed, along = np.zeros(len(turn)), np.zeros(len(turn)), np.array([0.0, 1.0, 0.0])
+        if s > 0:
+            joint = chain.joints[s - 1]
+            along = joint.long_axis
+            twist = joint.twist(states.joint_rotations[:, s - 1])
+            known = np.isfinite(twist)
+            twist[known] = np.unwrap(twist[known])
+            speed = states.velocity[:, s - 1] @ along
+        for each in (*own, twist, speed):
+            each[~shown[:, s]] = np.nan
+        found.append(SegmentMotion(own[0], own[1], own[2], twist, speed, along))
+    return found
+
+
+def _as_arrays(
+    found: Mapping[int, Calibrated], ready: Mapping[int, Prepared], motions: Sequence[SegmentMotion]
+) -> Sensors:
+    own = list(ready)
+
+    def stack(name: str) -> FloatArray:
+        return np.ascontiguousarray(np.stack([getattr(ready[s], name) for s in own], axis=1))
+
+    return Sensors(
+        segment=np.array(own, dtype=np.int64),
+        place=np.array([found[s].place for s in own]),
+        lag=np.array([found[s].lag for s in own]),
+        long_axis=np.array([motions[s].long_axis for s in own]),
+        gyro=stack("gyro"),
+        force=stack("force"),
+        variance=stack("variance"),
+        spread=np.array([ready[s].spread for s in own]),
+        gravity=GRAVITY,
+    )
+
+
+def _followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
+    """Return the degrees of freedom (d,) whose rates sensors determine: they are on both sides of the joint."""
+    groups = group_columns(model)
+    found = np.zeros(groups[-1].stop, dtype=np.bool_)
+    found[groups[0]] = 0 in own
+    for k, parent in enumerate(model.parent.tolist()):
+        found[groups[k + 1]] = k + 1 in own and parent in own
+    return found
+
+
+def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
+    """Scale the accelerations of the covariance (F, 4 d, 4 d), in place: the filter takes lasting errors for white."""
+    scale = np.ones(ORDER * len(followed))
+    scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
+    for part in chunks(len(covariance)):
+        covariance[part] *= scale[:, None] * scale
+
+
+def _add_lasting_errors(
+    covariance: FloatArray, model: ChainModel, observed: BoolArray, ready: Mapping[int, Prepared], dt: float
+) -> None:
+    """Add to the pose, in place, what lasting errors of gyroscopes add up to between the ends of a gap."""
+    for k, own in enumerate(group_columns(model)):
+        both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
+        if any(s not in ready for s in both):
+            continue
+        lasting = np.sum([np.nan_to_num(ready[s].lasting) for s in both], axis=0)
+        columns = np.arange(max(own.start, 3), own.stop)
+        for run in find_runs(~observed[:, k]):
+            grown = np.cumsum(lasting[run]) * _LASTS * dt
+            inside = run.start > 0 and run.stop < len(observed)
+            bridged = grown * (1.0 - grown / grown[-1]) if inside else grown
+            covariance[run, columns, columns] += bridged[:, None]
+
+
+def _residual(states: SpatialStates, points: FloatArray) -> float:
+    squares = np.sum((points - states.predicted) ** 2, axis=2)[states.used]
+    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

@@ -1,0 +1,144 @@
+"""Markers exchanged between neighbouring bodies, where their residuals become smaller.
+
+Skin that slides may be divided from its segment in place of a segment that hardly moves, such as the hand. Such a
+division fits the markers well, but not best: a marker in the wrong body moves in it as the joint turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, around_mean
+from mocap_id.kinematics.space.division import spanning_tree, undivided
+from mocap_id.kinematics.space.own_motion import own_residuals
+from mocap_id.kinematics.space.pair_joint import fit_pair_joint
+
+_MARGIN = 0.3  # least gain, in the sum of the logarithms of the residuals
+_FLOOR, _OWN_FLOOR = 1e-3, 0.5e-3  # m; smaller residuals, and those of own motion, are no better
+_UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
+_FAR = 4.0  # residual on the other body, relative to that on its own, of a marker that stays
+_CLOSE = 0.012  # m; a smaller residual on the other body is not far
+_NEAR_JOINT = 0.06  # m; nearer to their joint, both bodies fit a marker
+_LANDMARK = 3.0  # least gain for which such a marker changes sides alone
+_SMALL = 0.02  # m; motion of one body in the other below which their markers are divided anew
+_HOPELESS = 2.0  # loss in the residuals that own motion does not outweigh
+_ROUNDS = 3
+
+_Pair: TypeAlias = tuple[SpatialBody, SpatialBody]
+
+
+def exchange_markers(sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> tuple[SpatialBody, ...]:
+    """Return the bodies after exchanges between those that joints connect, one or two markers at a time.
+
+    Parameters
+    ----------
+    sorter : SpatialBodies
+    bodies : sequence of SpatialBody
+        All bodies of a division.
+    """
+    exchange = _Exchange(sorter, bodies)
+    for _ in range(_ROUNDS):
+        improved = [exchange.improve(i, j) for i, j in exchange.edges]
+        if not any(improved):
+            break
+    return tuple(exchange.bodies)
+
+
+class _Exchange:
+    """Bodies, the tree of their joints, and the costs that were computed."""
+
+    def __init__(self, sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> None:
+        self.sorter, self.bodies = sorter, list(bodies)
+        self.edges = spanning_tree(undivided(bodies).joints, len(bodies))
+        self._costs: dict[bytes, float] = {}
+
+    def improve(self, i: int, j: int) -> bool:
+        """Exchange markers of two neighbours while that helps; return whether it did."""
+        before = self.bodies[i]
+        new = fit_pair_joint(self.bodies[i], self.bodies[j]).free < _SMALL
+        for _ in range(_ROUNDS):
+            pair: _Pair = self.bodies[i], self.bodies[j]
+            plain, own = _plain_cost(*pair), self._own_cost(*pair, i, j)
+            best, chosen = plain + own - _MARGIN, pair
+            choices: list[tuple[_Pair, float]] = [*self._exchanged(*pair), *(self._divided(*pair) if new else ())]
+            for choice, doubt in choices:
+                rigid = _plain_cost(*choice) + doubt
+                if rigid > plain + _HOPELESS:
+                    continue
+                cost = rigid + self._own_cost(*choice, i, j)
+                if cost < best:
+                    best, chosen = cost, choice
+            if chosen is pair:
+                break
+            self.bodies[i], self.bodies[j] = chosen
+            new = False
+        return self.bodies[i] is not before
+
+    def _own_cost(self, first: SpatialBody, second: SpatialBody, i: int, j: int) -> float:
+        """Return the sum of the logarithms of the residuals of two bodies, without what their neighbours explain."""
+        at = {i: first, j: second}
+        total = 0.0
+        for k, body in at.items():
+            others = [b if a == k else a for a, b in self.edges if k in (a, b)]
+            around = [at.get(other, self.bodies[other]) for other in others]
+            key = b"|".join(each.markers.tobytes() for each in (body, *around))
+            if key not in self._costs:
+                left = own_residuals(self.sorter.points, body, around)
+                self._costs[key] = float(np.sum(np.log(left**2 + _OWN_FLOOR**2))) / 2
+            total += self._costs[key]
+        return total
+
+    def _exchanged(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+        """Yield the bodies after one marker has changed sides, or one of each, and what speaks against it."""
+        joint = fit_pair_joint(first, second)
+        leaving, joining = self._movable(first, second), self._movable(second, first)
+        doubts = self._doubts(first, leaving, joint.in_first), self._doubts(second, joining, joint.in_second)
+        moves: list[tuple[list[int], list[int], float]]
+        moves = [([m], [], doubt) for m, doubt in zip(leaving, doubts[0], strict=True)]
+        moves += [([], [m], doubt) for m, doubt in zip(joining, doubts[1], strict=True)]
+        moves += [([m], [k], 0.0) for m in leaving for k in joining]
+        for out, back, doubt in moves:
+            markers = [
+                np.sort(np.append(np.setdiff1d(body.markers, gone), come).astype(np.int64))
+                for body, gone, come in ((first, out, back), (second, back, out))
+            ]
+            if self._possible(*markers):
+                made = self.sorter.body(markers[0]), self.sorter.body(markers[1])
+                if min(body.width for body in made) >= NARROW:
+                    yield made, doubt
+
+    def _divided(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+        """Yield other divisions of the markers of both, either way round."""
+        for one, other in self.sorter.divisions(np.sort(np.concatenate([first.markers, second.markers]))):
+            if self._possible(one.markers, other.markers):
+                yield (one, other), 0.0
+                yield (other, one), 0.0
+
+    def _movable(self, body: SpatialBody, other: SpatialBody) -> list[int]:
+        own = body.residual[body.markers]
+        close = other.residual[body.markers] <= np.maximum(_FAR * own, _CLOSE)
+        return [int(m) for m in body.markers[close]]
+
+    def _doubts(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
+        """Return what speaks against taking each marker off a body; the joint's centre is (3,), m, in its frame."""
+        if not markers:
+            return []
+        _, place, _ = around_mean(body.local(self.sorter.points[:, markers]))
+        near = np.linalg.norm(place - centre, axis=1) <= _NEAR_JOINT
+        return [_LANDMARK if each else 0.0 for each in near]
+
+    def _possible(self, first: IntArray, second: IntArray) -> bool:
+        """Return whether both may be bodies, with markers together and apart as the user wants."""
+        constraints = self.sorter.constraints
+        apart = np.isin(constraints.unit[first], constraints.unit[second]).any()
+        return not apart and min(len(first), len(second)) >= LEAST and all(map(constraints.allow, (first, second)))
+
+
+def _plain_cost(first: SpatialBody, second: SpatialBody) -> float:
+    """Return the sum of the logarithms of the residuals of two bodies."""
+    residual = np.concatenate([body.residual[body.markers] for body in (first, second)])
+    return float(np.sum(np.log(np.minimum(residual, _UNKNOWN) ** 2 + _FLOOR**2))) / 2

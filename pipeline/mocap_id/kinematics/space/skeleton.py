@@ -1,0 +1,239 @@
+"""Chain of an arm with constant lengths, fitted to the joints of a skeleton (thesis 7.2.3).
+
+A depth camera places every joint with an error that lasts for the whole trial, some centimetres, and with noise. The
+lasting error of the elbow against the shoulder is seen: with it, the elbow moves on a sphere about another point than
+the shoulder. The centre of this sphere is the shoulder of the chain. The lasting error of the wrist against the elbow
+is found in the same way and removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import Refused
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+
+LASTING_SD = 0.02
+"""Standard deviation of the lasting error of a joint along each axis, m."""
+
+_ROUNDS = 3
+_OUTLIER = 3.0  # standard deviations of a distance; a sample farther away counts little
+_LEAST_NOISE = 2e-3  # m
+_LEAST_FRAMES = 20
+_ITERATIONS = 30
+_MOST, _OF_NORMAL = 0.85, 1.44  # quantile of the size of noise, and its value for unit variance
+_POSTURE, _POSTURE_SD = 0.8, 0.008  # s, m; duration of a posture, and the error of a distance in all its samples
+_SHORTEST = 0.03  # m, of a segment
+_LAGS = (1, 4)  # frames, between which noise with a memory fades
+
+
+@dataclass(frozen=True)
+class Trunk:
+    """The trunk as a rigid body, in anatomical axes: x forward, y up, z to the right, from between the shoulders.
+
+    Parameters
+    ----------
+    roles : tuple of str, length T
+    local : (T, 3) array
+        m.
+    residual : (T,) array
+        Standard deviation of one coordinate of each joint about its place, m.
+    rotations, origins : (F, 3, 3) and (F, 3) arrays
+        Pose in the trial; NaN where unknown.
+    """
+
+    roles: tuple[str, ...]
+    local: FloatArray
+    residual: FloatArray
+    rotations: FloatArray
+    origins: FloatArray
+
+
+@dataclass(frozen=True)
+class Bone:
+    """A segment of constant length from a fixed centre.
+
+    Parameters
+    ----------
+    centre : (3,) array
+        Centre of the sphere, m, in the trunk's axes.
+    length : float
+        m.
+    covariance : (4, 4) array
+        Of centre and length, m².
+    noise : float
+        Standard deviation of the distance, m.
+    """
+
+    centre: FloatArray
+    length: float
+    covariance: FloatArray
+    noise: float
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Noise of a joint's coordinate in time: white, and with a memory.
+
+    Parameters
+    ----------
+    white : float
+        Share of the variance that is white.
+    memory : float
+        Time in which the rest fades to 1/e, s.
+    """
+
+    white: float
+    memory: float
+
+    def colour(self, frequency: FloatArray, dt: float) -> FloatArray:
+        """Return the power at frequencies (K,), Hz, relative to that of white noise of the same variance."""
+        fades = float(np.exp(-dt / self.memory))
+        turned = 1 - 2 * fades * np.cos(2 * np.pi * frequency * dt) + fades**2
+        return np.asarray(self.white + (1 - self.white) * (1 - fades**2) / turned)
+
+
+def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
+    """Fit the trunk to its joints.
+
+    Parameters
+    ----------
+    points : mapping
+        Role to (F, 3) positions in the trial, m; NaN where lost. Of a right arm.
+
+    Raises
+    ------
+    Refused
+        The skeleton has no two shoulders, or nothing below them.
+    """
+    roles = tuple(points)
+    below = [name for name in ("pelvis", "near_hip", "far_hip", "spine") if name in roles]
+    if not {"near_shoulder", "far_shoulder"} <= set(roles) or not below:
+        raise Refused(
+            "skeleton-incomplete",
+            "the skeleton needs both shoulders and a joint of the spine or the hips to show the thorax; "
+            f"found {', '.join(roles) or 'none of them'}.",
+        )
+    tracks = np.stack([points[name] for name in roles], axis=1)
+    local, weight = _first_shape(tracks), np.ones(len(roles))
+    for _ in range(_ROUNDS):
+        rotations, origins = _poses(tracks, local, weight)
+        back = np.einsum("fji,fkj->fki", rotations, tracks - origins[:, None])
+        local = np.nanmedian(back, axis=0)
+        residual = np.sqrt(np.mean(_spread(back - local) ** 2, axis=1))
+        weight = 1 / residual**2
+    turn, middle = _axes(local, roles)
+    local = (local - middle) @ turn
+    rotations, origins = _poses(tracks, local, weight)
+    share = np.clip(1 - 2 * weight / weight.sum(), 0.3, 1.0)  # the pose follows a joint by up to six of 3 T coordinates
+    return Trunk(roles, local, residual / np.sqrt(share), rotations, origins)
+
+
+def _first_shape(tracks: FloatArray) -> FloatArray:
+    """Return the shape in the frame that shows all joints in their most usual places."""
+    seen = np.isfinite(tracks).all(axis=(1, 2))
+    if not seen.any():
+        seen = np.isfinite(tracks).all(axis=2).sum(axis=1) >= 3
+    if not seen.any():
+        raise Refused("skeleton-incomplete", "no frame of the skeleton shows three joints of the trunk.")
+    some = tracks[seen]
+    shape = some - np.nanmean(some, axis=1, keepdims=True)
+    distance = np.linalg.norm(shape[:, :, None] - shape[:, None], axis=3)
+    off = np.nansum((distance - np.nanmedian(distance, axis=0)) ** 2, axis=(1, 2))
+    return np.asarray(shape[int(np.argmin(off))])
+
+
+def _poses(tracks: FloatArray, local: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    seen = np.isfinite(tracks).all(axis=2) & np.isfinite(local).all(axis=1)
+    rotations, origins, _ = rigid_poses(tracks, local, seen * weight / weight.max())
+    return rotations, origins
+
+
+def _axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the anatomical axes as columns and the origin, from the shape of the trunk."""
+    at = dict(zip(roles, local, strict=True))
+
+    def middle(*names: str) -> FloatArray | None:
+        here = [at[name] for name in names if name in at]
+        return np.mean(here, axis=0) if len(here) == len(names) else None
+
+    shoulders = (at["near_shoulder"] + at["far_shoulder"]) / 2
+    tops = (middle("spine_top"), middle("neck"))
+    top = next((each for each in tops if each is not None), shoulders)
+    bottoms = (middle("pelvis"), middle("near_hip", "far_hip"), middle("spine"))
+    bottom = next((each for each in bottoms if each is not None), np.mean([at[n] for n in at if "hip" in n], axis=0))
+    y = (top - bottom) / np.linalg.norm(top - bottom)
+    across = at["near_shoulder"] - at["far_shoulder"]
+    if {"near_hip", "far_hip"} <= at.keys():
+        across = across + at["near_hip"] - at["far_hip"]
+    z = across - (across @ y) * y
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1), shoulders
+
+
+def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate: float) -> Bone:
+    """Fit a sphere to the positions of a bone's end.
+
+    Parameters
+    ----------
+    tips : (F, 3) array
+        Positions in the trunk's axes, m; NaN where lost.
+    expected : (3,) array
+        Measured centre, m.
+    expected_sd : float
+        Standard deviation of its lasting error along each axis, m.
+    rate : float
+        Frames per second.
+
+    Raises
+    ------
+    Refused
+        Hardly any frame shows the joint.
+    """
+    tips = tips[np.isfinite(tips).all(axis=1)]
+    if len(tips) < _LEAST_FRAMES:
+        raise Refused("skeleton-incomplete", "hardly any frame shows shoulder, elbow and wrist together.")
+    together = max(_POSTURE * rate, 1.0)
+    centre, length = expected.copy(), float(np.median(np.linalg.norm(tips - expected, axis=1)))
+    noise = 0.01
+    information = np.eye(4)
+    for _ in range(_ITERATIONS):
+        arm = tips - centre
+        distance = np.maximum(np.linalg.norm(arm, axis=1), _SHORTEST)
+        off = distance - length
+        noise = float(_spread(off - np.median(off)))
+        weight = 1 / (1 + (off / (_OUTLIER * noise)) ** 2) ** 2 / (noise**2 + _POSTURE_SD**2) / together
+        rows = np.column_stack([-arm / distance[:, None], -np.ones(len(tips))])
+        information = np.einsum("fi,f,fj->ij", rows, weight, rows)
+        information[:3, :3] += np.eye(3) / expected_sd**2
+        pull = np.einsum("fi,f,f->i", rows, weight, off)
+        pull[:3] += (centre - expected) / expected_sd**2
+        step = np.linalg.solve(information + 1e-9 * np.eye(4), pull)
+        centre, length = centre - step[:3], length - float(step[3])
+        if np.abs(step).max() < 1e-6:
+            break
+    return Bone(centre, length, np.asarray(np.linalg.inv(information), dtype=np.float64), noise)
+
+
+def _spread(off: FloatArray) -> FloatArray:
+    """Return the standard deviation over the first axis, m, without outliers but with the noise of fast movement."""
+    size = np.abs(off)
+    usual, large = 1.4826 * np.nanmedian(size, axis=0), np.nanquantile(size, _MOST, axis=0) / _OF_NORMAL
+    return np.asarray(np.maximum(np.maximum(usual, large), _LEAST_NOISE))
+
+
+def sensor_noise(residuals: FloatArray, rate: float) -> SensorNoise:
+    """Return the memory of the sensor's noise from residuals (F, K), m; NaN where unknown."""
+    off = residuals - np.nanmedian(residuals, axis=0)
+    off = np.where(np.abs(off) < _OUTLIER * _spread(off), off, np.nan)
+    total = np.nanmean(off**2)
+    short, long = (float(np.nanmean(off[lag:] * off[:-lag]) / total) for lag in _LAGS)
+    if not (short > 0.05 and 0.01 < long < short):
+        return SensorNoise(1.0, 1 / rate)
+    frames = (_LAGS[1] - _LAGS[0]) / np.log(short / long)
+    slow = min(short * float(np.exp(_LAGS[0] / frames)), 0.98)
+    return SensorNoise(1 - slow, float(np.clip(frames / rate, 1 / rate, 2.0)))
