@@ -12,7 +12,7 @@ from mocap_id.errors import ConfigError, MocapIdError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.explanations.exit_codes import EXIT_CODES
 from mocap_id.stages import STAGES
-from mocap_id.stages.base import TrialKeys
+from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.workflows.code_lookup import entries, explain
 
 README = Path(__file__).resolve().parents[2] / "README.md"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -22,7 +22,10 @@ Symbol: TypeAlias = Literal["dot", "ring", "x", "+", "|", "diamond", "square"]
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A curve through (K,) points, interrupted by NaN. Widths and sizes are in points on paper."""
+    """A curve through (K,) points, interrupted by NaN. Widths and sizes are in points on paper.
+
+    ``z`` is the third coordinate in a panel with a ``view``.
+    """
 
     x: FloatArray
     y: FloatArray
@@ -31,6 +34,7 @@ class Line:
     dash: Dash = "-"
     width: float = 1.1
     opacity: float = 1.0
+    z: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +50,7 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Single points, with optional half-widths of intervals along x (``half``) and names."""
+    """Single points, with optional half-widths of intervals along x (``half``) and names; ``z`` as in a line."""
 
     x: FloatArray
     y: FloatArray
@@ -56,6 +60,7 @@ class Points:
     size: float = 4.0
     half: FloatArray | None = None
     names: tuple[str, ...] = ()
+    z: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +149,9 @@ class Panel:
         Whether x is shared with the other linked panels of the figure; only a panel with an x label shows numbers.
     height : float
         Height on paper including labels, inches.
+    view : (turn, tilt) or None
+        Degrees, as in :func:`project`; only for lines and points with three coordinates, y up. The page starts with
+        this view and lets the reader turn it; paper has this view.
     """
 
     items: tuple[Item, ...]
@@ -157,6 +165,34 @@ class Panel:
     equal: bool = False
     linked: bool = False
     height: float = 2.1
+    view: tuple[float, float] | None = None
+
+    def flat(self) -> Panel:
+        """Return the panel with its lines and points projected onto its view."""
+        if self.view is None:
+            return self
+        turn, tilt = np.radians(self.view).tolist()
+        items = []
+        for item in self.items:
+            assert isinstance(item, Line | Points) and item.z is not None
+            across, up = project(np.stack([item.x, item.y, item.z], axis=1), turn, tilt).T
+            items.append(replace(item, x=across, y=up, z=None))
+        return replace(self, items=tuple(items), view=None)
+
+
+def project(points: FloatArray, turn: float, tilt: float) -> FloatArray:
+    """Return coordinates across and up a view (..., 2) of points (..., 3), without perspective.
+
+    The viewer stands on the side of +z, turned by ``turn`` about y towards +x and raised by ``tilt``, rad.
+
+    Examples
+    --------
+    >>> project(np.array([1.0, 2.0, 3.0]), 0.0, 0.0)
+    array([1., 2.])
+    """
+    across = np.array([np.cos(turn), 0.0, -np.sin(turn)])
+    up = np.array([-np.sin(turn) * np.sin(tilt), np.cos(tilt), -np.cos(turn) * np.sin(tilt)])
+    return np.asarray(points @ np.stack([across, up], axis=1))
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,7 @@ def to_matplotlib(figure: Figure) -> MplFigure:
             place = grid[row, k * wide : (k + 1) * wide]
             axes = whole.add_subplot(place, sharex=first if panel.linked else None)
             first = axes if panel.linked else first
-            for item in panel.items:
+            for item in panel.flat().items:
                 _item(axes, item, norm)
             _dress(axes, panel, named=k == 0)
             if len(line) > 1 and not panel.x_ticks:

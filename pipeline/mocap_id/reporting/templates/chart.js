@@ -172,6 +172,36 @@ const Charts = (() => {
     }
   };
 
+  const view = (turn, tilt) => { // unit vectors across and up a view, from its angles in degrees
+    const a = (turn * Math.PI) / 180, e = (tilt * Math.PI) / 180;
+    return [[Math.cos(a), 0, -Math.sin(a)], [-Math.sin(a) * Math.sin(e), Math.cos(e), -Math.cos(a) * Math.sin(e)]];
+  };
+  const turnable = async (plot, panel) => { // dragging or the arrow keys turn a panel of three coordinates
+    const points = panel.items.map((item) => [item.x, item.y, item.z].map(numbers));
+    let [turn, tilt] = panel.view;
+    const show = () => {
+      const seen = view(turn, tilt);
+      const along = ([u, v, w]) => points.map(([x, y, z]) => x.map((one, k) => (one === null ? null : u * one + v * y[k] + w * z[k])));
+      return Plotly.restyle(plot, { x: along(seen[0]), y: along(seen[1]) });
+    };
+    const by = (across, up) => {
+      turn += across;
+      tilt = Math.max(-90, Math.min(90, tilt + up));
+      show();
+    };
+    await Plotly.relayout(plot, { dragmode: false });
+    plot.style.touchAction = "pan-y";
+    plot.tabIndex = 0;
+    plot.addEventListener("pointermove", (event) => { if (event.buttons & 1) by(-event.movementX / 2, event.movementY / 2); });
+    plot.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: [5, 0], ArrowRight: [-5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5] }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      by(...step);
+    });
+    await show();
+  };
+
   // Draw a figure into an element and return the plots of its panels in order.
   const draw = async (into, figure) => {
     const cells = figure.lines.map((line) => {
@@ -196,15 +226,16 @@ const Charts = (() => {
       const named = cell.offsetLeft === cell.parentElement.firstElementChild.offsetLeft;
       const traces = panel.items.flatMap((item) => {
         const made = drawn[item.is]?.(item, panel, figure.scale);
-        return made ? [{ type: "scatter", ...made }] : [];
+        return made ? [{ type: "scatter", ...made, ...(panel.view && item.is === "Line" ? { hoverinfo: "skip", hovertemplate: "" } : {}) }] : [];
       });
       plots.push(await Plotly.newPlot(plot, traces, layout(panel, cell.clientWidth, named ? names : 0), CONFIG));
+      if (panel.view) await turnable(plot, panel);
     }
     linked(plots.filter((_, k) => cells.flat()[k].panel.linked));
     into.prepend(legend(figure, plots), ...(figure.scale ? [bar(figure.scale)] : []));
     return plots;
   };
-  return { draw };
+  return { draw, view };
 })();
 
 (async () => {

@@ -15,14 +15,10 @@
 
   const number = (whole) => (whole === frames.unknown ? null : whole * frames.step);
   const turn = part("turn"), tilt = part("tilt"), dimensions = frames.centre ? 3 : 2;
-  const view = () => { // unit vectors across and up the view, from the angles of the sliders
-    const a = (turn.value * Math.PI) / 180, e = (tilt.value * Math.PI) / 180;
-    return [[Math.cos(a), 0, -Math.sin(a)], [-Math.sin(a) * Math.sin(e), Math.cos(e), -Math.cos(a) * Math.sin(e)]];
-  };
   const projected = (own, along) => own[0].map((x, k) => (x === null ? null
     : along[0] * (x - frames.centre[0]) + along[1] * (own[1][k] - frames.centre[1]) + along[2] * (own[2][k] - frames.centre[2])));
   const show = (moment) => {
-    const x = [], y = [], seen = frames.centre ? view() : null;
+    const x = [], y = [], seen = frames.centre ? Charts.view(Number(turn.value), Number(tilt.value)) : null;
     let start = moment * width;
     for (const rows of frames.rows) {
       const own = Array.from({ length: dimensions }, (_, k) => Array.from(packed.subarray(start + k * rows, start + (k + 1) * rows), number));

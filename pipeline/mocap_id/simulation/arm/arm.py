@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.simulation.arm.body import SEGMENTS, ArmBody, draw_arm
+from mocap_id.simulation.arm.curl_torque import curl_torques
 from mocap_id.simulation.arm.markers import ArmMarkers, draw_markers
 from mocap_id.simulation.arm.movements import STILL, ArmMovement, draw_movement
 from mocap_id.simulation.arm.options import PRESETS, ArmOptions, Difficulty, Movement, Preset
@@ -78,7 +79,8 @@ def generate_arm(options: ArmOptions) -> SpatialTrial:
     sizes = replace(sizes, soft_tissue=sizes.soft_tissue * scale, twist_loss=sizes.twist_loss * min(scale, 1.0))
     person = person_seed(options)
     of_motion, of_sway, of_cameras = (np.random.default_rng([options.seed, 10 + i]) for i in range(3))
-    of_markers, of_skin = (np.random.default_rng([person, 20 + i]) for i in range(2))
+    placed = person if options.markers is None else options.markers
+    of_markers, of_skin = (np.random.default_rng([placed, 20 + i]) for i in range(2))
     movement = draw_movement(of_motion, options, sizes.tremor)
     body = draw_arm(person, options.glide_mm / 1e3 if options.movement == "reach" else 0.0)
     scene = _Scene(
@@ -88,7 +90,10 @@ def generate_arm(options: ArmOptions) -> SpatialTrial:
         time=np.arange(round(movement.motion.duration * options.rate)) / options.rate,
     )
     bones = _skeleton(of_sway, scene)
-    return _filmed(of_cameras, options, sizes, scene, bones, skin=_skin(of_skin, of_sway, scene, bones))
+    trial = _filmed(of_cameras, options, sizes, scene, bones, skin=_skin(of_skin, of_sway, scene, bones))
+    if options.movement == "reach":
+        return trial
+    return replace(trial, arrays={**trial.arrays, **curl_torques(options, trial)})
 
 
 def person_seed(options: ArmOptions) -> int:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.chain import generate_chain
+from mocap_id.simulation.arm.curl_torque import curl_keys
+from mocap_id.simulation.arm.depth_camera import film_skeleton
+from mocap_id.simulation.arm.inertial_sensors import simulate_sensors
 from mocap_id.simulation.arm.options import ArmOptions, ChainOptions
+from mocap_id.simulation.arm.pneumatic_device import device_yaml
 from mocap_id.simulation.arm.trial import SpatialTrial
 from mocap_id.simulation.arm.truth import arm_document, arrays, chain_document
+from mocap_id.simulation.inertial_sensors import csv_bytes
 from mocap_id.simulation.trial_files import json_bytes, npz_bytes, points_bytes, write_trial
 
 _TRIAL = """\
@@ -30,8 +36,8 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
     Parameters
     ----------
     folder : Path
-        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``. The trial is
-        named after the folder.
+        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, possibly
+        ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. The trial is named after the folder.
     options : ArmOptions
 
     Returns
@@ -52,7 +58,24 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
         count = options.cycles if reach else options.repetitions
         entries = {"kind": "arm", "seed": options.seed, "protocol": options.movement}
         text = _yaml(name, what=f"A {options.side} arm, {count} {what}.", **entries)
-        return _contents(trial, arm_document(options, trial), text + f"side: {options.side}\n")
+        text += f"side: {options.side}\n"
+        document = arm_document(options, trial)
+        more: dict[str, bytes] = {}
+        if options.calibration:
+            text += f"calibration: {json.dumps(options.calibration, ensure_ascii=False)}\n"
+        if not reach:
+            text += _curl_yaml(curl_keys(options, trial.document["body"]))
+            more |= {"device.yaml": device_yaml()} if options.condition != "C" else {}
+        if options.imus:
+            sensors = simulate_sensors(trial, options)
+            document["imu"] = {segment: dict(sensor.truth) for segment, sensor in sensors.items()}
+            more |= {f"imu_{segment}.csv": csv_bytes(sensor) for segment, sensor in sensors.items()}
+            text += "imus: {" + ", ".join(f"{segment}: imu_{segment}.csv" for segment in sensors) + "}\n"
+        if options.skeleton:
+            seen = film_skeleton(trial, options)
+            document["kinect"], more["kinect.csv"] = seen.document(), seen.csv()
+            text += "# from the depth camera alone: recording: {skeleton: kinect.csv}\n"
+        return _contents(trial, document, text) | more
 
     return write_trial(folder, make)
 
@@ -67,6 +90,10 @@ def write_chain(folder: Path, options: ChainOptions) -> Path:
         return _contents(trial, chain_document(options, trial), text)
 
     return write_trial(folder, make)
+
+
+def _curl_yaml(keys: Mapping[str, Any]) -> str:
+    return "curl:\n" + "".join(f"  {name}: {json.dumps(value)}\n" for name, value in keys.items())
 
 
 def _contents(trial: SpatialTrial, document: dict[str, Any], text: str) -> dict[str, bytes]:

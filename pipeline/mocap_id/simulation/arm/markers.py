@@ -1,4 +1,4 @@
-"""Markers on a simulated arm: landmarks felt by hand and clusters."""
+"""Markers on a simulated arm: palpated landmarks, and clusters."""
 
 from __future__ import annotations
 

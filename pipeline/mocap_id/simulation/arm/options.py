@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 from mocap_id.errors import ConfigError
+from mocap_id.simulation.arm.pneumatic_device import CurlCondition
 from mocap_id.simulation.options import LARGEST, check, option
 
 Preset: TypeAlias = Literal["clean", "default", "hard"]
@@ -59,6 +60,7 @@ class ArmOptions:
     """Options of a simulated arm; the same options give the same files.
 
     ``subject`` fixes the person, the markers and the skin: the seed then determines only the motion and the noise.
+    ``markers`` places the markers anew, as in another session.
 
     Raises
     ------
@@ -70,6 +72,7 @@ class ArmOptions:
     subject: int | None = option(
         None, "Seed of the person and the markers; that of the trial if omitted.", (0, LARGEST)
     )
+    markers: int | None = option(None, "Seed of the markers and the skin; that of the person if omitted.", (0, LARGEST))
     preset: Preset = option(  # noqa: RUF009  a dataclass field
         "default", "Size of noise, soft tissue, palpation error and occlusions.", choices=PRESETS
     )
@@ -82,10 +85,18 @@ class ArmOptions:
     repetitions: int = option(8, "Number of curls.", (1, 100))
     failed: int = option(0, "Number of failed curls at the end.", (0, 20))
     compensation: float = option(0.25, "Size of the shoulder's motion in tired curls.", (0, 2))
+    condition: CurlCondition = option(  # noqa: RUF009  a dataclass field
+        "C",
+        "Curls without the pneumatic device (C), with open chambers (AC), or in one of its modes.",
+        choices=get_args(CurlCondition),
+    )
+    calibration: str = option("", "YAML file of a trial of the same person; written to trial.yaml.")
     glide_mm: float = option(15.0, "Shift of the shoulder at 180° of elevation in reaches, mm.", (0, 40), "mm")
     rate: float = option(120.0, "Frame rate, Hz.", (20, 2000), "Hz")
     soft_tissue: float = option(1.0, "Factor on the preset's soft tissue; 0 fixes the markers to the bones.", (0, 10))
     anonymous: bool = option(False, "Name the markers of the clusters M000, M001, ….")
+    imus: bool = option(False, "Also inertial sensors on all segments, each on its own clock.")
+    skeleton: bool = option(False, "Add kinect.csv, the skeleton of a depth camera.")
 
     def __post_init__(self) -> None:
         check(self, "simulate arm")

@@ -11,6 +11,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.simulation.arm.arm import person_seed
 from mocap_id.simulation.arm.body import ArmBody
+from mocap_id.simulation.arm.curl_torque import described, loads, own_bodies
 from mocap_id.simulation.arm.markers import ArmMarkers
 from mocap_id.simulation.arm.options import PRESETS, ArmOptions, ChainOptions
 from mocap_id.simulation.arm.reach_volume import reach_volume
@@ -35,6 +36,8 @@ the skin only drifts. bone_xyz_m is the landmark itself. The skin follows all bu
 arm and of the pronation.
 Plain chains: joint_R is child to parent, the product of exp(s_k axis_k) over the columns of joint_axes; a child's
 origin is its joint's centre.
+curls: tau_total = tau_human + tau_device, about the hinge of the elbow, positive if they flex, N m; bodies are forearm,
+hand and what they carry. The device is drawn around its description in device.yaml.
 reach: volume that the end of the forearm's y axis sweeps in the thorax over box_rad, the ranges of plane, elevation,
 axial and hinge (plane and axial where sin elevation > sin 15°)."""
 Ranges: TypeAlias = Mapping[str, list[float]]
@@ -71,6 +74,8 @@ def arm_document(options: ArmOptions, trial: SpatialTrial) -> dict[str, Any]:
     body: ArmBody = trial.document["body"]
     protocol = dict(trial.document["protocol"])
     if options.movement == "curl":
+        carried = {**own_bodies(body), **loads(options.condition)}
+        protocol["bodies"] = {name: described(one) for name, one in carried.items()}
         protocol["repetitions"] = [each | _compensation(trial, each) for each in protocol["repetitions"]]
     every = _ranges(trial, np.ones(len(trial.time), dtype=np.bool_))
     gated = _ranges(trial, np.sin(trial.angles["shoulder_elevation"]) > _STEEP)

@@ -19,6 +19,12 @@ _HEAD = """\
 # Made by `mocap-id init`; edit it as you like. Paths are relative to this file. Next: fill in what you know about the
 # people (everything is optional), then run `mocap-id study {file}`.
 """
+_SIT_TO_STAND = (
+    "sit-to-stand",
+    "{protocol: sit-to-stand}",
+    "{height: 1.75, mass: 70.1, sex: female, landmarks_m: {shank: 0.41, thigh: 0.40}}, m and kg",
+)
+_REACH = ("reach", "{space: 3d, protocol: reach}", "{score: 2}, a clinical score such as Brooke's")
 
 
 def draft(found: Discovery, file: Path) -> str:
@@ -30,12 +36,13 @@ def draft(found: Discovery, file: Path) -> str:
     file : Path
         The study's file, to which paths are relative.
     """
+    name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
     lines = [
         _HEAD.format(file=file.name),
-        "study: sit-to-stand",
+        f"study: {name}",
         "out: runs  # folder of the results",
-        "defaults: {protocol: sit-to-stand}  # keys of a trial's file, for all trials",
-        "subjects:  # each {height: 1.75, mass: 70.1, sex: female, landmarks_m: {shank: 0.41, thigh: 0.40}}, m and kg",
+        f"defaults: {defaults}  # keys of a trial's file, for all trials",
+        f"subjects:  # each {person}",
         *(f"  {_quoted(subject)}: {{}}" for subject in found.names),
         "trials:",
         *(_trial(trial, file.absolute().parent) for trial in found.trials),
@@ -87,10 +94,11 @@ def _trial(trial: FoundRecording, folder: Path) -> str:
     recording = _quoted(_relative(trial.markers, folder))
     if trial.forces is not None:
         recording = f"{{markers: {recording}, forces: {_quoted(_relative(trial.forces, folder))}}}"
-    return (
-        f"  - {{trial: {_quoted(trial.trial)}, subject: {_quoted(trial.subject)}, "
-        f"strategy: {_quoted(trial.strategy)}, recording: {recording}}}"
-    )
+    elif trial.skeleton:
+        recording = f"{{skeleton: {recording}}}"
+    labels = {name: getattr(trial, name) for name in ("trial", "subject", "strategy", "session", "side")}
+    keys = ", ".join(f"{name}: {_quoted(value)}" for name, value in labels.items() if value)
+    return f"  - {{{keys}, recording: {recording}}}"
 
 
 def _relative(path: Path, folder: Path) -> str:

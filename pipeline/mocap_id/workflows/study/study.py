@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap_id import __version__
-from mocap_id.config.study import Study, load_study
+from mocap_id.config.study import Study, StudyTrial, load_study
 from mocap_id.reporting.cohort.page_data import PAGE_FILE, CohortData
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
@@ -24,7 +24,7 @@ from mocap_id.workflows.study.trial_results import TrialResult, read_trial_resul
 from mocap_id.workflows.study.variation_table import variation_rows
 
 DOCUMENT = "study.json"
-_VERSION = 3  # raised whenever the same trials would give other tables or another page
+_VERSION = 4  # raised whenever the same trials would give other tables or another page
 _ABOUT = (
     "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row of the subject `cohort` "
     "is about all people. A missing value is empty in CSV and NaN in Parquet."
@@ -93,8 +93,7 @@ def run_study(
         document = _up_to_date(study.folder, key)
         if document is not None:
             return StudyResult(study, runs, document, reused=True)
-        trials = [read_trial_result(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
-        result = _result(study, trials, key)
+        result = _result(study, runs, key)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
 
@@ -104,17 +103,56 @@ def make_tables(trials: Sequence[TrialResult]) -> dict[str, ResultTable]:
     return {name: ResultTable.of(schema, _ROWS[name](trials)) for name, schema in TABLES.items()}
 
 
-def _result(study: Study, trials: Sequence[TrialResult], key: str) -> Result:
-    tables = make_tables(trials)
+def _page(data: CohortData, _: Sequence[TrialResult]) -> bytes:
+    from mocap_id.reporting.cohort.page import cohort_page  # noqa: PLC0415  it loads the page's templates
+
+    return cohort_page(data)
+
+
+@dataclass(frozen=True)
+class StudyKind:
+    """What makes the results of one kind of study; ``trials`` are those that ``read`` returns."""
+
+    labels: tuple[str, ...]  # what distinguishes the trials of a person
+    read: Callable[[Study, StudyTrial, TrialRun], Any]
+    tables: Callable[[Sequence[Any]], dict[str, ResultTable]]
+    page: Callable[[CohortData, Sequence[Any]], bytes]
+
+
+_SIT_TO_STAND = StudyKind(("strategy",), read_trial_result, make_tables, _page)
+
+
+def _kind(study: Study) -> StudyKind:
+    if study.curl:
+        from mocap_id.workflows import curl_study  # noqa: PLC0415  other studies do not need it
+
+        return StudyKind(("condition",), curl_study.read_curl_result, curl_study.make_tables, curl_study.page)
+    if not study.reach:
+        return _SIT_TO_STAND
+    from mocap_id.workflows import reach_study  # noqa: PLC0415  as above
+
+    return StudyKind(("side", "session"), reach_study.read_reach_result, reach_study.make_tables, reach_study.page)
+
+
+def _result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
+    kind = _kind(study)
+    trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
+    tables = kind.tables(trials)
+
+    def labels(trial: Any) -> dict[str, str]:
+        return {name: getattr(trial, name) for name in kind.labels}
 
     def page() -> dict[str, bytes]:
-        from mocap_id.reporting.cohort.page import cohort_page  # noqa: PLC0415  it loads the page's templates
-
         entries = [
-            one.entry(one.name, f"{one.subject}, {one.strategy}", f"../{one.name}/report.html") for one in trials
+            one.entry(
+                one.name,
+                ", ".join(filter(None, [one.subject, *labels(one).values()])),
+                f"../{one.name}/report.html",
+            )
+            for one in trials
         ]
         frames = {name: table.frame for name, table in tables.items()}
-        return {PAGE_FILE: cohort_page(CohortData(study.name, tuple(entries), frames))}
+        return {PAGE_FILE: kind.page(CohortData(study.name, tuple(entries), frames), trials)}
 
     content = {
         "study": study.name,
@@ -124,34 +162,34 @@ def _result(study: Study, trials: Sequence[TrialResult], key: str) -> Result:
         "subjects": {
             subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
         },
-        "trials": [_trial_document(trial) for trial in trials],
+        "trials": [_trial_document(trial, labels(trial)) for trial in trials],
         "tables": {name: table.description for name, table in tables.items()},
         "key": key,
     }
     return Result("study", DOCUMENT, content, tables, page, hashed=True)
 
 
-def _trial_document(trial: TrialResult) -> dict[str, Any]:
+def _trial_document(trial: Any, labels: Mapping[str, str]) -> dict[str, Any]:
     return {
         "trial": trial.name,
         "subject": trial.subject,
-        "strategy": trial.strategy,
+        **labels,
         "exit_code": trial.run.exit_code,
         "verdict": trial.level,
         "codes": trial.codes,
         "message": trial.run.published,
-        "report": trial.report,
+        "report": None if trial.summary is None else f"../{trial.name}/report.html",
     }
 
 
 def _key(study: Study, runs: Sequence[TrialRun]) -> str:
     """Return a hash of everything that tables and page depend on: trials' reports, people, the file's entries."""
     trials = [
-        [one.name, one.subject, one.strategy, run.exit_code, run.published, run.key]
+        [one.name, one.subject, one.strategy, one.session, one.condition, run.exit_code, run.published, run.key]
         for one, run in zip(study.trials, runs, strict=True)
     ]
     people = {name: person.model_dump(mode="json") for name, person in study.subjects.items()}
-    return hash_bytes(dumps([_VERSION, __version__, study.name, trials, people]).encode())
+    return hash_bytes(dumps([_VERSION, __version__, study.name, study.reference, trials, people]).encode())
 
 
 def _up_to_date(folder: Path, key: str) -> Mapping[str, Any] | None:

@@ -73,11 +73,6 @@ class TrialResult(TrialOutcome):
         """How the person moves."""
         return self.trial.strategy
 
-    @property
-    def report(self) -> str | None:
-        """Path of the trial's report from the study's folder; None for a trial that failed."""
-        return None if self.summary is None else f"../{self.name}/report.html"
-
     def length(self, segment: str) -> float | None:
         """Return the length of a segment, m; None if unknown."""
         length: float | None = self.value("lengths_m", segment, "value")

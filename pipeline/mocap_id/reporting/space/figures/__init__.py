@@ -8,7 +8,7 @@ from mocap_id.reporting.contents import FigureEntry
 from mocap_id.reporting.figure import Figure
 from mocap_id.reporting.figures import parameters, residuals, wrench
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.figures import angles, skeleton
+from mocap_id.reporting.space.figures import angles, phase_portraits, reach, skeleton
 
 FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
@@ -31,6 +31,21 @@ FIGURES: tuple[FigureEntry, ...] = (
         "rates",
         "Velocities and accelerations",
         "First and second derivatives of the angles above, with 95 % confidence bands and the same shades.",
+    ),
+    FigureEntry(
+        "reach",
+        "What the wrist can reach",
+        "Furthest reach of the wrist from the shoulder in every direction, in the axes of the thorax: by the ranges of "
+        "all angles taken independently (grey), and by the postures between those recorded (blue). Orange: path of the "
+        "wrist. Thick: the arm at its furthest. Crosses: parts of the body by tables of proportions. On the page, drag "
+        "the figure or use the arrow keys to turn it.",
+    ),
+    FigureEntry(
+        "phase_portraits",
+        "Phase portraits",
+        "Acceleration against angle in every complete curl: first third blue, middle third green, last third orange. "
+        "Bands: 95 % intervals of the acceleration in the first and the last curl. A portrait within its band may be "
+        "noise alone.",
     ),
     FigureEntry(
         "residuals",
@@ -56,6 +71,8 @@ FIGURE_FUNCTIONS: Mapping[str, Callable[[ReportData], Figure | str]] = {
     "skeleton": skeleton.draw,
     "angles": angles.draw,
     "rates": angles.draw_rates,
+    "reach": reach.draw,
+    "phase_portraits": phase_portraits.draw,
     "residuals": residuals.draw,
     "wrench": wrench.draw,
     "parameters": parameters.draw,

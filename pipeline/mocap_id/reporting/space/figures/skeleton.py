@@ -10,10 +10,10 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points
+from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, project
 from mocap_id.reporting.markers import positions_at
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.stick_figure import StickFigure, project, stick_figure
+from mocap_id.reporting.space.stick_figure import StickFigure, stick_figure
 
 _VIEWS = (
     ("from +z", 0.0, 0.0, "x (m)", "y, up (m)"),

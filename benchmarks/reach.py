@@ -1,0 +1,249 @@
+"""Reaches: volume, elevation and order of severities against exact truth, by markers and by a depth camera.
+
+Rows and limits are those of docs/measured/reach.md; the table of the cohort is in docs/reach.md. About five seconds per
+trial and core; the cohort has 20 trials by markers and 20 by the camera.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import harness
+import numpy as np
+import pandas as pd
+
+from mocap_id.config import load
+from mocap_id.config.study import load_study
+from mocap_id.errors import MocapIdError
+from mocap_id.reporting.numbers import show
+from mocap_id.runner import run
+from mocap_id.simulation.arm import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
+from mocap_id.simulation.arm.depth_camera import film_skeleton
+from mocap_id.simulation.arm.options import Preset
+from mocap_id.workflows.study import run_study
+
+SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
+"""Of five trials in a row, which are a cohort."""
+THESIS = {"–": ".374, .328, .234", "1": ".358", "2": ".270", "3": ".178", "5": ".0015"}
+"""Volumes of table 7.1, m³, by Brooke score."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kind of recording with the limits that 80 % of the trials must keep."""
+
+    preset: Preset
+    camera: bool
+    volume: float  # largest error, %
+    elevation: float  # largest error of the range, °
+    flagged: bool = False  # a trial beyond the limit is right if its verdict is not ok
+
+
+ROWS: Mapping[str, Row] = {
+    "markers, default": Row("default", camera=False, volume=10, elevation=3),
+    "markers, hard": Row("hard", camera=False, volume=15, elevation=3),
+    "depth camera, default": Row("default", camera=True, volume=20, elevation=8),
+    "depth camera, hard": Row("hard", camera=True, volume=30, elevation=8, flagged=True),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one trial; NaN if unknown."""
+
+    severity: float
+    level: str
+    codes: tuple[str, ...]
+    seconds: float
+    truth: float = nan  # volume, m³
+    arm: float = nan  # length of the arm, m
+    volume: float = nan
+    low: float = nan
+    high: float = nan
+    elevation: float = nan  # error of the range, °
+
+    @property
+    def error(self) -> float:
+        """Error of the volume, %."""
+        return 100 * (self.volume / self.truth - 1)
+
+
+def measure(task: tuple[str, int, float]) -> Outcome:
+    """Simulate and run a trial of a row, and compare it with its truth."""
+    name, seed, severity = task
+    row = ROWS[name]
+    options = ArmOptions(seed=seed, preset=row.preset, severity=severity, cycles=1 if row.preset == "hard" else 2)
+    with tempfile.TemporaryDirectory() as place:
+        configuration = write_arm(Path(place) / "trial", options)
+        if row.camera:
+            skeleton = film_skeleton(generate_arm(options), options).csv()
+            configuration.with_name("skeleton.csv").write_bytes(skeleton)
+            text = configuration.read_text("utf-8").replace(
+                "recording: trial.c3d", "recording: {skeleton: skeleton.csv}"
+            )
+            configuration.write_text(text, "utf-8")
+        started = time.process_time()
+        try:
+            outcome = run(load(configuration))
+        except MocapIdError as error:
+            return Outcome(severity, "failed", (type(error).__name__,), time.process_time() - started)
+        seconds = time.process_time() - started
+        summary = json.loads((outcome.folder / "summary.json").read_text("utf-8"))
+        return compare(summary, harness.read_truth(configuration), severity, seconds)
+
+
+def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: float, seconds: float) -> Outcome:
+    """Compare a summary with the truth."""
+    found = summary["workspace"] or {}
+    codes = tuple(each["code"] for each in summary["verdict"]["reasons"])
+    low, high = found.get("interval_m3") or (nan, nan)
+    elevation = ((found.get("ranges") or {}).get("shoulder_elevation") or {}).get("range_deg")
+    true_range = np.degrees(np.ptp(truth["ranges_rad"]["elevation"]))
+    return Outcome(
+        severity=severity,
+        level=summary["verdict"]["level"],
+        codes=codes,
+        seconds=seconds,
+        truth=truth["reach"]["volume_m3"],
+        arm=found.get("arm_length_m") or nan,
+        volume=nan if found.get("volume_m3") is None else found["volume_m3"],
+        low=low,
+        high=high,
+        elevation=nan if elevation is None else elevation - true_range,
+    )
+
+
+def table(name: str, outcomes: Sequence[Outcome]) -> str:
+    """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
+    row = ROWS[name]
+    errors = np.array([each.error for each in outcomes])
+    known = np.isfinite(errors)
+    far = ~(np.abs(errors) <= row.volume)
+    flagged = np.array([each.level != "ok" for each in outcomes])
+    elevation = np.array([each.elevation for each in outcomes])
+    inside = [each.low <= each.truth <= each.high for each in outcomes if np.isfinite(each.volume)]
+    codes = Counter(code for each in outcomes for code in each.codes)
+    head = (
+        f"**{name}**, {len(outcomes)} trials: {int(known.sum())} with a volume, {int(flagged.sum())} not `ok`, "
+        f"{int((far & ~flagged).sum())} beyond the limit and `ok`; bias of the volume {np.mean(errors[known]):+.1f} %. "
+        f"Codes: {', '.join(f'`{code}` {count}' for code, count in codes.most_common()) or 'none'}."
+    )
+    kept = ~far | flagged if row.flagged else ~far
+    rows = [
+        ["volume, %" + (", or not `ok`" if row.flagged else ""), f"{row.volume:g}", _share(kept), *_quantiles(errors)],
+        ["inside the 95 % interval", "0.88–0.99", _share(inside), "", ""],
+        [
+            "range of elevation, °",
+            f"{row.elevation:g}",
+            _share(np.abs(elevation) <= row.elevation),
+            *_quantiles(elevation),
+        ],
+        ["five severities in order, by volume / (arm length)³", "all", _ordered(outcomes, 3), "", ""],
+        ["five severities in order, by volume, if the true volumes are", "all", _ordered(outcomes, 0), "", ""],
+        [
+            "processor time, s",
+            "5",
+            _share([each.seconds <= 5 for each in outcomes]),
+            *_quantiles([e.seconds for e in outcomes]),
+        ],
+    ]
+    columns = ["quantity", "limit", "within it", "median", "80 %"]
+    return head + "\n\n" + harness.markdown(columns, rows, numbers_from=1)
+
+
+def _share(kept: Any) -> str:
+    return f"{100 * np.mean(kept):.0f} %" if len(kept) else "–"
+
+
+def _quantiles(errors: Any) -> list[str]:
+    sizes = np.abs(np.asarray(errors, dtype=np.float64))
+    sizes = sizes[np.isfinite(sizes)]
+    return [f"{each:.1f}" for each in np.quantile(sizes, (0.5, 0.8))] if len(sizes) else ["–", "–"]
+
+
+def _ordered(outcomes: Sequence[Outcome], power: int) -> str:
+    """Return how many cohorts are in the order of their severities by volume / (arm length)^power.
+
+    With power 0, only cohorts whose true volumes are in this order count: the people are not equally tall.
+    """
+    size, right, counted = len(SEVERITIES), 0, 0
+    for start in range(0, len(outcomes) - size + 1, size):
+        cohort = outcomes[start : start + size]
+        if power == 0 and np.any(np.diff([each.truth for each in cohort]) > 0):
+            continue
+        counted += 1
+        right += bool(np.all(np.diff([each.volume / each.arm**power for each in cohort]) < 0))
+    return f"{right} of {counted}"
+
+
+def cohort(jobs: int) -> str:
+    """Return table 7.1 of the cohort that `mocap-id simulate reach-cohort` makes, by markers and by a depth camera."""
+    people, about, true = [], [], {}
+    with tempfile.TemporaryDirectory() as place:
+        for name, skeletons in (("markers", False), ("camera", True)):
+            file = simulate_reach_cohort(Path(place) / name, ReachCohort(skeletons=skeletons))
+            folder = run_study(file, jobs).study.folder
+            people.append(pd.read_parquet(folder / "people.parquet"))
+            about.append(f"by {name} {_correlation(folder)}")
+            true = _true_volumes(file)
+    return cohort_table(people, true) + f"\n\nSpearman's correlation with the score: {'; '.join(about)}."
+
+
+def cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequence[float]]) -> str:
+    """Return a row for every person: score, volumes in the thesis, in truth, by markers and by the camera."""
+    rows = []
+    for k, subject in enumerate(people[0]["subject"]):
+        score = "–" if np.isnan(people[0]["score"][k]) else f"{people[0]['score'][k]:g}"
+        found = [_with_interval(frame.iloc[k], name) for name in ("volume", "visited") for frame in people]
+        rows.append([subject, score, THESIS[score], show(np.mean(true[subject])), *found])
+    head = ["person", "score", "thesis", "truth", "markers", "camera", "visited, markers", "visited, camera"]
+    return harness.markdown(head, rows, numbers_from=1)
+
+
+def _correlation(folder: Path) -> str:
+    row = pd.read_parquet(folder / "correlation.parquet").iloc[0]
+    return f"{_with_interval(row, 'spearman')}, p = {show(row['p'], 2)}, {row['people']} people"
+
+
+def _true_volumes(file: Path) -> dict[str, list[float]]:
+    """Return the true volumes of the trials of each person, m³."""
+    found: dict[str, list[float]] = {}
+    for trial in load_study(file).trials:
+        truth = json.loads((file.parent / "truth" / trial.name / "truth.json").read_text("utf-8"))
+        found.setdefault(trial.subject, []).append(truth["reach"]["volume_m3"])
+    return found
+
+
+def _with_interval(row: Any, name: str) -> str:
+    return f"{show(row[name])} ({show(row[f'{name}_low'])} … {show(row[f'{name}_high'])})"
+
+
+def main() -> None:
+    """Measure all rows and the cohort, or those given by ``--only``."""
+    parser = harness.command_line(__doc__, parallel=True, trials=20, first=310_000)
+    every = [*ROWS, "cohort"]
+    parser.add_argument("--only", nargs="*", default=every, choices=every, help="rows to measure")
+    given = parser.parse_args()
+    sections, tables = {}, []
+    for name in (each for each in given.only if each in ROWS):
+        tasks = [(name, given.first + k, SEVERITIES[k % len(SEVERITIES)]) for k in range(given.trials)]
+        tables.append(table(name, harness.run_all(measure, tasks, given.jobs)))
+        harness.progress(tables[-1])
+    if tables:
+        about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
+        sections["reach"] = "\n\n".join([about, *tables])
+    if "cohort" in given.only:
+        sections["reach-cohort"] = cohort(given.jobs)
+    harness.publish(sections, write=given.write)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""Geometry of a recorded arm: shoulder, elbow and wrist, from the poses of its segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.protocols.reach.reachable_set import ReachArm
+from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
+
+SEGMENTS = ("thorax", "upper_arm", "forearm")
+ANGLES = ("shoulder_plane", "shoulder_elevation", "shoulder_axial", "elbow_flexion")
+"""Angles that carry the wrist: the order of the limits of :func:`~.reachable_set.reachable_set`."""
+
+_WRIST_SD = 0.003  # m, of the wrist's place along the forearm, where the chain has no joint there
+_RISE_SD = 0.008  # m, of the shoulder's rise at 180°, where no marker shows it
+_RAISED = 0.1  # least range of (1 - cos elevation) / 2 that shows the rise
+_TRAVEL = 0.12  # m, largest shift of the shoulder's centre in the thorax by the shoulder girdle
+_PROPORTION = (0.75, 2.0)  # of upper arm to forearm; 1.1 to 1.4 in most people
+_HEIGHT = 1 / 0.332  # stature by length of upper arm and forearm (Drillis and Contini 1966)
+_PALM = 0.054  # centre of the palm beyond the wrist, in statures (Winter 2009)
+
+
+class UnknownReach(Exception):
+    """The trial does not show what a person can reach; the message says why."""
+
+
+@dataclass(frozen=True)
+class RecordedArm:
+    """A recorded arm and the path of its hand, in axes of the thorax.
+
+    Parameters
+    ----------
+    arm : ReachArm
+    upper_arm_sd, forearm_sd, rise_sd : float
+        Standard deviations of its dimensions, m.
+    shoulder : (3,) array
+        Shoulder centre in the frame of the thorax in the lowest posture, m.
+    glide : (3,) array
+        Shift of the shoulder centre at an elevation of 180°, m.
+    elbows, wrists, palms : (T, 3) arrays
+        Elbow, wrist and centre of the palm from the shoulder, in the axes of the thorax, m; NaN where unknown.
+    stature : float
+        Stature, given or estimated from the arm's length, m.
+    """
+
+    arm: ReachArm
+    upper_arm_sd: float
+    forearm_sd: float
+    rise_sd: float
+    shoulder: FloatArray
+    glide: FloatArray
+    elbows: FloatArray
+    wrists: FloatArray
+    palms: FloatArray
+    stature: float
+
+
+def measure_arm(
+    angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton, stature: float | None = None
+) -> RecordedArm:
+    """Measure an arm in its recording.
+
+    The wrist is the end of the forearm's y axis at the height of the wrist's centre, so that the rotation of the
+    forearm does not move it.
+
+    Parameters
+    ----------
+    angles : SpatialAngles
+    poses : SegmentPoses
+        Of segments in anatomical frames.
+    skeleton : SpatialSkeleton
+    stature : float, optional
+        m.
+
+    Raises
+    ------
+    UnknownReach
+        A segment, an angle, the shoulder centre or the wrist is missing.
+    """
+    _check(angles, poses, skeleton)
+    thorax, upper, lower = (poses.segments.index(name) for name in SEGMENTS)
+    centres = _seen_from(poses, thorax, poses.origin[:, upper])
+    shoulder, glide, seen = _glide(centres, angles.mean[:, angles.names.index("shoulder_elevation"), 0])
+    elbow = _middle(_seen_from(poses, upper, poses.origin[:, lower]), "upper arm and forearm")
+    wrist, forearm_sd = _wrist(poses, skeleton)
+    along = np.array([0.0, -wrist, 0.0])
+    length = float(np.linalg.norm(elbow)) + wrist
+    _check_arm(centres, float(np.linalg.norm(elbow)), wrist)
+    stature = stature or _HEIGHT * length
+    palm = np.array([0.0, -_PALM * stature, 0.0])
+    turn = np.swapaxes(poses.rotation[:, thorax], 1, 2)
+    elbows = np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, upper], elbow)
+    wrists = elbows + np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, lower], along)
+    if not np.isfinite(wrists).all(axis=1).any():
+        raise UnknownReach("no frame shows the whole arm")
+    hand = poses.rotation[:, poses.segments.index("hand") if "hand" in poses.segments else lower]
+    hand = np.where(np.isfinite(hand), hand, poses.rotation[:, lower])
+    return RecordedArm(
+        arm=ReachArm(elbow, wrist, _carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
+        upper_arm_sd=_length_sd(skeleton, "upper_arm"),
+        forearm_sd=forearm_sd,
+        rise_sd=_rise_sd(skeleton) if seen else _RISE_SD,
+        shoulder=shoulder,
+        glide=glide,
+        elbows=elbows,
+        wrists=wrists,
+        palms=wrists + np.einsum("tij,tjk,k->ti", turn, hand, palm),
+        stature=stature,
+    )
+
+
+def _check(angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton) -> None:
+    missing = [name.replace("_", " ") for name in SEGMENTS if name not in poses.segments]
+    if missing:
+        raise UnknownReach(
+            f"the chain has no {' and no '.join(missing)}: name them by `landmarks:` or `segment: {{names: …}}`"
+        )
+    missing = [name.replace("_", " ") for name in ANGLES if name not in angles.names]
+    if missing:
+        raise UnknownReach(f"without landmarks there is no {', '.join(missing)}; name them under `landmarks:`")
+    for name in SEGMENTS[1:]:
+        joint = skeleton.chain.joints[skeleton.segments.index(name) - 1]
+        if not joint.known:
+            raise UnknownReach(
+                f"the motion does not show the centre of the joint above the {name.replace('_', ' ')}: use "
+                "`calibration:`, or record a larger motion"
+            )
+
+
+def _middle(points: FloatArray, segments: str) -> FloatArray:
+    """Return the median (3,) of points (T, 3) that two segments show together."""
+    known = np.isfinite(points).all(axis=1)
+    if not known.any():
+        raise UnknownReach(f"no frame shows {segments} together")
+    return np.asarray(np.median(points[known], axis=0))
+
+
+def _check_arm(centres: FloatArray, upper: float, lower: float) -> None:
+    """Raise if the chain between thorax and wrist is not that of an arm."""
+    travel = float(np.nanmax(np.nanquantile(centres, 0.99, axis=0) - np.nanquantile(centres, 0.01, axis=0)))
+    hint = "the segments may be wrong: set `segment: {count: …}` or `together`"
+    if travel > _TRAVEL:
+        raise UnknownReach(
+            f"the centre of the shoulder moves by {travel:.2f} m in the thorax, expected at most {_TRAVEL} m; {hint}"
+        )
+    if not _PROPORTION[0] * lower <= upper <= _PROPORTION[1] * lower:
+        raise UnknownReach(
+            f"the elbow is {upper:.3f} m from the shoulder and the wrist {lower:.3f} m along the forearm, expected a "
+            f"ratio of {_PROPORTION[0]} to {_PROPORTION[1]}; {hint}"
+        )
+
+
+def _seen_from(poses: SegmentPoses, segment: int, points: FloatArray) -> FloatArray:
+    """Return points (T, 3) of the trial in the frame of a segment."""
+    return np.asarray(np.einsum("tji,tj->ti", poses.rotation[:, segment], points - poses.origin[:, segment]))
+
+
+def _wrist(poses: SegmentPoses, skeleton: SpatialSkeleton) -> tuple[float, float]:
+    """Return the place of the wrist along the forearm, m, and its standard deviation."""
+    lower, sd = skeleton.segments.index("forearm"), _length_sd(skeleton, "forearm")
+    marks = [skeleton.landmarks.index(name) for name in ("RS", "US") if name in skeleton.landmarks]
+    if len(marks) == 2:
+        return -float(skeleton.landmark_local[marks, 1].mean()), max(sd, _WRIST_SD)
+    if "hand" in poses.segments and skeleton.chain.joints[skeleton.segments.index("hand") - 1].known:
+        centre = _middle(_seen_from(poses, lower, poses.origin[:, poses.segments.index("hand")]), "forearm and hand")
+        return -float(centre[1]), max(sd, _WRIST_SD)
+    if np.count_nonzero(skeleton.marker_segment == lower) == 1:  # the wrist of a skeleton without hands
+        return -float(skeleton.tip(lower)[1]), max(sd, _WRIST_SD)
+    raise UnknownReach("the recording does not show the wrist: name RS and US under `landmarks:`")
+
+
+def _length_sd(skeleton: SpatialSkeleton, segment: str) -> float:
+    sd = skeleton.lengths.get(segment, (np.nan, np.nan))[1]
+    return sd if np.isfinite(sd) else _WRIST_SD
+
+
+def _glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the shoulder centre at the lowest elevation, its glide, m, and whether the motion shows the glide."""
+    share = (1 - np.cos(elevation)) / 2
+    known = np.isfinite(centres).all(axis=1) & np.isfinite(share)
+    if not known.any():
+        raise UnknownReach("no frame shows thorax and upper arm together")
+    share, centres = share[known], centres[known]
+    if np.ptp(share) < _RAISED or np.ptp(centres, axis=0).max() < 1e-6:
+        return np.asarray(centres.mean(axis=0)), np.zeros(3), False
+    design = np.stack([np.ones(len(share)), share], axis=1)
+    fit = np.linalg.lstsq(design, centres, rcond=None)[0]
+    return np.asarray(fit[0] + share.min() * fit[1]), np.asarray(fit[1]), True
+
+
+def _rise_sd(skeleton: SpatialSkeleton) -> float:
+    joint = skeleton.chain.joints[skeleton.segments.index("upper_arm") - 1]
+    variance = float(joint.glide_covariance[1, 1])
+    return float(np.sqrt(variance)) if variance > 0 else _RISE_SD
+
+
+def _carrying(upper: FloatArray, forearm: FloatArray) -> FloatArray:
+    """Return c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad, from rotations (T, 3, 3)."""
+    elbow = np.swapaxes(upper, 1, 2) @ forearm
+    known = np.isfinite(elbow).all(axis=(1, 2))
+    flexion = np.unwrap(np.arctan2(-elbow[known, 0, 1], elbow[known, 1, 1]))
+    carrying = np.arcsin(np.clip(elbow[known, 2, 1], -1, 1))
+    if np.ptp(flexion) < 0.5:
+        return np.array([float(np.median(carrying)), 0.0, 0.0])
+    design = np.stack([np.ones(len(flexion)), np.cos(flexion), np.sin(flexion)], axis=1)
+    return np.asarray(np.linalg.lstsq(design, carrying, rcond=None)[0])

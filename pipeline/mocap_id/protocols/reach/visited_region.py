@@ -1,0 +1,73 @@
+"""The region of joint space that a recording visits: limits that depend on each other.
+
+The region is the convex hull of the visited postures. It has no radius and no resolution to choose: more samples of the
+same motion add nothing to it. It is the smallest region that holds every posture between two visited ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+
+_FEWEST = 40
+_MOST = 200  # postures; the hull of four times as many reaches the same within 1 %
+_BLOCK = 8192
+_FLAT = 1e-9
+
+
+@dataclass(frozen=True)
+class VisitedRegion:
+    """Convex hull of postures x (plane, elevation, axial, flexion): ``normals (F, 4) x <= bounds (F,)``, rad.
+
+    ``limits`` (4, 2) is the box around it.
+    """
+
+    normals: FloatArray
+    bounds: FloatArray
+    limits: FloatArray
+
+    def planes(self, elevation: FloatArray, axial: FloatArray, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return lowest and highest plane (K,) at the other angles, rad; outside the region, lowest > highest."""
+        low, high = np.empty(len(elevation)), np.empty(len(elevation))
+        slope = self.normals[:, 0]
+        up, down = slope > _FLAT, slope < -_FLAT
+        flat = ~up & ~down
+        for first in range(0, len(elevation), _BLOCK):
+            part = slice(first, first + _BLOCK)
+            others = np.stack([elevation[part], axial[part], flexion[part]])
+            left = self.bounds[:, None] - self.normals[:, 1:] @ others
+            high[part] = (left[up] / slope[up, None]).min(axis=0)
+            low[part] = (left[down] / slope[down, None]).max(axis=0)
+            if flat.any():
+                low[part] = np.where((left[flat] < 0).any(axis=0), np.inf, low[part])
+        return low, high
+
+
+def visited_region(postures: FloatArray, limits: FloatArray) -> VisitedRegion | None:
+    """Return the region of visited postures; None if they lie in a plane of joint space or are too few.
+
+    Parameters
+    ----------
+    postures : (T, 4) array
+        Plane, elevation, axial rotation and flexion, rad.
+    limits : (4, 2) array
+        Robust ranges: postures beyond them are moved to the limit.
+    """
+    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415  only a reach needs it
+
+    size = limits[:, 1] - limits[:, 0]
+    if len(postures) < _FEWEST or np.any(size <= 0):
+        return None
+    thinned = postures[:: max(len(postures) // _MOST, 1)]
+    share = np.clip((thinned - limits[:, 0]) / size, 0.0, 1.0)
+    try:
+        hull = ConvexHull(share)
+    except QhullError:
+        return None
+    faces = np.unique(np.round(hull.equations, 9), axis=0)
+    normals = faces[:, :4] / size
+    around = np.stack([share.min(axis=0), share.max(axis=0)], axis=1)
+    return VisitedRegion(normals, normals @ limits[:, 0] - faces[:, 4], limits[:, :1] + around * size[:, None])

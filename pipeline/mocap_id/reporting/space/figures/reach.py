@@ -1,0 +1,64 @@
+"""Turnable view of what the wrist can reach: surface, path of the wrist, arm and targets, about the shoulder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.reporting import style
+from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points
+from mocap_id.reporting.report_data import ReportData
+
+_VIEW = (60.0, 15.0)  # degrees; from the front, on the side of the right arm
+_SETS = {"box_m": ("box of independent limits", style.FAINT, 0.45), "visited_m": ("visited region", style.BLUE, 0.8)}
+_EVERY = 2  # lines of longitude that are drawn
+
+
+def draw(data: ReportData) -> Figure | str:
+    """Draw the surface of the reachable set about the shoulder."""
+    facts = data.facts("events.parquet").get("reach")
+    if facts is None:
+        return "No reachable set to draw: only `protocol: reach` has one."
+    if not facts.get("mesh"):
+        return f"No reachable set to draw: {facts.get('why')}."
+    half = 1.02 * float(facts["arm_length_m"])
+    ends = (-half, half)
+    items = tuple(_items(facts))
+    panel = Panel(items, "", "across the view (m)", "up the view (m)", ends, ends, equal=True, height=5.6, view=_VIEW)
+    return Figure(((panel,),))
+
+
+def _items(facts: Mapping[str, Any]) -> Iterator[Item]:
+    mesh, view = facts["mesh"], facts.get("view") or {}
+    for name, (label, colour, opacity) in _SETS.items():
+        if name in mesh:
+            lines = wires(mesh["theta_deg"], mesh["psi_deg"], mesh[name])
+            yield _line(lines, colour, label, width=0.7, opacity=opacity)
+    if view.get("path_m"):
+        yield _line(np.array(view["path_m"]), style.ORANGE, "path of the wrist", width=0.9, opacity=0.8)
+    for k, label in enumerate(("upper arm", "forearm")):
+        yield _line(np.array(view["arm_m"])[k : k + 2], style.colour(k + 1), label, width=4.0, opacity=0.8)
+    names, places = tuple(view["targets_m"]), np.array(list(view["targets_m"].values()))
+    x, y, z = places.T
+    shown = tuple(name.replace("_", " ") for name in names)
+    yield Points(x, y, style.INK, "parts of the body", "x", 5.0, names=shown, z=z)
+
+
+def _line(points: FloatArray, colour: str, label: str, *, width: float, opacity: float) -> Line:
+    x, y, z = points.T
+    return Line(x, y, colour, label, width=width, opacity=opacity, z=z)
+
+
+def wires(polar: Sequence[float], azimuth: Sequence[float], radii: Sequence[Sequence[float | None]]) -> FloatArray:
+    """Return circles of latitude and every second line of longitude of a surface as one line (K, 3), with gaps."""
+    theta, psi = np.radians(polar)[:, None], np.radians(azimuth)
+    radius = np.array(radii, dtype=np.float64)
+    along = np.broadcast_to(np.cos(theta), radius.shape)
+    points = radius[..., None] * np.stack([np.sin(theta) * np.sin(psi), along, np.sin(theta) * np.cos(psi)], axis=-1)
+    gap = np.full((1, 3), np.nan)
+    rows = [np.concatenate([row, row[:1], gap]) for row in points]
+    columns = [np.concatenate([points[:, k], gap]) for k in range(0, len(psi), _EVERY)]
+    return np.concatenate([*rows, *columns])

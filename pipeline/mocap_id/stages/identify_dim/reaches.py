@@ -1,0 +1,195 @@
+"""What a person can reach: events.parquet with one row a reach, and facts on ranges, volume, surface and heights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
+from mocap_id.protocols.reach.body_targets import body_targets, level_heights
+from mocap_id.protocols.reach.ranges import HELD, AngleRange, joint_ranges, usable_samples, values
+from mocap_id.protocols.reach.surface import Surface, reach_surface
+from mocap_id.protocols.reach.tasks import Reach, find_reaches
+from mocap_id.protocols.reach.visited_region import VisitedRegion, visited_region
+from mocap_id.protocols.reach.workspace import Volume, Workspace, workspace
+from mocap_id.stages.base import Context
+from mocap_id.store import Table
+from mocap_id.store.schemas import EVENTS
+from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.verdict import Reason
+
+_NORMAL_95 = 1.96
+_LEAST_RANGE = np.radians(2.0)
+_ENDS = "the recording ends before the hand leaves"
+_PATH = 600  # points of the path of the wrist
+_NO_REGION = "the visited postures have no volume in joint space: an angle hardly moves apart from the others"
+
+
+def find_reach_events(context: Context) -> Table:
+    """Return events.parquet of a trial with `protocol: reach`."""
+    angles = SpatialAngles.from_table(context.table("angles.parquet"))
+    poses = SegmentPoses.from_table(context.table("poses.parquet"))
+    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    ranges = joint_ranges(angles, poses)
+    facts: dict[str, Any] = {"why": "", "ranges": {name: _range(one) for name, one in ranges.items()}}
+    reaches: tuple[Reach, ...] = ()
+    try:
+        arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
+        reaches = find_reaches(angles.time, arm)
+        facts |= _arm(arm) | {"heights": _heights(angles.time, arm), "tasks": _tasks(reaches)}
+        facts |= _volumes(angles, poses, arm, ranges)
+    except UnknownReach as unknown:
+        facts["why"] = str(unknown)
+    reasons = (Reason("no-reach", f"the reachable volume is unknown: {facts['why']}"),) if facts["why"] else ()
+    return Table(EVENTS, _columns(reaches), {"reach": facts}, reasons)
+
+
+def _range(one: AngleRange) -> dict[str, Any]:
+    low, high, low_sd, high_sd, spread = np.degrees([one.low, one.high, one.low_sd, one.high_sd, one.width_sd]).tolist()
+    width = high - low
+    return {
+        "low_deg": low,
+        "high_deg": high,
+        "range_deg": width,
+        "interval_deg": [max(width - _NORMAL_95 * spread, 0.0), width + _NORMAL_95 * spread],
+        "low_sd_deg": low_sd,
+        "high_sd_deg": high_sd,
+        "used_share": one.used_share,
+    }
+
+
+def _arm(arm: RecordedArm) -> dict[str, Any]:
+    upper = float(np.linalg.norm(arm.arm.elbow))
+    return {
+        "lengths_m": {"upper_arm": upper, "forearm": arm.arm.forearm},
+        "arm_length_m": arm.arm.length,
+        "shoulder_m": arm.shoulder.tolist(),
+        "glide_m": arm.glide.tolist(),
+        "view": _view(arm),
+    }
+
+
+def _view(arm: RecordedArm) -> dict[str, Any]:
+    """Return what a view shows besides the surface: the path of the wrist, the arm at its furthest, and the targets."""
+    known = np.flatnonzero(np.isfinite(arm.wrists).all(axis=1))
+    far = known[np.argmax(np.linalg.norm(arm.wrists[known], axis=1))]
+    path = arm.wrists[known[:: max(len(known) // _PATH, 1)]]
+    return {
+        "path_m": path.round(3).tolist(),
+        "arm_m": np.stack([np.zeros(3), arm.elbows[far], arm.wrists[far]]).round(3).tolist(),
+        "targets_m": {name: place.round(3).tolist() for name, place in body_targets(arm).items()},
+    }
+
+
+def _heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
+    """Return the highest and lowest place of the wrist, and the levels that the middle of the hand came up to."""
+    rank = max(round(HELD / float(np.median(np.diff(time)))), 1)
+    wrist, palm = (np.sort(each[np.isfinite(each[:, 1]), 1]) for each in (arm.wrists, arm.palms))
+    highest, lowest = float(wrist[-rank]), float(wrist[rank - 1])
+    return {
+        "highest_m": highest,
+        "lowest_m": lowest,
+        "highest_share": highest / arm.arm.length,
+        "lowest_share": lowest / arm.arm.length,
+        "levels": {name: bool(palm[-rank] >= height) for name, height in level_heights(arm).items()},
+    }
+
+
+def _tasks(reaches: Sequence[Reach]) -> dict[str, Any]:
+    found: dict[str, list[float]] = {}
+    for one in reaches:
+        if one.target != "none":
+            found.setdefault(one.target, []).append(one.miss)
+    return {
+        name: {"count": len(misses), "best_miss_m": min(misses), "median_miss_m": float(np.median(misses))}
+        for name, misses in found.items()
+    }
+
+
+def _volumes(
+    angles: SpatialAngles, poses: SegmentPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
+) -> dict[str, Any]:
+    """Return the reachable volume in the box and in the visited region, and its surface.
+
+    Raises
+    ------
+    UnknownReach
+        An angle has no range.
+    """
+    still = [name for name in ANGLES if name not in ranges or ranges[name].high - ranges[name].low < _LEAST_RANGE]
+    if still:
+        names = " and ".join(name.replace("_", " ") for name in still)
+        raise UnknownReach(f"{names} change by less than {np.degrees(_LEAST_RANGE):.0f}° where they have a meaning")
+    usable = np.logical_and.reduce([usable_samples(angles, poses, name) for name in ANGLES])
+    postures = np.stack([values(angles, name, usable) for name in ANGLES], axis=1)
+    limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
+    region = visited_region(postures, limits)
+    found = workspace(arm, ranges, region)
+    surfaces = {"box": reach_surface(arm.arm, limits)}
+    if region is not None:
+        surfaces["visited"] = reach_surface(arm.arm, region.limits, region.planes)
+    return {
+        **_volume(found.box),
+        "sd_m3": found.sd,
+        "relative_volume": found.relative(arm.arm),
+        "sources": found.sources,
+        "box_deg": {
+            name.split("_")[1]: np.degrees(pair).tolist() for name, pair in zip(ANGLES, found.limits, strict=True)
+        },
+        "visited": _visited(found, region),
+        "surface": {name: one.areas for name, one in surfaces.items()},
+        "mesh": _mesh(surfaces),
+    }
+
+
+def _volume(one: Volume) -> dict[str, Any]:
+    return {
+        "volume_m3": one.volume,
+        "interval_m3": list(one.interval),
+        "discretisation_m3": one.discretisation,
+        "convergence_m3": list(one.convergence),
+    }
+
+
+def _visited(found: Workspace, region: VisitedRegion | None) -> dict[str, Any]:
+    if found.visited is None or region is None:
+        return {"volume_m3": None, "interval_m3": None, "share": None, "meaning": _NO_REGION, "why": _NO_REGION}
+    share = found.visited.volume / found.box.volume
+    return _volume(found.visited) | {
+        "share": share,
+        "why": None,
+        "meaning": (
+            "The box lets every angle take its whole range whatever the other angles do. The postures between those "
+            f"recorded reach {100 * share:.0f} % of its volume. The recording does not show whether the rest can be "
+            "reached: the truth lies between both volumes, nearer to the box the more freely the angles combine."
+        ),
+    }
+
+
+def _mesh(surfaces: Mapping[str, Surface]) -> dict[str, Any]:
+    first = surfaces["box"]
+    radii = {
+        f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in one.radius.tolist()]
+        for name, one in surfaces.items()
+    }
+    angles = {"theta_deg": first.polar, "psi_deg": first.azimuth}
+    return {name: np.degrees(each).round(2).tolist() for name, each in angles.items()} | radii
+
+
+def _columns(reaches: Sequence[Reach]) -> dict[str, Any]:
+    nothing = np.full(len(reaches), np.nan)
+    numbers = {"start": "start", "top": "top", "end": "end", "miss_m": "miss"}
+    return {
+        "kind": np.array(["reach"] * len(reaches), dtype=object),
+        **{
+            column: np.array([getattr(one, name) for one in reaches], dtype=np.float64)
+            for column, name in numbers.items()
+        },
+        **dict.fromkeys(("seat_off", "stand", "seat_on"), nothing),
+        "target": np.array([one.target for one in reaches], dtype=object),
+        "complete": np.array([one.complete for one in reaches], dtype=np.bool_),
+        "why": np.array(["" if one.complete else _ENDS for one in reaches], object),
+    }

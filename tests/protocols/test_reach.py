@@ -1,0 +1,143 @@
+"""Ranges, geometry and reaches of an arm from its angles and poses, and what the artefact says of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
+from mocap_id.protocols.reach.body_targets import body_targets
+from mocap_id.protocols.reach.ranges import joint_ranges
+from mocap_id.protocols.reach.reachable_set import ReachArm
+from mocap_id.protocols.reach.tasks import find_reaches
+from mocap_id.protocols.reach.workspace import workspace
+from mocap_id.store import Table, Tree
+from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
+from spatial_trial import SpatialTrial
+
+
+def views(trial: SpatialTrial) -> tuple[SpatialAngles, SegmentPoses, SpatialSkeleton]:
+    artefacts = trial.artefacts()
+    angles, poses, chain = (artefacts[name] for name in ("angles.parquet", "poses.parquet", "chain.h5"))
+    assert isinstance(angles, Table) and isinstance(poses, Table) and isinstance(chain, Tree)
+    return SpatialAngles.from_table(angles), SegmentPoses.from_table(poses), SpatialSkeleton.from_tree(chain)
+
+
+def test_single_samples_and_the_gimbal_move_no_end() -> None:
+    angles, poses, _ = views(SpatialTrial())
+    before = joint_ranges(angles, poses)
+    wrong = angles.mean.copy()
+    flexion, plane = angles.names.index("elbow_flexion"), angles.names.index("shoulder_plane")
+    wrong[200:203, flexion, 0] += 2.0
+    wrong[angles.near_gimbal, plane, 0] += 1.0
+    after = joint_ranges(replace(angles, mean=wrong), poses)
+    assert after["elbow_flexion"].high == pytest.approx(before["elbow_flexion"].high, abs=0.01)
+    assert after["shoulder_plane"] == before["shoulder_plane"]
+    assert 0 < before["shoulder_plane"].used_share < before["elbow_flexion"].used_share <= 1
+    exact = np.ptp(angles.mean[:, flexion, 0])
+    assert before["elbow_flexion"].high - before["elbow_flexion"].low == pytest.approx(exact, abs=0.02)
+
+
+def test_the_geometry_is_that_of_the_chain() -> None:
+    angles, poses, skeleton = views(SpatialTrial())
+    found = measure_arm(angles, poses, skeleton)
+    glide = skeleton.chain.joints[0].glide
+    assert np.allclose(found.arm.elbow, skeleton.chain.joints[1].centre, atol=1e-6)
+    assert np.allclose(found.glide, glide, atol=1e-6)
+    assert found.arm.rise == pytest.approx(float(glide[1]), abs=1e-6)
+    reach = np.linalg.norm(found.wrists, axis=1)
+    assert np.nanmax(reach) <= found.arm.length + 1e-9
+    flexion = angles.mean[:, angles.names.index("elbow_flexion"), 0]
+    assert np.allclose(np.linalg.norm(found.arm.wrist(flexion), axis=1), reach, atol=1e-6)
+
+
+def test_the_interval_grows_with_the_errors() -> None:
+    angles, poses, skeleton = views(SpatialTrial(frames=2500))
+    arm, ranges = measure_arm(angles, poses, skeleton), joint_ranges(angles, poses)
+    found = workspace(arm, ranges, None)
+    assert found.visited is None
+    low, high = found.box.interval
+    assert low < found.box.volume < high
+    assert sum(found.sources.values()) == pytest.approx(1)
+    worse = {name: replace(one, low_sd=2 * one.low_sd, high_sd=2 * one.high_sd) for name, one in ranges.items()}
+    assert workspace(arm, worse, None).sd > 1.1 * found.sd
+    longer = workspace(replace(arm, forearm_sd=0.02), ranges, None)
+    assert longer.sources["forearm"] > found.sources["forearm"]
+
+
+@pytest.mark.parametrize("lost", [*ANGLES, "forearm", "centre"])
+def test_a_trial_without_what_is_needed_says_what_is_missing(lost: str) -> None:
+    angles, poses, skeleton = views(SpatialTrial(known=lost != "centre"))
+    if lost in angles.names:
+        kept = [k for k, name in enumerate(angles.names) if name != lost]
+        names = tuple(angles.names[k] for k in kept)
+        angles = replace(angles, names=names, mean=angles.mean[:, kept])
+    if lost == "forearm":
+        poses = replace(poses, segments=("thorax", "upper_arm", "lower", "hand"))
+    with pytest.raises(UnknownReach, match=lost.replace("_", " ")):
+        measure_arm(angles, poses, skeleton)
+
+
+def moving_hand(places: list[np.ndarray], rate: float = 100.0) -> tuple[np.ndarray, RecordedArm]:
+    """Return an arm whose palm visits places for half a second each, with a second between them."""
+    step = np.linspace(0, 1, int(rate))
+    smooth = (step**3 * (10 - 15 * step + 6 * step**2))[:, None]
+    pause = np.ones((int(rate / 2), 1))
+    path = [places[0] * np.ones((50, 1))]
+    for a, b in pairwise(places):
+        path += [a + smooth * (b - a), pause * b]
+    palms = np.concatenate(path)
+    arm = ReachArm(np.array([0.0, -0.3, 0.0]), 0.25, np.zeros(3), 0.0)
+    shoulder = np.array([-0.03, -0.02, 0.16])
+    whole = RecordedArm(arm, 0.002, 0.002, 0.005, shoulder, np.zeros(3), palms, palms, palms, stature=1.66)
+    return np.arange(len(palms)) / rate, whole
+
+
+def test_reaches_are_found_with_their_targets_and_misses() -> None:
+    home = np.array([0.25, -0.45, 0.05])
+    _, arm = moving_hand([home, home + 0.1])
+    targets = body_targets(arm)
+    short = targets["mouth"] + np.array([0.2, 0.0, 0.0])
+    time, arm = moving_hand([home, targets["opposite_shoulder"], home, targets["head"], short, home])
+    found = find_reaches(time, arm)
+    assert [one.target for one in found] == ["opposite_shoulder", "head", "mouth"]
+    assert [one.complete for one in found] == [True, True, True]
+    assert found[0].miss == found[1].miss == 0
+    assert found[2].miss == pytest.approx(0.2 - 0.05 * arm.stature, abs=1e-3)
+    assert found[0].start == pytest.approx(0.6, abs=0.25)
+    assert found[0].top == pytest.approx(1.75, abs=0.2)
+    assert found[0].end == pytest.approx(3.0, abs=0.35)
+    away = np.array([0.5, -0.1, 0.1])
+    time, arm = moving_hand([home, away])
+    (last,) = find_reaches(time, arm)
+    assert last.target == "none" and np.isnan(last.miss) and not last.complete
+    assert find_reaches(time, replace(arm, palms=np.full_like(arm.palms, np.nan))) == ()
+
+
+def test_a_chain_that_is_no_arm_has_no_reach() -> None:
+    angles, poses, skeleton = views(SpatialTrial())
+    upper, lower = poses.segments.index("upper_arm"), poses.segments.index("forearm")
+    loose = poses.origin.copy()
+    loose[:, upper, 1] += 0.2 * np.sin(poses.time)
+    with pytest.raises(UnknownReach, match="moves by"):
+        measure_arm(angles, replace(poses, origin=loose), skeleton)
+    short = poses.origin.copy()
+    short[:, lower] = 0.6 * short[:, upper] + 0.4 * short[:, lower]
+    with pytest.raises(UnknownReach, match="expected a ratio"):
+        measure_arm(angles, replace(poses, origin=short), skeleton)
+
+
+def test_segments_that_are_never_seen_together_are_named() -> None:
+    angles, poses, skeleton = views(SpatialTrial())
+    for name, pair in (("upper_arm", "thorax and upper arm"), ("forearm", "upper arm and forearm")):
+        lost = poses.origin.copy()
+        lost[:, poses.segments.index(name)] = np.nan
+        with pytest.raises(UnknownReach, match=pair):
+            measure_arm(angles, replace(poses, origin=lost), skeleton)
+    plain = views(SpatialTrial(arm=False))
+    with pytest.raises(UnknownReach, match="no thorax"):
+        measure_arm(*plain)
+    assert set(joint_ranges(*plain[:2])) == set(plain[0].names)
