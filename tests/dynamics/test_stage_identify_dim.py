@@ -16,8 +16,9 @@ from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import StoreError
 from mocap_id.kinematics import ChainState, skin_from_residuals
 from mocap_id.stages import skin_artefact
-from mocap_id.stages.base import Context, Files, Subject, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
+from mocap_id.stages.trial_keys import Files, Subject, TrialKeys
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES, STATES, WRENCH
 

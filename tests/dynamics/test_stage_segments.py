@@ -20,9 +20,10 @@ from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
-from mocap_id.stages.base import Context, Subject
+from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons
+from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES
 

@@ -17,7 +17,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import add_lasting_errors
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spectrum
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames
 

@@ -12,7 +12,8 @@ from simulated_chains import Moving, measured, planar_table
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Table, Tree
 from mocap_id.store.parquet import conform

@@ -16,7 +16,8 @@ from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import LastingErrors, add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.process_model import noise_shape, transition
 from mocap_id.estimation.residual_spectrum import residual_spectrum
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE, state_errors
 
 FLOOR = 5e-5

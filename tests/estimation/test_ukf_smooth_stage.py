@@ -12,7 +12,8 @@ from simulated_chains import Moving, planar_table, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform

@@ -13,8 +13,9 @@ from test_planarise import RATE, person_on_a_plate
 from mocap_id import recording
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import PlaneFrame
-from mocap_id.stages.base import Context, ExternalForce, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
+from mocap_id.stages.trial_keys import ExternalForce, Files, TrialKeys
 from mocap_id.store import LongTable, Table, parquet
 
 PLACE = (0.3, -0.7, 1.1)

@@ -12,8 +12,9 @@ from recording_cases import CORNERS, body, build_c3d, plate_parameters, save, si
 from mocap_id import recording
 from mocap_id.errors import ConfigError
 from mocap_id.recording.units import force_scale, moment_scale
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import LongTable, Table
 
 FRAMES, PER_FRAME = 30, 5

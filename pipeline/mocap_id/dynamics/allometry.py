@@ -220,6 +220,23 @@ def _de_leva(sex: Sex) -> ReferenceTable:
     )
 
 
+def arm_segment(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFractions:
+    """Return one forearm or hand of de Leva's table; the centre is measured from the upper end.
+
+    Without a sex it is the mean of both.
+
+    Examples
+    --------
+    >>> round(arm_segment("forearm", "male").mass, 4)
+    0.0162
+    """
+    found = []
+    for each in ("female", "male") if sex is None else (sex,):
+        mass, length, centre, gyration = _DE_LEVA[each][name]
+        found.append(SegmentFractions(mass / 100, centre / 100, gyration / 100, length / _STATURE[each]))
+    return found[0] if len(found) == 1 else _mean(*found)
+
+
 def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
     """Return head, arms and trunk as one body above the hip, as long as from hip to shoulder (Winter's table)."""
     tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": _SHOULDER[sex]}

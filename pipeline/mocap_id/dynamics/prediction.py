@@ -21,6 +21,7 @@ from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, to
 from mocap_id.dynamics.uncertainty import variance
 
 _MOMENT = WRENCH_COMPONENTS.index("tauz")  # fitted whenever torques are predicted: only it contains moments of inertia
+_UNSEEN = 2.0  # the error of Fx in terms of that of Fy, where no sensor measures Fx; with plates it is 0.7 to 2
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,8 @@ def residual_noise(
         Fraction of the squared residual that the fit has absorbed; 0 for left-out repetitions.
     """
     recorded, size = prepared.recorded, len(prepared.regressor)
+    alone = 0 not in recorded.measures  # no measurement shows the error of Fx
+    residual = residual[:, [1, 1, 2]] if alone else residual
     valid = known(residual)
     correlation = np.corrcoef(residual[valid].T)
     nothing = np.zeros(size)
@@ -176,6 +179,9 @@ def residual_noise(
     spread = np.array([np.var(residual[valid, k]) if e is None else e.steady for k, e in enumerate(errors)])
     spread = spread + np.mean(residual[valid], axis=0) ** 2
     covariance = correlation * np.sqrt(np.outer(spread, spread)) / max(1.0 - parameters, 0.1)
+    if alone:
+        covariance[0, 1:] = covariance[1:, 0] = 0.0
+        covariance[0, 0] *= _UNSEEN**2
     jacobian = prepared.motion.jacobian
     moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
     return PredictionNoise(

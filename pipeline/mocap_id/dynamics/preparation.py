@@ -48,6 +48,14 @@ class TrialData:
         Motion of the bodies from their own measured poses; None to use that of the pinned chain.
     knee : int
         Number of the knee among the joints, from 0.
+    measures : tuple of int
+        Components of ``wrench`` that the ground's sensor measures; the others are 0 there.
+    surface : float
+        Height above the plane's origin at which the centre of pressure is stated, m; 0 for plates.
+    position_sd : float or None
+        Standard deviation of the sensor's place along the motion, m, if it was found from the trial.
+    built_in : tuple of ExternalWrench
+        Wrenches measured inside the body, by sensors built into joints, on the segment beyond the joint.
     """
 
     time: FloatArray
@@ -62,6 +70,18 @@ class TrialData:
     averaged: float = 0.0
     measured: PlanarMotion | None = None
     knee: int = 1
+    measures: tuple[int, ...] = (0, 1, 2)
+    surface: float = 0.0
+    position_sd: float | None = None
+    built_in: tuple[ExternalWrench, ...] = ()
+
+    def as_measured(self, wrench: FloatArray) -> FloatArray:
+        """Return a wrench (..., 3) with NaN in the components that are not measured."""
+        return wrench if len(self.measures) == wrench.shape[-1] else np.where(self._measured, wrench, np.nan)
+
+    @property
+    def _measured(self) -> BoolArray:
+        return np.isin(np.arange(3), self.measures)
 
     @property
     def motion(self) -> PlanarMotion:
@@ -197,11 +217,11 @@ class PreparedTrial:
 
     def measured(self, offset: float) -> FloatArray:
         """Return the total wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
-        return self.wrench(self.recorded.time - offset) + self.sensors
+        return self.recorded.as_measured(self.wrench(self.recorded.time - offset) + self.sensors)
 
     def ground(self, offset: float) -> FloatArray:
         """Return the ground's wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
-        return self._ground(self.recorded.time - offset)
+        return self.recorded.as_measured(self._ground(self.recorded.time - offset))
 
     @cached_property
     def _ground(self) -> SampledWrench:
@@ -224,7 +244,7 @@ class PreparedTrial:
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
         """Return the filtered total wrench (..., R, 3) of samples (R,) with times (..., R) on the plates' clock, s."""
-        return self.filtered_wrench(stamped) + self.filtered_sensors[samples]
+        return self.recorded.as_measured(self.filtered_wrench(stamped) + self.filtered_sensors[samples])
 
 
 def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None = None) -> PreparedTrial:

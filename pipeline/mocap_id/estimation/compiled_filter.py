@@ -17,7 +17,14 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.errors import NumericalError
-from mocap_id.estimation.filter_kernels import FilterModel, FilterOutput, Measurements, run_filter, run_smoother
+from mocap_id.estimation.filter_kernels import (
+    FilterModel,
+    FilterOutput,
+    Inertial,
+    Measurements,
+    run_filter,
+    run_smoother,
+)
 from mocap_id.estimation.filter_problem import ANCHOR_SD, FilterProblem, Track, start_sd
 from mocap_id.estimation.process_model import noise_shape, transition
 
@@ -38,7 +45,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
         np.zeros((frames, markers), dtype=np.bool_),
         np.zeros((frames, n), dtype=np.bool_),
     )
-    failed, log_likelihood = run_filter(_model(problem), _measured(problem), filtered)
+    failed, log_likelihood = run_filter(_model(problem), _measured(problem), _inertial(problem), filtered)
     if failed >= 0:
         raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {frames}")
     return Track(*filtered, log_likelihood)
@@ -66,6 +73,22 @@ def _measured(problem: FilterProblem) -> Measurements:
         np.ascontiguousarray(anchors.covariance),
         np.ascontiguousarray(anchors.observed),
         np.ascontiguousarray(anchors.used),
+    )
+
+
+def _inertial(problem: FilterProblem) -> Inertial:
+    given = problem.inertial
+    if given is None:
+        none = np.empty((0, 0))
+        return Inertial(np.empty(0, dtype=np.int64), none, none, np.empty(0), none[None], none[None], 0.0)
+    return Inertial(
+        np.ascontiguousarray(given.segment),
+        np.ascontiguousarray(given.place),
+        np.ascontiguousarray(given.share),
+        np.ascontiguousarray(given.rest),
+        np.ascontiguousarray(given.signal),
+        np.ascontiguousarray(given.variance),
+        given.gravity,
     )
 
 

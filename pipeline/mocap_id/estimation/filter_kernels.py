@@ -44,6 +44,18 @@ class Measurements(NamedTuple):
     angle_used: BoolArray  # (F, M)
 
 
+class Inertial(NamedTuple):
+    """Signals of K inertial sensors at the frames, in the axes of their segments; K may be 0."""
+
+    segment: IntArray  # (K,) 0 = base
+    place: FloatArray  # (K, 2)
+    share: FloatArray  # (K, n) turn of the skin for the turn of each joint
+    rest: FloatArray  # (n,)
+    signal: FloatArray  # (F, K, 3) angular velocity, and specific force along x and y; NaN where missing
+    variance: FloatArray  # (F, K, 2) of the angular velocity, and of a component of the force
+    gravity: float  # along -y of the plane
+
+
 class FilterOutput(NamedTuple):
     """Output arrays of the filter; all flags must be false at the start."""
 
@@ -377,7 +389,83 @@ def _one_minus_gain_transition(gain: FloatArray, step: FloatArray, keep: FloatAr
 
 
 @compiled
-def run_filter(model: FilterModel, measured: Measurements, filtered: FilterOutput) -> tuple[int, float]:
+def _force_rows(inertial: Inertial, s: int, x: FloatArray, centres: FloatArray, rows: FloatArray) -> None:
+    """Compute the specific force (2,) at sensor s, in the last column of ``rows``, and its derivatives by the state.
+
+    With v_i the vectors from joint to joint and w_i = φ_i'' 1j − φ_i'², the force is e^(−jφ) (Σ w_i v_i + 1j g), where
+    φ is the angle of the skin under the sensor.
+    """
+    n, segment = len(centres), inertial.segment[s]
+    angle, skin, speed, turning = 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        angle += x[j] if j < segment else 0.0
+        skin += inertial.share[s, j] * (x[j] - inertial.rest[j])
+    angle += skin
+    own = complex(math.cos(angle), -math.sin(angle))  # e^(−jφ)
+    rows[:, :] = 0.0
+    total, angle = inertial.gravity * 1j * own, 0.0
+    for i in range(1, segment + 1):
+        angle += x[i - 1]
+        speed += x[n + i - 1]
+        turning += x[2 * n + i - 1]
+        if i < segment:
+            vector = complex(centres[i, 0], centres[i, 1]) * complex(math.cos(angle), math.sin(angle)) * own
+        else:
+            vector = complex(inertial.place[s, 0], inertial.place[s, 1]) * complex(math.cos(skin), -math.sin(skin))
+        weight = complex(-(speed**2), turning)
+        total += weight * vector
+        for j in range(i):  # every joint before it turns the vector
+            for d in range(3):
+                slope = 1j * weight * vector if d == 0 else (-2.0 * speed * vector if d == 1 else 1j * vector)
+                rows[0, d * n + j] += slope.real
+                rows[1, d * n + j] += slope.imag
+    for j in range(n):
+        turns = inertial.share[s, j] + (1.0 if j < segment else 0.0)
+        rows[0, j] += turns * total.imag  # −1j total: the axes turn with every joint
+        rows[1, j] -= turns * total.real
+    rows[0, 4 * n], rows[1, 4 * n] = total.real, total.imag
+
+
+@compiled
+def _sense(  # noqa: PLR0917
+    x: FloatArray, p: FloatArray, inertial: Inertial, frame: int, centres: FloatArray, gate: float
+) -> None:
+    """Update with the sensors of a frame, in place: all gyroscopes, then the accelerometers, linearised."""
+    n, size = len(centres), len(x)
+    rows, gain = np.zeros((2, size + 1)), np.empty(size)
+    for c in range(3):
+        for s in range(len(inertial.segment)):
+            z = inertial.signal[frame, s, c]
+            if math.isnan(z):
+                continue
+            if c == 0:
+                rows[:, :] = 0.0
+                for j in range(n):
+                    rows[0, n + j] = inertial.share[s, j] + (1.0 if j < inertial.segment[s] else 0.0)
+                    rows[0, size] += rows[0, n + j] * x[n + j]
+            else:
+                _force_rows(inertial, s, x, centres, rows)
+            row, r = max(c - 1, 0), inertial.variance[frame, s, min(c, 1)]
+            total = r
+            for i in range(size):
+                gain[i] = 0.0
+                for j in range(size):
+                    gain[i] += p[i, j] * rows[row, j]
+                total += rows[row, i] * gain[i]
+            y = z - rows[row, size]
+            if y**2 > gate**2 * total:
+                continue
+            for i in range(size):
+                x[i] += gain[i] * y / total
+                for j in range(i + 1):
+                    p[i, j] -= gain[i] * gain[j] / total
+                    p[j, i] = p[i, j]
+
+
+@compiled
+def run_filter(
+    model: FilterModel, measured: Measurements, inertial: Inertial, filtered: FilterOutput
+) -> tuple[int, float]:
     """Fill ``filtered``; return the frame that failed (−1 if none) and the log-likelihood.
 
     The loop carries over the state, its covariance, the last observed angle of each joint, and the number of successive
@@ -409,6 +497,8 @@ def run_filter(model: FilterModel, measured: Measurements, filtered: FilterOutpu
                 filtered.used[k, m] = taken and measured.angle_used[k, m]
         if not fine:
             return k, log_likelihood
+        if len(inertial.segment) > 0:
+            _sense(x, p, inertial, k, model.centres, model.gate)
         _count_failing(z, filtered.used[k], model.segment, failing)
         for j in range(n):
             if measured.angle_observed[k, j] and failing[j] == 0:

@@ -68,6 +68,37 @@ class Anchors:
 
 
 @dataclass(frozen=True)
+class InertialSignals:
+    """Signals of K calibrated inertial sensors at the frames, in the axes of their segments.
+
+    Parameters
+    ----------
+    segment : (K,) int array
+        0 = base.
+    place : (K, 2) array
+        Position in the segment's frame, m.
+    share : (K, n) array
+        Turn of the skin under the sensor against its segment, for the turn of each joint.
+    rest : (n,) array
+        Joint angles without such a turn, rad.
+    signal : (F, K, 3) array
+        Angular velocity, rad/s, and specific force along the segment's x and y, m/s²; NaN where missing.
+    variance : (F, K, 2) array
+        Of the angular velocity, and of a component of the specific force.
+    gravity : float
+        m/s², along -y of the plane.
+    """
+
+    segment: IntArray
+    place: FloatArray
+    share: FloatArray
+    rest: FloatArray
+    signal: FloatArray
+    variance: FloatArray
+    gravity: float
+
+
+@dataclass(frozen=True)
 class FilterProblem:
     """A chain, its measured markers and the noise.
 
@@ -95,6 +126,8 @@ class FilterProblem:
         Angles for the start and after gaps.
     sigma_points : SigmaPoints
         Parameters of the unscented transform.
+    inertial : InertialSignals or None
+        Inertial sensors, for the compiled engine.
     """
 
     observed: FloatArray
@@ -108,6 +141,7 @@ class FilterProblem:
     density: FloatArray
     anchors: Anchors
     sigma_points: SigmaPoints
+    inertial: InertialSignals | None = None
 
     @property
     def joints(self) -> int:

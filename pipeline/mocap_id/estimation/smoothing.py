@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Literal
 
@@ -14,7 +14,7 @@ from mocap_id.estimation import alternative_estimators, compiled_filter
 from mocap_id.estimation.alternative_estimators import Estimate
 from mocap_id.estimation.backfill import backfill
 from mocap_id.estimation.dropouts import compensate_dropouts
-from mocap_id.estimation.filter_problem import FilterProblem
+from mocap_id.estimation.filter_problem import FilterProblem, InertialSignals
 from mocap_id.estimation.inverse_kinematics import MarkerChain, determined_angles, frame_angles
 from mocap_id.estimation.noise import FilterNoise, marker_noise, process_noise
 from mocap_id.estimation.sigma_points import SigmaPoints
@@ -119,6 +119,7 @@ def smooth(
     *,
     settings: FilterSettings | None = None,
     overwrite: bool = False,
+    inertial: InertialSignals | None = None,
 ) -> States:
     """Estimate the states of every joint at every frame.
 
@@ -139,6 +140,8 @@ def smooth(
     overwrite : bool
         Allow changes of ``observed``, which saves a copy: where markers are missing, the others are moved by
         :func:`mocap_id.estimation.dropouts.compensate_dropouts`.
+    inertial : InertialSignals, optional
+        Inertial sensors, for ``rts`` by the compiled engine.
 
     Returns
     -------
@@ -154,6 +157,8 @@ def smooth(
     moving = observed[:, moves] if not moves.all() else observed if overwrite else observed.copy()
     chain = MarkerChain(centres.copy(), segment[moves], local[moves])  # numba would recompile for read-only arrays
     noise, problem = _filter_problem(moving, 1.0 / rate, chain, settings)
+    if inertial is not None:
+        problem = replace(problem, inertial=inertial)
     found = _estimate(problem, settings)
     mean, sd = found.mean, found.sd
     determined = _determined(found, problem, noise, settings)

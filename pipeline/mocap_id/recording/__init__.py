@@ -2,6 +2,7 @@
 
 from mocap_id.recording.angle_table import read_angles
 from mocap_id.recording.axes import to_z_up
+from mocap_id.recording.balance_board import CELLS_BELOW_SURFACE_M, BoardLog, read_board
 from mocap_id.recording.encoder_log import read_encoder
 from mocap_id.recording.force_log import read_force_log
 from mocap_id.recording.model import Plate, Recording
@@ -10,9 +11,11 @@ from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reader import is_marker_text, read
 from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, averaging_width, decimate
 from mocap_id.recording.text_tables import read_table
-from mocap_id.recording.writer import write_c3d, write_trc
+from mocap_id.recording.writer import write_c3d, write_recording, write_trc
 
 __all__ = [
+    "CELLS_BELOW_SURFACE_M",
+    "BoardLog",
     "Plate",
     "PlateSamples",
     "PlateSignals",
@@ -25,10 +28,12 @@ __all__ = [
     "is_marker_text",
     "read",
     "read_angles",
+    "read_board",
     "read_encoder",
     "read_force_log",
     "read_table",
     "to_z_up",
     "write_c3d",
+    "write_recording",
     "write_trc",
 ]

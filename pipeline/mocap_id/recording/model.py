@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.errors import RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -124,3 +130,57 @@ class Recording:
     def missing_fraction(self) -> float:
         """Fraction of the marker samples that are missing."""
         return float(1.0 - self.visible.mean()) if self.positions.size else 1.0
+
+    @classmethod
+    def from_arrays(
+        cls, labels: Sequence[str], positions: FloatArray, rate: float, plates: Sequence[Plate] = ()
+    ) -> Recording:
+        """Return the recording of arrays in memory.
+
+        Parameters
+        ----------
+        labels : sequence of str, length M
+            Unique marker names.
+        positions : (F, M, 3) array
+            Marker positions, lab axes with Z up, m; NaN where a marker was not seen.
+        rate : float
+            Frames per second.
+        plates : sequence of Plate, optional
+            Their samples begin with the first frame.
+
+        Raises
+        ------
+        RecordingError
+            The arrays do not fit together.
+        """
+        found = np.array(positions, np.float64)
+        if found.ndim != 3 or not len(found) or found.shape[1:] != (len(labels), 3):
+            raise RecordingError(
+                f"positions: an array of shape {found.shape}; expected (frames, {len(labels)}, 3) for {len(labels)} "
+                "labels, in m"
+            )
+        if len(set(labels)) < len(labels):
+            raise RecordingError("labels: a name occurs twice; expected a name of its own for each marker")
+        if not (np.isfinite(rate) and rate > 0):
+            raise RecordingError(f"rate: {rate}; expected frames per second")
+        frames = np.arange(1, len(found) + 1)
+        time, analog = (frames - 1) / rate, plates[0].rate if plates else None
+        return cls(
+            (), "arrays", tuple(map(str, labels)), found, frames, time, rate, "m", "Z", analog, tuple(plates), ()
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the markers as a data frame.
+
+        Returns
+        -------
+        DataFrame
+            A row for each frame, with its time in s as index; columns are marker and axis (``x``, ``y``, ``z``), m.
+        """
+        import pandas as pd  # noqa: PLC0415  a run needs no data frames
+
+        columns = pd.MultiIndex.from_product([self.labels, tuple("xyz")], names=["marker", "axis"])
+        index = pd.Index(self.time, name="time")
+        frame = pd.DataFrame(self.positions.reshape(len(self.time), -1), index=index, columns=columns)
+        frame.attrs["units"] = {"time": "s", "x": "m", "y": "m", "z": "m"}
+        return frame

@@ -19,8 +19,8 @@ _TEXTS = (".tsv", ".csv", ".txt")
 
 
 def read(
-    markers: Path,
-    forces: Path | None = None,
+    markers: Path | str,
+    forces: Path | str | None = None,
     *,
     units: str | None = None,
     vertical: str | None = None,

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.opensim_text import format_trc
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.plate_types import PlateSignals, plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -58,6 +60,38 @@ def write_c3d(
     if plates:
         _put_plates(content, plates, rate, frames)
     _write_atomically(path, lambda partial: content.write(str(partial)))
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Write a recording as a C3D file.
+
+    Raises
+    ------
+    RecordingError
+        A C3D file cannot hold it: the frames are not evenly spaced, or a plate has no corners, or does not cover every
+        frame at a common rate that is a multiple of the frame rate.
+    """
+    if not np.allclose(np.diff(recording.time) * recording.rate, 1.0, atol=1e-3):
+        raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
+    plates = [_signals(plate, recording) for plate in recording.plates if plate.usable]
+    first = max(int(recording.frames[0]), 1)
+    try:
+        write_c3d(path, recording.labels, recording.positions, recording.rate, first_frame=first, plates=plates)
+    except ValueError as error:
+        raise RecordingError(f"the recording cannot be written as C3D: {error}") from error
+
+
+def _signals(plate: Plate, recording: Recording) -> PlateSignals:
+    """Return the channels of a plate of type 2 that give this wrench; NaN where the samples are not valid."""
+    if plate.corners is None:
+        raise RecordingError(f"plate {plate.index} has no corners; expected (4, 3), in m")
+    if abs(plate.start - recording.time[0]) > 0.5 / recording.rate:
+        raise RecordingError(f"plate {plate.index} starts at {plate.start} s; expected {recording.time[0]} s")
+    axes = plate_axes(plate.corners)
+    about_centre = plate.moment - np.cross(plate.corners.mean(axis=0), plate.force)
+    channels = np.concatenate([plate.force @ axes, about_centre @ axes], axis=1)
+    channels[~plate.ok] = np.nan
+    return PlateSignals(2, channels, np.zeros(3), plate.corners, plate.rate)
 
 
 def write_trc(path: Path, labels: Sequence[str], positions: FloatArray, rate: float, *, first_frame: int = 1) -> None:

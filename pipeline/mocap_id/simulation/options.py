@@ -169,6 +169,8 @@ class Options:
     clock_offset: float = option(
         0.0, "Time on the markers' clock at which the first analog sample is taken, s.", (-1, 1), "s"
     )
+    board: bool = option(False, "Put a balance board in the place of the plate, with its own clock; a person only.")
+    imus: bool = option(False, "Also an inertial sensor on every moving segment, each on its own clock; a person only.")
     seat_plate: bool = option(False, "Put the chair on a plate of its own, the second one.")
     chair_mass: float = option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
     attempts: int = option(0, "Number of failed rises, one before each of the last repetitions.")
@@ -191,6 +193,7 @@ class Options:
     )
     speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)  # noqa: RUF009  a dataclass field
     orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
+    joint_sensor: bool = option(False, "Build a wrench sensor into the robot's joint: sensor.csv.")
     subject: Subject | None = None
 
     def __post_init__(self) -> None:
@@ -198,6 +201,10 @@ class Options:
         multiple = self.analog_rate / self.rate
         if not (multiple >= 1 and multiple % 1 == 0):
             _refuse("simulate", "analog_rate", self.analog_rate, "a multiple of rate")
+        if self.board and (self.seat_plate or self.joint is not None):
+            _refuse("simulate", "board", self.board, "no plate under the chair, and no robot")
+        if self.imus and (self.joint is not None or self.people.differ):
+            _refuse("simulate", "imus", self.imus, "a person of rigid segments")
         if not 0 <= self.attempts <= self.repetitions:
             _refuse("simulate", "attempts", self.attempts, "0 … repetitions")
 

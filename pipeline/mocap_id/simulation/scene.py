@@ -28,7 +28,18 @@ from mocap_id.simulation.subject import Subject
 from mocap_id.simulation.supports import Chair, Rail
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
-_LATER = ("jumps", "seat", "seat channels", "feet", "wander", "people", "people here", "faults", "displacement")
+_LATER = (
+    "jumps",
+    "seat",
+    "seat channels",
+    "feet",
+    "wander",
+    "people",
+    "people here",
+    "faults",
+    "displacement",
+    "board",
+)
 _STREAMS = (*_OLDEST, *_LATER)  # append new streams at the end, so that a seed always gives the same trial
 _OF_SUBJECT = ("body", "markers", "skin", "people")
 

@@ -80,6 +80,12 @@ def displacement(
     return moved
 
 
+def turning(rng: np.random.Generator, link: int, size: float, q: FloatArray, time: FloatArray) -> FloatArray:
+    """Return the turn (T, 3) of a patch of skin on a link, rad, of about ``size`` at the ends of the motion."""
+    moved = _sliding(rng, link, q, (q.max(axis=0) + q.min(axis=0)) / 2) + WANDER * _wander(rng, time)
+    return np.asarray(size * (moved - moved.mean(axis=0)))
+
+
 def _sliding(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatArray) -> FloatArray:
     """Return a slide (T, 3) of length about 1 at the ends of the motion."""
     total = np.zeros((len(q), 3))

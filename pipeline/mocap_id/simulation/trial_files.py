@@ -17,8 +17,11 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writer import write_c3d
+from mocap_id.simulation.balance_board import board_csv, draw_board
 from mocap_id.simulation.encoder import draw_encoder, encoder_csv
+from mocap_id.simulation.inertial_sensors import csv_bytes, sensors_in_plane
 from mocap_id.simulation.joint_motion import JointMotion
+from mocap_id.simulation.joint_sensor import joint_sensor_csv
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.scene import streams
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
@@ -99,6 +102,19 @@ def _contents(kind: Kind, name: str, options: Options, trial: SimulatedTrial) ->
         encoder = draw_encoder(rng)
         more["encoder"] = encoder.as_dict()
         contents["encoder.csv"] = encoder_csv(rng, trial.scene, encoder).encode()
+        if options.joint_sensor:
+            contents["sensor.csv"] = joint_sensor_csv(streams(options.seed)["board"], trial.scene).encode()
+    if options.board and kind == "sit-to-stand":
+        rng = streams(options.seed)["board"]
+        board = draw_board(rng, options.clock_offset)
+        more["board"] = board.as_dict()
+        contents["board.csv"] = board_csv(rng, trial.scene, board).encode()
+    if options.imus and kind == "sit-to-stand":
+        sensors = sensors_in_plane(options.seed, trial.scene, trial.state, options.soft_tissue)
+        more["imu"] = {segment: sensor.truth for segment, sensor in sensors.items()}
+        contents |= {f"imu_{segment}.csv": csv_bytes(sensor) for segment, sensor in sensors.items()}
+        files = ", ".join(f"{segment}: imu_{segment}.csv" for segment in sensors)
+        contents["trial.yaml"] += f"imus: {{{files}}}\n".encode()
     return contents | {"truth.json": truth_json(kind, options, trial, more)}
 
 
@@ -118,7 +134,9 @@ def c3d_bytes(options: Options, trial: SimulatedTrial) -> bytes:
     """Return the content of the C3D file."""
     stated = 1 + options.faults.rate_error
     plates = [
-        replace(plate, rate=plate.rate * stated) for plate in (trial.signals, trial.seat_signals) if plate is not None
+        replace(plate, rate=plate.rate * stated)
+        for plate in (trial.signals, trial.seat_signals)
+        if plate is not None and not options.board
     ]
     return points_bytes(trial.labels, trial.points, options.rate * stated, plates)
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 
 from mocap_id.simulation.body import SimulatedBody
+from mocap_id.simulation.joint_sensor import joint_place
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.scene import Scene
 from mocap_id.simulation.subject import Subject
@@ -16,8 +17,10 @@ _TRIAL = """\
 # Made by `mocap-id simulate` with seed {seed}. The exact truth is beside it, in truth.json and truth.npz.
 # Paths are relative to this file.
 trial: {name}
-recording: trial.c3d  # markers and force plate
+recording: {recording}
 """
+_PLATE = "trial.c3d  # markers and force plate"
+_BOARD = "{markers: trial.c3d, forces: {balance_board: board.csv}}"
 _SIT_TO_STAND = """\
 protocol: sit-to-stand  # {chair}
 subject:  # for the reference model only
@@ -32,6 +35,10 @@ subject:
 _ROBOT = """\
 protocol: robot-joint
 encoder: encoder.csv  # the robot's own record of its joint, on its own clock
+"""
+_JOINT_SENSOR = """\
+external:  # a wrench sensor in the joint, which carries the moving part
+  - {{file: sensor.csv, name: joint, segment: {segment}, at: [{at}], measures: beyond}}
 """
 
 _STUDY = """\
@@ -64,6 +71,9 @@ def trial_yaml(kind: Kind, name: str, options: Options, scene: Scene) -> str:
     quoted = json.dumps(name, ensure_ascii=False)  # the folder's name may be 12 or yes
     if kind == "robot":
         what, rest = f"A robot's joint, {options.repetitions} swings.", _ROBOT
+        if options.joint_sensor:
+            at = ", ".join(f"{value:.6f}" for value in joint_place(scene))
+            rest += _JOINT_SENSOR.format(segment=1, at=at)
     elif scene.chair is None:
         what, rest = "A person, a given movement.", _FREE.format(mass=scene.body.mass)
     else:
@@ -74,7 +84,8 @@ def trial_yaml(kind: Kind, name: str, options: Options, scene: Scene) -> str:
         height = scene.body.description["subject"]["height_m"]
         mass = scene.body.mass - options.people.held_mass_kg
         rest = _SIT_TO_STAND.format(height=height, mass=mass, chair=chair)
-    return _TRIAL.format(what=what, seed=options.seed, name=quoted) + rest
+    recording = _BOARD if options.board else _PLATE
+    return _TRIAL.format(what=what, seed=options.seed, name=quoted, recording=recording) + rest
 
 
 def study_yaml(

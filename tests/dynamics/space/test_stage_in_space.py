@@ -13,10 +13,11 @@ from space_cases import plate_wrench, robot
 from mocap_id.dynamics.space.trial import COMPONENTS
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.simulation.space_robot import SpaceRobotTrial
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Table, Tree, hdf5, parquet
-from mocap_id.store.schemas import CHAIN, POSES, WRENCH
+from mocap_id.store.schemas import ANGLES, CHAIN, POSES, WRENCH
 
 
 def chain_tree(chain: SpatialChain, base: str) -> Tree:
@@ -40,6 +41,7 @@ def chain_tree(chain: SpatialChain, base: str) -> Tree:
                 "rest": np.array([joint.rest for joint in joints]),
                 "long_axis": np.array([joint.long_axis for joint in joints]),
                 "untwisted": np.array([joint.untwisted for joint in joints]),
+                "slide_sd": np.array([joint.slide_sd for joint in joints]),
                 "known": np.array([joint.known for joint in joints]),
                 "arc": np.ones(count),
             },
@@ -90,6 +92,7 @@ def context(
     keys = TrialKeys(trial="t", space="3d", protocol=protocol, recording=Files(markers=Path("t.c3d")))
     inputs = {
         "poses.parquet": Table(POSES, poses, {}),
+        "angles.parquet": Table(ANGLES, {"time": poses["time"]}, {}),
         "wrench.parquet": Table(WRENCH, columns, facts),
         "chain.h5": chain_tree(trial.robot.chain, base),
     }

@@ -10,6 +10,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
 from mocap_id.simulation.arm import SpatialTrial
+from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
+from mocap_id.simulation.space_robot.trial import FRAME
 
 GAP = slice(900, 1080)  # 1.5 s
 
@@ -78,6 +80,13 @@ def test_outliers_are_left_out(trial: SpatialTrial, points: FloatArray, states: 
     found = smooth_in_space(wild, trial.rate, true_chain(trial))
     assert np.mean(found.used[hit]) < 0.1
     assert rms(found.omega[:, 2] - states.omega[:, 2]) < 0.03
+
+
+def test_exact_markers_are_followed_where_the_movement_begins() -> None:
+    trial = generate_space_robot(SpaceRobotOptions(seed=655, preset="clean", duration=12, analog_rate=120))
+    found = smooth_in_space(FRAME.to_plane(trial.points), trial.options.rate, trial.robot.chain)
+    assert found.used.all()
+    np.testing.assert_allclose(found.alpha[120:-120], trial.motion.alpha[120:-120], atol=0.02)
 
 
 def test_a_vanishing_marker_makes_no_step(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:

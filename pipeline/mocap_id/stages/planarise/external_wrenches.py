@@ -16,8 +16,8 @@ from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.plates import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
-from mocap_id.stages.base import ExternalForce
 from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.trial_keys import ExternalForce
 from mocap_id.verdict import Reason
 
 COMPONENTS = ("Fx", "Fy", "tauz")
@@ -141,7 +141,10 @@ def _sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Record
         "file": sensor.file.name,
         "rate_hz": log.rate,
         "known_fraction": float(known(wrench).mean()),
+        "measures": sensor.measures,
     }
+    if sensor.measures == "beyond":  # not a force of the surroundings
+        return ExternalWrenches(_columns(wrench, f"external_{number}"), (fact,))
     vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
     return ExternalWrenches(_columns(wrench, f"external_{number}"), (fact,), (), vertical)
 

@@ -17,7 +17,7 @@ from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates
 from mocap_id.plates.dropout import find_dropouts
-from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
+from mocap_id.recording import BoardLog, PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, facing, upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import (
@@ -27,10 +27,12 @@ from mocap_id.stages.planarise import (
     plate_losses,
     plate_registration,
 )
+from mocap_id.stages.planarise.balance_board import PlacedBoard, place_board, read_board_plate
 from mocap_id.stages.planarise.external_wrenches import UsedFrames, measure_seat, measure_sensors
 from mocap_id.stages.planarise.ground_wrench import ground_wrench, lateral_pressure
 from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
 from mocap_id.stages.planarise.used_part import UsedPart, bursts, read_recording, trajectories, used_part
+from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -39,7 +41,7 @@ from mocap_id.verdict import Reason
 def planarise(context: Context) -> Outputs:
     """Return planar.parquet and wrench.parquet."""
     settings: PlanariseSettings = context.settings
-    source = read_recording(context.trial.recording, settings)
+    log, source = read_board_plate(context.trial.recording.forces, read_recording(context.trial.recording, settings))
     part = used_part(source, context.trial.window, settings.ignore)
     frames = source.frames[part.first : part.stop]
     swaps = label_swaps.check(
@@ -48,16 +50,16 @@ def planarise(context: Context) -> Outputs:
     part = replace(part, positions=swaps.positions)
     thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
-    choice = choose_plates(
-        source.plates,
-        thinned.samples,
-        thinned.positions,
-        feet=context.trial.plates.feet,
-        seat=context.trial.plates.seat,
-    )
+    choice = _choice(context, source, thinned)
     base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
     still = moved_base.undo_in_frames(base, thinned)
     frame, faced, plane = _plane(still, source, choice, settings)
+    board = None
+    if log is not None:
+        board, source, frame = _on_board(context, log, source, still, frame)
+        samples = [recording.decimate(board.plate, part.time, source.rate)]
+        thinned = replace(thinned, samples=(recording.decimate(board.plate, thinned.time, thinned.rate),))
+        still = moved_base.undo_in_frames(base, thinned)
     used = UsedFrames(part.labels, part.positions, part.time, thinned, frame, base)
     external = measure_seat(used, samples, choice, settings.seat_zero)
     external += measure_sensors(used, context.trial.external, source)
@@ -85,16 +87,34 @@ def planarise(context: Context) -> Outputs:
     thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
     kept = _without(samples, choice, lost)
     wrench = ground_wrench(part.time, kept, choice, frame, settings.cop_threshold_N) | external.columns
-    placed = _placed(source, thinned, choice, person=context.trial.protocol != "robot-joint")
+    if board is not None:
+        wrench["Fx"] = np.full(len(part.time), np.nan)
+        facts, reasons = facts | {"board": board.facts}, (*reasons, *board.reasons)
+    placed = _placed(source, thinned, choice, board, person=context.trial.protocol != "robot-joint")
     facts["registration"] = placed.facts
-    for plate, across in zip(
-        facts["plates"], lateral_pressure(thinned.samples, frame, settings.cop_threshold_N), strict=True
-    ):
-        plate["across_m"] = across
+    across = lateral_pressure(thinned.samples, frame, settings.cop_threshold_N)
+    facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]
     losses = plate_losses.losses([source.plates[index] for index in choice.indices("feet")], part.time, lost)
     registered = moved_base.without_lean(placed.reasons, plane)
     reasons = (*unit_doubts(doubted), *reasons, *losses, *registered, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
+
+
+def _choice(context: Context, source: Recording, thinned: ThinnedFrames) -> PlateChoice:
+    """Return the use of every plate."""
+    plates = context.trial.plates
+    return choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
+
+
+def _on_board(
+    context: Context, log: BoardLog, source: Recording, thinned: ThinnedFrames, frame: PlaneFrame
+) -> tuple[PlacedBoard, Recording, PlaneFrame]:
+    """Return the balance board in the laboratory, the recording with it, and the plane with its origin at its cells."""
+    forces = context.trial.recording.forces
+    assert isinstance(forces, BalanceBoard)
+    faces = 1.0 if context.settings.facing == "+x" else -1.0
+    board = place_board(forces, log, source, thinned, frame, faces=faces)
+    return board, replace(source, plates=(board.plate,)), replace(frame, origin=board.origin)
 
 
 def _plane(
@@ -147,9 +167,11 @@ def _without(samples: Sequence[PlateSamples], choice: PlateChoice, lost: BoolArr
 
 
 def _placed(
-    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, *, person: bool
+    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, board: PlacedBoard | None, *, person: bool
 ) -> plate_registration.PlateCheck:
-    """Check the positions of the feet's plates in the file."""
+    """Check the positions of the feet's plates in the file; a board has none."""
+    if board is not None:
+        return plate_registration.PlateCheck({}, ())
     feet = choice.indices("feet")
     plates, loads = [source.plates[index] for index in feet], [thinned.samples[index] for index in feet]
     return plate_registration.check(plates, loads, thinned.positions, thinned.rate, person=person)

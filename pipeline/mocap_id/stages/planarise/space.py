@@ -12,12 +12,14 @@ from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import fit_plane
 from mocap_id.plates import choose_plates
 from mocap_id.recording import ThinnedFrames
-from mocap_id.stages.base import Context, Outputs, given_landmarks
+from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
 from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space
 from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
+from mocap_id.stages.planarise.skeleton import read_upright
 from mocap_id.stages.planarise.used_part import bursts, read_recording, trajectories, used_part
+from mocap_id.stages.trial_keys import given_landmarks
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -32,11 +34,14 @@ def upright_recording(context: Context) -> Outputs:
     The frame is that of the lab with y up: x is the file's first horizontal axis, z = x × y. A left arm is mirrored.
     """
     settings: PlanariseSettings = context.settings
-    source = read_recording(context.trial.recording, settings)
+    skeleton = None if context.trial.recording.skeleton is None else read_upright(context.trial, settings)
+    source = read_recording(context.trial.recording, settings) if skeleton is None else skeleton.recording
     window = context.trial.window or (float(source.time[0]), float(source.time[-1]))
     part = used_part(source, window, settings.ignore)
     free = context.trial.protocol == "free"
     side = context.trial.side or find_landmarks(part.labels, given_landmarks(context.trial)).side
+    if skeleton is not None:
+        side = skeleton.side
     left = side == "left"
     frame = PlaneFrame(0.0)
     points = trajectories(part, frame)
@@ -52,10 +57,12 @@ def upright_recording(context: Context) -> Outputs:
         "plane": {"yaw_deg": 0.0, "planarity": planarity, "lean_deg": 0.0, "origin_m": [0.0, 0.0, 0.0], "facing": None},
         **part.facts,
         "missing_fraction": float(1.0 - visible.mean()),
+        **({} if skeleton is None else {"skeleton": skeleton.facts(part.labels, part.first, part.stop)}),
     }
     choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=context.trial.plates.feet, seat=())
     doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = (*part.oddities(doubted), *(_planar(planarity) if free else ()))
+    notes += () if skeleton is None else skeleton.reasons
     planar = LongTable(PLANAR, part.frames, part.time, part.labels, {**points, "visible": visible}, found, notes)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)

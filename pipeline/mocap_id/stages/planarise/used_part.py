@@ -14,9 +14,9 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import find_bursts, propose_window
 from mocap_id.recording import Recording, ThinnedFrames
-from mocap_id.stages.base import Files
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.planarise import PlanariseSettings
+from mocap_id.stages.trial_keys import BalanceBoard, Files
 from mocap_id.verdict import Reason
 
 
@@ -63,8 +63,8 @@ class UsedPart:
 def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
     """Return the recording of a trial, read with the units and axes of its settings."""
     return recording.read(
-        files.markers,
-        files.forces,
+        files.motion,
+        None if isinstance(files.forces, BalanceBoard) else files.forces,
         units=settings.units,
         vertical=settings.vertical,
         force_unit=settings.force_unit,

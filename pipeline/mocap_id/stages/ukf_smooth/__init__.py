@@ -69,13 +69,13 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=11,
+    version=12,
     inputs=("planar.parquet", "segments.parquet", "chain.h5"),
     outputs=(
         *("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
         "angles.parquet",
     ),
-    uses=("space", "encoder"),
+    uses=("space", "encoder", "imus"),
     settings=UkfSmoothSettings,
     function=_function,
     help=STAGE_HELP["ukf-smooth"],

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,7 @@ from mocap_id.store.views import Skeleton, Trajectories
 from mocap_id.verdict import Reason
 
 _SNAP_RATIO = 2.0  # people: the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
+_ACCELERATION_SHARE = 0.75  # of the standard deviation with sensors, in simulated people: skin is taken for noise
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -52,11 +53,16 @@ def ukf_smooth(context: Context) -> Outputs:
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0
-    states, observed, repeated = _states(view, columns[moves], chain, settings)
+    observed, repeated = _samples(view, columns[moves])
+    given = _of_cameras(settings, chain)
+    chain_moves = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
+    states, sensed = _states(context, view, observed, chain_moves, skeleton.segments, given)
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = known_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
     spectrum = residual_spectrum(ChainResiduals(states, observed, view.rate))
     states, sd_holds = _with_sd(states, observed, skin, camera, spectrum=spectrum, settings=settings)
+    if sensed.joints is not None:
+        states.sd[:, sensed.joints, 2] *= _ACCELERATION_SHARE
     poses = measured_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     del observed
     slips = _skin_tree(tree, skeleton, states, skin, camera)
@@ -72,8 +78,10 @@ def ukf_smooth(context: Context) -> Outputs:
         + repeated_reason(repeated)
         + filter_reason(spectrum.cut_off)
         + oscillation_reason(spectrum.oscillations, skeleton.segments)
+        + sensed.reasons
     )
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
+    facts |= {"imus": sensed.imus} if sensed.imus else {}
     return (
         Table(STATES, _state_columns(states, view.time), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
@@ -84,33 +92,48 @@ def ukf_smooth(context: Context) -> Outputs:
     )
 
 
-def _states(
-    view: Trajectories, columns: IntArray, chain: MarkerChain, settings: UkfSmoothSettings
-) -> tuple[States, FloatArray, BoolArray]:
-    """Return the states from the markers of the moving segments, the samples used, and the repeated frames (F,).
+@dataclass(frozen=True)
+class _Sensed:
+    """Joints (n,) with inertial sensors on both sides, facts of the sensors and reasons; empty without any."""
 
-    The samples (F, M, 2) are in m; NaN where they are not used.
+    joints: BoolArray | None = None
+    imus: dict[str, dict[str, Any]] = field(default_factory=dict)
+    reasons: tuple[Reason, ...] = ()
 
-    Parameters
-    ----------
-    columns : (M,) int array
-        Columns of these markers in the view.
-    """
-    moves = chain.segment > 0
+
+def _samples(view: Trajectories, columns: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Return the samples (F, M, 2) of some columns (M,), m, NaN where not used, and the repeated frames (F,)."""
     observed = view.without_bursts(columns)
     repeated = find_repeated_frames(observed)
     observed[repeated] = np.nan
-    states = smooth(
-        observed,
-        view.rate,
-        chain.centres,
-        chain.segment[moves],
-        chain.local[moves],
-        settings=_of_cameras(settings, chain),
-        overwrite=True,
-    )
-    observed[~states.used] = np.nan  # in place: a copy would double the memory
-    return states, observed, repeated
+    return observed, repeated
+
+
+def _states(  # noqa: PLR0917
+    context: Context,
+    view: Trajectories,
+    observed: FloatArray,
+    chain: MarkerChain,
+    names: Sequence[str],
+    settings: FilterSettings,
+) -> tuple[States, _Sensed]:
+    """Return the states from the markers of the moving segments and from inertial sensors, if any.
+
+    ``observed`` becomes NaN, in place, where a marker is not used: a copy would double the memory.
+    """
+    sensed = _Sensed()
+    if context.trial.imus:
+        from mocap_id.stages.ukf_smooth.inertial import smooth_with_imus_in_plane  # noqa: PLC0415  only with sensors
+
+        files = context.trial.imus
+        states, joints, imus, reasons = smooth_with_imus_in_plane(observed, view.time, chain, names, files, settings)
+        sensed = _Sensed(joints, imus, reasons)
+    else:
+        states = smooth(
+            observed, view.rate, chain.centres, chain.segment, chain.local, settings=settings, overwrite=True
+        )
+    observed[~states.used] = np.nan
+    return states, sensed
 
 
 def _of_cameras(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:

@@ -11,6 +11,7 @@ from mocap_id.anatomy.angles import (
     SHOULDER,
     JointAngles,
     elbow_angles,
+    hinge_elbow_angles,
     joint_coordinates,
     shoulder_angles,
     wrist_angles,
@@ -20,16 +21,21 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.cluster_slides import without_cluster_slides
 from mocap_id.stages.skin_twist import with_twist_errors, without_skin_twist
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
 from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames, repeated_reason
+from mocap_id.stages.ukf_smooth.skeleton import shown_by_skeleton, smooth_skeleton_states
 from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import ANGLES, ENCODER, MARKERS, POSES, SKIN, STATES
-from mocap_id.store.spatial_views import SpatialSkeleton
+from mocap_id.store.spatial_views import SpatialSkeleton, is_skeleton
 from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
 
+_COMMON_WITH_IMUS = 0.1
+"""Share of the twist that the skin under all markers and the sensor of a segment may miss together."""
 _ANATOMICAL = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
     "elbow": ("upper_arm", "forearm", elbow_angles),
@@ -49,17 +55,31 @@ def smooth_rotations(context: Context) -> Outputs:
     points = view.in_space(columns)
     repeated = find_repeated_frames(points)
     points[repeated] = np.nan
-    points = without_skin_twist(points, skeleton.chain)
+    points = without_cluster_slides(without_skin_twist(points, skeleton.chain), skeleton.chain, view.rate)
     given = SpatialSettings(
         settings.marker_sd, settings.sigma_v, settings.marker_sd_floor, settings.gate, settings.angle_sd_limit
     )
-    states = with_twist_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
+    by_skeleton = is_skeleton(view.planar.facts)
+    imus: dict[str, dict[str, Any]] = {}
+    sensed: tuple[Reason, ...] = ()
+    if by_skeleton:
+        states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
+    elif context.trial.imus:
+        from mocap_id.stages.ukf_smooth.inertial import smooth_with_imus  # noqa: PLC0415  only for trials with sensors
+
+        mirrored = view.planar.facts.get("side") == "left"
+        files = context.trial.imus
+        states, imus, sensed = smooth_with_imus(points, view.time, skeleton, files, given, mirrored=mirrored)
+        states = with_twist_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS)
+    else:
+        states = with_twist_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
     observed = bridge_repeated(states.observed, repeated, view.rate)
-    angles = _angles(states, skeleton, tree.facts.get("frame_covariance", {}))
+    angles = _angles(states, skeleton, tree.facts)
+    angles = [shown_by_skeleton(each) for each in angles] if by_skeleton else angles
     segments = [name.replace("_", " ") for name in skeleton.segments]
     missing = np.isnan(states.omega[:, :, 0])
-    reasons = gap_reasons(missing, view.time, segments, "pose", settings) + repeated_reason(repeated)
-    facts = _facts(states, points, settings)
+    reasons = gap_reasons(missing, view.time, segments, "pose", settings) + repeated_reason(repeated) + sensed
+    facts = _facts(states, points, settings) | ({"imus": imus} if imus else {})
     return (
         Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(states, points)),
@@ -70,10 +90,11 @@ def smooth_rotations(context: Context) -> Outputs:
     )
 
 
-def _angles(states: SpatialStates, skeleton: SpatialSkeleton, frames: Mapping[str, Any]) -> list[JointAngles]:
+def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
     """Return the angles of the ISB between anatomical frames, and the own coordinates of all other joints."""
     found: list[JointAngles] = []
     done: set[int] = set()
+    frames = facts.get("frame_covariance", {})
     for name, (parent, child, angles) in _ANATOMICAL.items():
         if name not in frames:
             continue
@@ -81,7 +102,8 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, frames: Mapping[st
         motion = _relative(states, path[0])
         for k in path[1:]:
             motion = compose(motion, _relative(states, k))
-        found.append(angles(motion, np.array(frames[name])))
+        shown = hinge_elbow_angles if name == "elbow" and facts["frames"] == "skeleton" else angles
+        found.append(shown(motion, np.array(frames[name])))
         done |= set(path) if len(path) == 1 else set()
     for k, joint in enumerate(skeleton.chain.joints):
         if k not in done:
@@ -141,6 +163,7 @@ def _pose_columns(
                 f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
             }
         columns |= {
+            f"sd_{name}_rotation": states.sd_rotation[:, k].copy(),
             f"sd_{name}_omega": states.sd_omega[:, k].copy(),
             f"sd_{name}_alpha": states.sd_alpha[:, k].copy(),
             f"{name}_observed": observed[:, k].copy(),

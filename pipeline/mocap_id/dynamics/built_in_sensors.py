@@ -1,0 +1,160 @@
+"""Two-sensor identification (thesis 9.3): a wrench sensor built into a joint, beside the ground's.
+
+The ground's wrench is dominated by the heavy segments, so it shows those of a light distal one badly. A sensor in the
+joint before it carries that segment and everything beyond, and nothing else: W = Σ_{k ≥ s} Y_k φ_k. Its fit is combined
+with that of the ground by their covariances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.base_parameters import base_set
+from mocap_id.dynamics.consistency import Consistency, fit_consistent
+from mocap_id.dynamics.external_wrenches import ExternalWrench
+from mocap_id.dynamics.fit import select
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.lowpass import known
+from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.preparation import PreparedTrial
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
+from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+
+_ZEROS = (0, 2)  # components whose constant error is fitted too; that of Fy is the weight
+_ROUNDS = 2  # weights from the residuals of the round before
+_LEAST_SAMPLES = 50
+_COMMON = 1e-6  # a parameter of the sensor that the ground's base parameters determine
+_GAIN_SD = 0.005  # relative error of the sensor's scale
+
+
+@dataclass(frozen=True)
+class SensorFit:
+    """What one built-in sensor says: linear functions of the full parameters, with their covariance.
+
+    Parameters
+    ----------
+    name : str
+    rows : (d, 4(n + 1)) array
+        From the full parameters to the base parameters of the part beyond the joint.
+    values : (d,) array
+    covariance : (d, d) array
+    """
+
+    name: str
+    rows: FloatArray
+    values: FloatArray
+    covariance: FloatArray
+
+
+def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
+    """Fit the part of the body beyond a joint to the wrench through the joint; None with too few samples.
+
+    Parameters
+    ----------
+    prepared : PreparedTrial
+        On the pinned chain.
+    gate : (T,) bool array
+        Samples without an unmeasured contact.
+    sensor : ExternalWrench
+        Its wrench on the segment, about the plane's origin.
+    """
+    size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
+    wrench = prepared.lowpass(np.where(known(sensor.wrench)[:, None], sensor.wrench, np.nan))
+    samples = np.flatnonzero(select(prepared, gate) & known(wrench))[:: prepared.step]
+    if len(samples) < _LEAST_SAMPLES:
+        return None
+    rows = prepared.lowpass(prepared.regressor[:, :, first:])[samples]
+    base = base_set(rows.reshape(-1, size - first))
+    zero = np.broadcast_to(np.eye(3)[:, list(_ZEROS)], (len(samples), 3, len(_ZEROS)))
+    design, target, weights = np.concatenate([rows[..., base.kept], zero], axis=-1), wrench[samples], np.ones(3)
+    size_fitted, own = design.shape[-1], slice(len(base.kept))
+    values = np.zeros(size_fitted)
+    for _ in range(_ROUNDS):
+        weighted, aim = design * weights[:, None], target * weights
+        values = CompressedProblem.of(weighted.reshape(-1, size_fitted), aim.reshape(-1)).free_solution()
+        weights = 1.0 / np.maximum((target - design @ values).std(axis=0), 1e-9)
+    weighted, residual = design * weights[:, None], (target - design @ values) * weights
+    blocks = time_blocks(prepared.recorded.time[samples], prepared.settings.block)
+    covariance = block_covariance(weighted, residual, blocks) + np.outer(values, values) * _GAIN_SD**2
+    whole = np.zeros((len(base.kept), size))
+    whole[:, first:] = base.regrouping
+    return SensorFit(sensor.name, whole, values[own], covariance[own, own])
+
+
+def with_sensors(
+    alone: Identification,
+    prepared: PreparedTrial,
+    gate: BoolArray,
+    grid: PointGrid,
+    reference: FloatArray,
+    *,
+    consistency: Consistency = "grid",
+) -> Identification:
+    """Return the identification by the ground's wrench and by built-in sensors together.
+
+    Parameters
+    ----------
+    alone : Identification
+        By the ground's wrench; returned unchanged if there are no such sensors.
+    prepared, gate, grid, reference, consistency
+        As for :func:`mocap_id.dynamics.identification.identify`.
+    """
+    fits = (fit_sensor(prepared, gate, each) for each in prepared.recorded.built_in)
+    sensors, regrouping = [each for each in fits if each is not None], prepared.base.regrouping
+    if not sensors:
+        return alone
+    own = alone.covariance + sum(_disagreement(alone, regrouping, one) for one in sensors)
+    parts = [(regrouping, alone.base, own)] + [(one.rows, one.values, one.covariance) for one in sensors]
+    whitened = [(_half(covariance), rows, values) for rows, values, covariance in parts]
+    rows = np.concatenate([solve_triangular(half, each, lower=True) for half, each, _ in whitened])
+    target = np.concatenate([solve_triangular(half, values, lower=True) for half, _, values in whitened])
+    inverse = np.linalg.pinv(rows)
+    spread, base = regrouping @ inverse, regrouping @ (inverse @ target)
+    covariance = spread @ spread.T
+    half = _half(covariance)
+    problem = CompressedProblem.of(
+        solve_triangular(half, np.eye(len(base)), lower=True), solve_triangular(half, base, lower=True)
+    )
+    solution = fit_consistent(problem, regrouping, grid=grid, reference=reference, consistency=consistency)
+    gain = np.linalg.solve(own, covariance).T  # of the ground's values in the result
+    return replace(
+        alone,
+        base=solution.parameters,
+        base_sd=np.sqrt(np.diag(covariance)),
+        covariance=covariance,
+        residual_covariance=gain @ alone.residual_covariance @ gain.T,
+        response=gain @ alone.response,
+        solution=solution,
+        masses=solution.masses,
+        full=solution.full,
+    )
+
+
+def _disagreement(alone: Identification, regrouping: FloatArray, sensor: SensorFit) -> FloatArray:
+    """Return what must be added to the ground's covariance (b, b) so that it agrees with a sensor.
+
+    A constant error of a plate does not show in its residuals, but it moves the first moments of a light segment.
+    """
+    to_sensor = sensor.rows @ np.linalg.pinv(regrouping)
+    size = np.abs(sensor.rows).max(axis=1)
+    common = np.abs(to_sensor @ regrouping - sensor.rows).max(axis=1) < _COMMON * size
+    to_sensor = to_sensor[common]
+    if not common.any():
+        return np.zeros_like(alone.covariance)
+    away, seen = to_sensor @ alone.base - sensor.values[common], to_sensor @ alone.covariance @ to_sensor.T
+    spread = seen + sensor.covariance[np.ix_(common, common)]
+    factor = max(1.0, float(away @ np.linalg.solve(spread, away)) / len(away))
+    back = np.linalg.pinv(to_sensor)
+    return np.asarray((factor - 1.0) * back @ seen @ back.T)
+
+
+def _half(covariance: FloatArray) -> FloatArray:
+    """Return the lower triangular root of a covariance; rounding must not make it singular."""
+    size = np.sqrt(np.diag(covariance))
+    scaled = covariance / np.outer(size, size) + 1e-9 * np.eye(len(size))
+    return np.asarray(size[:, None] * np.linalg.cholesky(scaled))

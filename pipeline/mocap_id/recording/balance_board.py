@@ -1,0 +1,169 @@
+"""Log of a balance board: a CSV file with irregular times and the loads of four cells at the corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.recording.text_tables import read_csv
+
+TIME, CELLS = "time_s", ("tl_kg", "tr_kg", "bl_kg", "br_kg")
+LOAD = "load_kg"
+CELLS_BELOW_SURFACE_M = 0.053
+"""Depth of the cells below the surface on which the person stands."""
+
+_GRAVITY = 9.81
+_WIDTH_M, _DEPTH_M = 0.433, 0.238  # distances of the cells, left to right and bottom to top
+_ACROSS = np.array([-1.0, 1.0, -1.0, 1.0]) * _WIDTH_M / 2.0  # place of each cell to the right of the centre
+_ALONG = np.array([1.0, 1.0, -1.0, -1.0]) * _DEPTH_M / 2.0  # and towards the top
+_RATE = 200.0  # Hz, of the even samples
+_WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is at least this long, and this many intervals of the stamps
+_LONGEST_GAP_S = 0.15  # in a longer gap the load is unknown
+_LEAST_ROWS = 20
+_LARGEST_KG = 400.0
+_CELL_KG, _CELL_GAIN = 0.05, 0.02  # deviation of a reading, and of a cell's gain before its calibration
+
+
+@dataclass(frozen=True)
+class BoardLog:
+    """Load of a balance board at even times on its own clock.
+
+    Parameters
+    ----------
+    start, rate : float
+        Time of the first sample, s, and samples per second.
+    force : (K,) array
+        Downward load, N.
+    moment : (K, 2) array
+        Load times its place to the right of the board's centre, and towards its top, N·m.
+    ok : (K,) bool array
+        Whether the log has samples near each time.
+    averaged : float
+        Width of the moving average that smooths as much as the resampling, s.
+    interval : float
+        Median time between two different stamps, s.
+    gaps : int
+        Number of gaps too long to be bridged.
+    """
+
+    start: float
+    rate: float
+    force: FloatArray
+    moment: FloatArray
+    ok: BoolArray
+    averaged: float
+    interval: float
+    gaps: int
+
+
+def read_board(path: Path, loads: Path | None = None) -> BoardLog:
+    """Read the log of a balance board and resample it to even times.
+
+    The columns are ``time_s`` and the loads ``tl_kg``, ``tr_kg``, ``bl_kg``, ``br_kg`` of the cells at the top left,
+    top right, bottom left and bottom right. The times may be irregular and repeated. Rows with the same time are
+    averaged; each even sample is then the mean over a short window around it, as in SWARII (Audiffren & Contal 2016).
+
+    Parameters
+    ----------
+    path : Path
+    loads : Path, optional
+        Calibration: the same cells and ``load_kg``, a row for each known load, for :func:`calibrate_cells`.
+
+    Raises
+    ------
+    RecordingError
+        A file is missing, has another format or too few rows, or its times go backwards.
+    """
+    values = _table(path, TIME)
+    values = values[np.isfinite(values).all(axis=1)]
+    time, cells = values[:, 0], values[:, 1:]
+    if len(time) < _LEAST_ROWS or np.ptp(time) <= 0.0:
+        raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_LEAST_ROWS} at many times")
+    if (np.diff(time) < 0.0).any():
+        row = int(np.argmax(np.diff(time) < 0.0))
+        raise RecordingError(f"{path}: `{TIME}` goes back after {time[row]:g} s: sort the rows by time")
+    if np.abs(cells).max() > _LARGEST_KG:
+        raise RecordingError(
+            f"{path}: a cell reads {np.abs(cells).max():g} kg, expected at most {_LARGEST_KG:g}: the columns must "
+            "contain kilograms, not raw counts"
+        )
+    if loads is not None:
+        gain, zero = calibrate_cells(_table(loads, LOAD))
+        cells = (cells - zero) * gain
+    newtons = cells * _GRAVITY
+    return _resampled(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+
+
+def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the gain and the zero of each cell from known loads.
+
+    Rows with a load of 0 give the zeros. The gains are the ones nearest to 1 with which the cells add up to the loads;
+    put the load near each cell in turn, so that the four gains differ.
+
+    Parameters
+    ----------
+    values : (L, 5) array
+        Known load, then the readings of the four cells, kg.
+
+    Returns
+    -------
+    gain, zero : (4,) arrays
+        The load on a cell is ``gain * (reading - zero)``.
+
+    Examples
+    --------
+    >>> gain, zero = calibrate_cells(np.array([[0, 0.2, 0, 0, 0], [20, 10.2, 4, 4, 2], [10, 0.2, 10, 0, 0]]))
+    >>> gain.round(3), zero
+    (array([1., 1., 1., 1.]), array([0.2, 0. , 0. , 0. ]))
+    """
+    load, readings = values[:, 0], values[:, 1:]
+    empty = load == 0.0
+    zero = readings[empty].mean(axis=0) if empty.any() else np.zeros(len(CELLS))
+    net = readings[~empty] - zero
+    rows = np.concatenate([net / _CELL_KG, np.eye(len(CELLS)) / _CELL_GAIN])
+    target = np.concatenate([(load[~empty] - net.sum(axis=1)) / _CELL_KG, np.zeros(len(CELLS))])
+    return 1.0 + np.linalg.lstsq(rows, target, rcond=None)[0], zero
+
+
+def _table(path: Path, first: str) -> FloatArray:
+    """Return the columns ``first`` and those of the cells."""
+    table = read_csv(path)
+    expected = [first, *CELLS]
+    missing = [name for name in expected if name not in table.names]
+    if missing:
+        raise RecordingError(
+            f"{path}: has the columns {', '.join(table.names)[:120]}, without {', '.join(missing)}; expected "
+            f"{', '.join(expected)}: the loads in kg at the top left, top right, bottom left and bottom right"
+        )
+    return table.numbers()[:, [table.names.index(name) for name in expected]]
+
+
+def _resampled(time: FloatArray, values: FloatArray) -> BoardLog:
+    """Return the means over a window around even times, of values (K, 3) with stamps (K,)."""
+    stamps, row = np.unique(time, return_inverse=True)
+    count = np.bincount(row)[:, None]
+    values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / count
+    interval = float(np.median(np.diff(stamps)))
+    half = max(_WINDOW_S, _INTERVALS * interval) / 2.0
+    even = np.arange(stamps[0] + half, stamps[-1] - half, 1.0 / _RATE)
+    summed = np.zeros_like(values)
+    np.cumsum((values[1:] + values[:-1]) / 2.0 * np.diff(stamps)[:, None], axis=0, out=summed[1:])
+
+    def integral(at: FloatArray) -> FloatArray:
+        low = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(stamps) - 2)
+        past = (at - stamps[low])[:, None]
+        slope = (values[low + 1] - values[low]) / np.diff(stamps)[low][:, None]
+        return np.asarray(summed[low] + past * (values[low] + slope * past / 2.0))
+
+    mean = (integral(even + half) - integral(even - half)) / (2.0 * half)
+    long = np.flatnonzero(np.diff(stamps) > _LONGEST_GAP_S)
+    unknown = np.zeros(len(even), dtype=np.bool_)
+    for gap in long:
+        unknown |= (even + half > stamps[gap]) & (even - half < stamps[gap + 1])
+    mean[unknown] = np.nan
+    averaged = float(np.sqrt((2.0 * half) ** 2 + 2.0 * interval**2))
+    return BoardLog(float(even[0]), _RATE, mean[:, 0], mean[:, 1:], ~unknown, averaged, interval, len(long))

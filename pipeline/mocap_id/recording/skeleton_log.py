@@ -1,0 +1,208 @@
+"""Reader of skeletons: joint positions of a depth camera (CSV, text of Kinect v2) or of markerless software (TRC)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, is_time_axis
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.recording.axes import parse_axis
+from mocap_id.recording.marker_positions import clean, resolve_length_unit, turn_z_up
+from mocap_id.recording.model import Recording
+from mocap_id.recording.text_tables import TextTable, read_csv, read_text
+from mocap_id.recording.trc_table import parse_trc
+
+KINECT_V2 = (
+    *("SpineBase", "SpineMid", "Neck", "Head", "ShoulderLeft", "ElbowLeft", "WristLeft", "HandLeft"),
+    *("ShoulderRight", "ElbowRight", "WristRight", "HandRight", "HipLeft", "KneeLeft", "AnkleLeft", "FootLeft"),
+    *("HipRight", "KneeRight", "AnkleRight", "FootRight", "SpineShoulder", "HandTipLeft", "ThumbLeft"),
+    *("HandTipRight", "ThumbRight"),
+)
+"""The 25 joints of a Kinect v2, in the order of its interface."""
+
+_KINECT_RATE = 30.0
+_TIMES = ("time_s", "time")
+_INFERRED = 1
+_LONGEST_STEP = 1.75
+"""Largest step between two rows, in usual steps, that is interpolated."""
+_ON_ROW = 0.02  # usual steps from a row
+_LEAST_ROWS = 20
+_FASTEST = 500.0  # Hz
+
+
+@dataclass(frozen=True)
+class SkeletonRecording:
+    """A skeleton at even times.
+
+    Parameters
+    ----------
+    recording : Recording
+        Joint positions in place of markers, NaN where a joint is lost.
+    inferred : (F, M) bool array
+        Positions that the sensor inferred, because it did not see the joint.
+    """
+
+    recording: Recording
+    inferred: BoolArray
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of a file: times (K,), s; joints (K, M, 3) in the file's unit, NaN where lost; inferred ones (K, M)."""
+
+    format: str
+    labels: tuple[str, ...]
+    time: FloatArray
+    positions: FloatArray
+    inferred: BoolArray
+    units: str
+
+
+def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
+    """Read the joint positions of a skeleton and bring them to even times.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with ``time_s`` (or ``time``) and ``JOINT_x``, ``JOINT_y``, ``JOINT_z``, optionally ``JOINT_state`` (2
+        tracked, 1 inferred, 0 lost), in m; TRC; or rows of 75 or 175 numbers: the 25 joints of a Kinect v2, each as
+        x y z or as x y z and a quaternion, in m at 30 Hz.
+    units : str, optional
+        Length unit, if it is not the usual or declared one.
+    vertical : str, optional
+        Axis of the file that points up; Y if omitted.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing or has another format, or its times do not increase.
+    ConfigError
+        ``units`` or ``vertical`` is unknown.
+    """
+    axis = "Y" if vertical is None else parse_axis(vertical)
+    if axis is None:
+        raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
+    oddities: list[str] = []
+    rows = _read_rows(path, oddities)
+    unit, metres = resolve_length_unit(path, rows.units, units, oddities, required=True)
+    rows.positions[:] *= metres
+    clean(path, rows.positions, unit, oddities)
+    time, positions, inferred = _evenly(path, rows, oddities)
+    turn_z_up(positions, axis)
+    found = Recording(
+        files=(path,),
+        format=rows.format,
+        labels=rows.labels,
+        positions=positions,
+        frames=np.arange(len(time), dtype=np.int64),
+        time=time,
+        rate=float((len(time) - 1) / (time[-1] - time[0])),
+        units=unit,
+        vertical=axis,
+        analog_rate=None,
+        plates=(),
+        oddities=tuple(oddities),
+    )
+    return SkeletonRecording(found, inferred)
+
+
+def _read_rows(path: Path, oddities: list[str]) -> _Rows:
+    text = read_text(path)
+    if text[:400].lower().startswith("pathfiletype"):
+        table = parse_trc(path, text, oddities)
+        inferred = np.zeros(table.positions.shape[:2], dtype=np.bool_)
+        return _Rows("skeleton (TRC)", tuple(table.labels), table.time, table.positions, inferred, table.units)
+    first = text[:20000].lstrip("\ufeff \t\r\n").split("\n", 1)[0]
+    if first[:1] and first[:1] in "-+.0123456789":
+        return _kinect_rows(path, text, oddities)
+    return _csv_rows(path)
+
+
+def _kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
+    """Return the rows of a Kinect v2 without header and times."""
+    lines = [line.replace(",", " ") for line in text.splitlines()]
+    width = len(lines[0].split())
+    joints = len(KINECT_V2)
+    if width not in (3 * joints, 7 * joints):
+        raise RecordingError(
+            f"{path}: has no header and {width} numbers in its first row; expected a header with time_s and JOINT_x, "
+            f"JOINT_y, JOINT_z, or rows of the {joints} joints of a Kinect v2 ({3 * joints} or {7 * joints} numbers)"
+        )
+    names = [str(k) for k in range(width)]
+    values = TextTable(path, names, lines, 1, None).numbers().reshape(len(lines), joints, -1)
+    if len(values) < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(values)} rows, expected at least {_LEAST_ROWS}")
+    oddities.append(f"{path.name} has no times: {_KINECT_RATE:.0f} rows per second are assumed, as a Kinect v2 has")
+    time = np.arange(len(values)) / _KINECT_RATE
+    inferred = np.zeros(values.shape[:2], dtype=np.bool_)
+    return _Rows("skeleton (Kinect v2 text)", KINECT_V2, time, values[:, :, :3].copy(), inferred, "m")
+
+
+def _csv_rows(path: Path) -> _Rows:
+    table = read_csv(path)
+    names = [name.strip() for name in table.names]
+    time = next((names.index(name) for name in _TIMES if name in names), None)
+    joints = [name[:-2] for name in names if name.endswith("_x")]
+    joints = [joint for joint in joints if {f"{joint}_y", f"{joint}_z"} <= set(names)]
+    if time is None or not joints:
+        raise RecordingError(
+            f"{path}: has the columns {', '.join(names)[:120]}; expected time_s, and JOINT_x, JOINT_y, JOINT_z in m "
+            "for every joint, optionally JOINT_state"
+        )
+    values = table.numbers()
+    columns = [[names.index(f"{joint}_{axis}") for axis in "xyz"] for joint in joints]
+    positions = values[:, np.array(columns)]
+    inferred = np.zeros(positions.shape[:2], dtype=np.bool_)
+    for k, joint in enumerate(joints):
+        if f"{joint}_state" in names:
+            state = values[:, names.index(f"{joint}_state")]
+            inferred[:, k] = state == _INFERRED
+            positions[(state < _INFERRED) | ~np.isfinite(state), k] = np.nan
+    return _Rows("skeleton (CSV)", tuple(joints), values[:, time].copy(), positions, inferred, "m")
+
+
+def _evenly(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return even times, and the rows there: linear between neighbours, missing where rows are."""
+    rows = _increasing(path, rows, oddities)
+    steps = np.diff(rows.time)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    if not is_time_axis(rows.time) or len(rows.time) < _LEAST_ROWS or usual < 1 / _FASTEST:
+        raise RecordingError(
+            f"{path}: expected at least {_LEAST_ROWS} rows whose times increase, in seconds; found {len(rows.time)} "
+            f"rows with a usual step of {usual:g} s"
+        )
+    count = int(np.floor((rows.time[-1] - rows.time[0]) / usual + 1e-6)) + 1
+    time = rows.time[0] + usual * np.arange(count)
+    after = np.searchsorted(rows.time, time - 1e-9).clip(1, len(rows.time) - 1)
+    share = ((time - rows.time[after - 1]) / steps[after - 1])[:, None]
+    near = steps[after - 1] <= _LONGEST_STEP * usual
+    low, high = rows.positions[after - 1], rows.positions[after]
+    positions = low * (1 - share[..., None]) + high * share[..., None]
+    for ends, at in ((low, share < _ON_ROW), (high, share > 1 - _ON_ROW)):  # on a row, its neighbour need not be there
+        exact = np.flatnonzero(at[:, 0])
+        positions[exact] = ends[exact]
+        near[exact] = True
+    positions[~near] = np.nan
+    inferred = rows.inferred[after - 1] & (share < 1 - _ON_ROW) | rows.inferred[after] & (share > _ON_ROW)
+    if np.max(np.abs(steps - usual)) > 0.05 * usual:
+        lost = int(np.count_nonzero(~near))
+        oddities.append(
+            f"{path.name}: its times are uneven: the joints were interpolated at {1 / usual:.6g} Hz"
+            + (f"; {lost} of {count} samples, where rows are missing, were left empty" if lost else "")
+        )
+    return time, positions, inferred
+
+
+def _increasing(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
+    """Return the rows without repeated times."""
+    if not np.isfinite(rows.time).all() or (np.diff(rows.time) < 0).any():
+        k = int(np.argmax(~(np.isfinite(rows.time) & (np.diff(rows.time, prepend=-np.inf) >= 0))))
+        raise RecordingError(f"{path}: the times must be numbers that increase; row {k + 1} of the data does not")
+    keep = np.diff(rows.time, prepend=-np.inf) > 0
+    if keep.all():
+        return rows
+    oddities.append(f"{path.name}: {np.count_nonzero(~keep)} rows repeat the time of the row before and were left out")
+    return replace(rows, time=rows.time[keep], positions=rows.positions[keep], inferred=rows.inferred[keep])

@@ -1,0 +1,193 @@
+"""A balance board as the ground's plate: vertical force and its place alone, in the laboratory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import RecordingError
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.kinematics.plane import find_feet
+from mocap_id.recording import CELLS_BELOW_SURFACE_M, BoardLog, Plate, Recording, ThinnedFrames
+from mocap_id.stages.trial_keys import BalanceBoard
+from mocap_id.verdict import Reason
+
+_LOADED = 0.9  # share of the usual largest load: the person is off the chair
+_SMOOTH_S = 0.15
+_ALONG, _EXPLAINED = 2.0, 0.5  # the centre of pressure moves so much more along the motion, and so much as the body
+_TURNS = {"forwards": (1.0, 0.0), "backwards": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+_FEW = 0.02
+_STANDS_N = 50.0
+
+
+@dataclass(frozen=True)
+class PlacedBoard:
+    """The board in the laboratory.
+
+    Parameters
+    ----------
+    plate : Plate
+        Vertical force and its moments; the horizontal force is 0 because it is not measured.
+    origin : (3,) array
+        Origin of the plane frame in the lab, at the height of the cells, m: the moment about it needs no horizontal
+        force.
+    facts : dict
+        Fact ``board`` of wrench.parquet.
+    reasons : tuple of Reason
+    """
+
+    plate: Plate
+    origin: FloatArray
+    facts: dict[str, Any]
+    reasons: tuple[Reason, ...]
+
+
+def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tuple[BoardLog | None, Recording]:
+    """Return the log and the recording with the board as its only plate, whose moments are not known yet.
+
+    Without a board there is no log, and the recording does not change.
+
+    Raises
+    ------
+    RecordingError
+        The log is unusable or shares no time with the recording.
+    """
+    if not isinstance(board, BalanceBoard):
+        return None, source
+    log = recording.read_board(board.balance_board, board.loads)
+    start, end = log.start + board.clock_offset_s, log.start + board.clock_offset_s + (len(log.ok) - 1) / log.rate
+    if start > source.time[-1] or end < source.time[0]:
+        raise RecordingError(
+            f"{board.balance_board}: runs from {start:g} to {end:g} s and the recording from {source.time[0]:g} to "
+            f"{source.time[-1]:g} s: give `clock_offset_s:`, the recording's time minus `time_s`, to about 0.1 s"
+        )
+    force = np.column_stack([np.zeros((len(log.force), 2)), log.force])
+    plate = Plate(1, "balance board", None, force, np.zeros_like(force), log.ok, log.rate, start)
+    return log, replace(source, plates=(plate,), analog_rate=log.rate)
+
+
+def place_board(
+    board: BalanceBoard,
+    log: BoardLog,
+    source: Recording,
+    thinned: ThinnedFrames,
+    frame: PlaneFrame,
+    *,
+    faces: float,
+) -> PlacedBoard:
+    """Place the board: as the configuration says, else by the movement of the body and under the feet.
+
+    The position along the motion is then only a first estimate; identify-dim finds it with the model.
+
+    Parameters
+    ----------
+    board : BalanceBoard
+    log : BoardLog
+    source : Recording
+        With the board's plate.
+    thinned : ThinnedFrames
+    frame : PlaneFrame
+    faces : float
+        1 if the person faces the plane's x, -1 if its opposite.
+    """
+    plate, load = source.plates[0], thinned.samples[0].force[:, 2]
+    forwards = faces * frame.axes[0, :2]
+    basis = np.stack([forwards, [-forwards[1], forwards[0]]])
+    on_board = replace(plate, force=np.pad(log.moment, ((0, 0), (0, 1))))
+    sampled = recording.decimate(on_board, thinned.time, thinned.rate).force[:, :2]
+    pressure = sampled / np.where(load > _STANDS_N, load, np.nan)[:, None]
+    top, sure = _direction(pressure, load, thinned.positions @ np.append(forwards, 0.0), thinned.rate)
+    if board.top is not None:
+        top, sure = board.top, True
+    up = np.array(_TURNS[top]) @ basis
+    axes = np.stack([[up[1], -up[0]], up])  # to the right, towards the top
+    usual = np.nan_to_num(np.nanmedian(pressure @ axes, axis=0))
+    centre = _centre(board, source, thinned.positions, usual)
+    lever = log.force[:, None] * centre[:2] + log.moment @ axes
+    moment = np.column_stack([lever[:, 1], -lever[:, 0], np.zeros(len(lever))])
+    facts = {
+        "file": board.balance_board.name,
+        "top": top,
+        "top_sure": sure,
+        "centre_m": centre.tolist(),
+        "centre_given": board.centre_m is not None,
+        "cells_below_surface_m": CELLS_BELOW_SURFACE_M,
+        "averaged_s": log.averaged,
+        "interval_s": log.interval,
+    }
+    placed = replace(plate, moment=moment)
+    share = float(1.0 - log.ok.mean())
+    reasons = (_vertical_only(), _gaps(log.gaps, share)) if log.gaps else (_vertical_only(),)
+    origin = np.array([0.0, 0.0, centre[2] - CELLS_BELOW_SURFACE_M])
+    return PlacedBoard(placed, origin, facts, reasons)
+
+
+def _direction(pressure: FloatArray, load: FloatArray, along: FloatArray, rate: float) -> tuple[str, bool]:
+    """Return where the board's top points, and whether this is sure.
+
+    The centre of pressure moves mostly along the motion. Under a person off the chair it follows the body, less a part
+    that is proportional to the body's acceleration.
+
+    Parameters
+    ----------
+    pressure : (F, 2) array
+        To the right of the board and towards its top, m.
+    load : (F,) array
+        N.
+    along : (F, M) array
+        Positions of the markers forwards, m.
+    rate : float
+        Hz.
+    """
+    body = np.nanmean(along - np.nanmean(along, axis=0), axis=1)
+    width = max(1, round(_SMOOTH_S * rate))
+    kernel = np.convolve(np.ones(width) / width, np.ones(width) / width)
+    body = np.convolve(np.nan_to_num(body), kernel, mode="same")
+    with np.errstate(invalid="ignore"):
+        chosen = (load > _LOADED * np.nanpercentile(load, 95)) & np.isfinite(pressure).all(axis=1)
+    chosen[:width] = chosen[-width:] = False
+    if chosen.sum() < rate or np.ptp(body[chosen]) == 0.0:
+        return "forwards", False
+    series = pressure[chosen] - pressure[chosen].mean(axis=0)
+    spread = series.std(axis=0)
+    axis = int(np.argmax(spread))
+    rows = np.column_stack([np.ones(len(series)), body[chosen], np.gradient(np.gradient(body))[chosen]])
+    slope, *_ = np.linalg.lstsq(rows, series[:, axis], rcond=None)
+    explained = 1.0 - float(np.var(series[:, axis] - rows @ slope)) / float(spread[axis] ** 2)
+    name = (("left", "forwards") if slope[1] > 0.0 else ("right", "backwards"))[axis]
+    return name, bool(spread[axis] > _ALONG * spread[1 - axis] and explained > _EXPLAINED)
+
+
+def _centre(board: BalanceBoard, source: Recording, positions: FloatArray, pressure: FloatArray) -> FloatArray:
+    """Return the centre (3,) of the board's surface in the lab, m."""
+    if board.centre_m is not None:
+        return np.asarray(recording.to_z_up(source.vertical) @ np.array(board.centre_m))
+    feet = find_feet(positions)
+    lowest = float(np.nanmin(np.nanmedian(positions[:, :, 2], axis=0)))
+    height = CELLS_BELOW_SURFACE_M if lowest >= CELLS_BELOW_SURFACE_M else 0.0  # it stands on the floor, or in it
+    return np.array([*(feet[:2] - pressure), height])
+
+
+def _vertical_only() -> Reason:
+    return Reason(
+        "board-vertical-only",
+        "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure "
+        "at its cells. The parameters are fitted to Fy and tauz; Fx is the model's alone, and no measurement checks it",
+        level="ok",
+    )
+
+
+def _gaps(gaps: int, share: float) -> Reason:
+    return Reason(
+        "board-gaps",
+        f"the balance board sent nothing for more than 0.15 s {gaps} times ({100 * share:.1f} % of its time): these "
+        "samples are left out. Bring the receiver closer, and close other programs",
+        value=share,
+        limit=_FEW,
+        level="caution" if share > _FEW else "ok",
+    )

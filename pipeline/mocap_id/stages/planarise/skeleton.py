@@ -1,0 +1,136 @@
+"""Reading of a skeleton for the stage planarise: axes, side of the arm, and joints that the sensor guessed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mocap_id.anatomy.landmark_names import Side
+from mocap_id.anatomy.skeleton_joints import find_roles
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.errors import Refused
+from mocap_id.recording import Recording
+from mocap_id.recording.axes import nearest_axis
+from mocap_id.recording.marker_positions import turn_z_up
+from mocap_id.recording.skeleton_log import read_skeleton
+from mocap_id.stages.planarise import PlanariseSettings
+from mocap_id.stages.trial_keys import TrialKeys
+from mocap_id.verdict import Reason
+
+_BEHIND = 0.05  # m; hands and feet farther behind the trunk than this show a mirrored file
+
+
+@dataclass(frozen=True)
+class UprightSkeleton:
+    """A skeleton with its trunk upright, lab axes with Z up."""
+
+    recording: Recording
+    side: Side
+    inferred: BoolArray
+    reasons: tuple[Reason, ...]
+
+    def inferred_times(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, list[list[float]]]:
+        """Return first and last time, s, of every stretch in which the sensor guessed a joint, by its label."""
+        time, found = self.recording.time, {}
+        for number, label in enumerate(self.recording.labels):
+            runs = find_runs(self.inferred[first:stop, number])
+            if label in labels and runs:
+                found[label] = [time[[first + run.start, first + run.stop - 1]].tolist() for run in runs]
+        return found
+
+    def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
+        """Return the fact ``skeleton`` of planar.parquet."""
+        return {"inferred": self.inferred_times(labels, first, stop)}
+
+
+def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkeleton:
+    """Read the skeleton of a trial, and find the axis that points up and the arm that moves.
+
+    Raises
+    ------
+    Refused
+        The skeleton has no arm with shoulder, elbow and wrist.
+    """
+    assert trial.recording.skeleton is not None
+    read = read_skeleton(trial.recording.skeleton, units=settings.units, vertical=settings.vertical)
+    source, notes = read.recording, []
+    side = trial.side or _moving_side(source)
+    roles = find_roles(source.labels, side)
+    missing = [name for name in ("near_shoulder", "elbow", "wrist") if name not in roles]
+    if missing:
+        raise Refused(
+            "skeleton-incomplete",
+            f"the skeleton does not show the {' and '.join(missing).replace('near_', '')} of the {side} arm; its "
+            f"joints are {', '.join(source.labels)[:200]}.",
+        )
+    if trial.side is None:
+        notes.append(f"the {side} arm moves most and is used (if it is the other one, set `side:`)")
+    if settings.vertical is None:
+        source = _upright(source, roles, notes)
+    source, mirrored = _unmirrored(source, roles, side)
+    reasons = tuple(Reason("recording-oddity", f"{note}.", level="ok") for note in notes)
+    return UprightSkeleton(source, side, read.inferred, reasons + mirrored)
+
+
+def _moving_side(source: Recording) -> Side:
+    """Return the side whose wrist moves more against its shoulder."""
+    moved: dict[Side, float] = {"right": 0.0, "left": 0.0}
+    for side in moved:
+        roles = find_roles(source.labels, side)
+        if {"near_shoulder", "wrist"} <= roles.keys():
+            arm = source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]]
+            moved[side] = 1e-6 + float(np.nansum(np.nanvar(arm, axis=0))) if np.isfinite(arm).any() else 0.0
+    return "left" if moved["left"] > moved["right"] else "right"
+
+
+def _trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatArray]:
+    """Return the directions (F, 3) up along the trunk and across it, from the far to the near shoulder."""
+    near, far = (source.positions[:, roles.get(f"{part}_shoulder", roles["near_shoulder"])] for part in ("near", "far"))
+    low = [source.positions[:, roles[name]] for name in ("pelvis", "near_hip", "far_hip", "spine") if name in roles]
+    if not low:
+        return np.full(near.shape, np.nan), near - far
+    return (near + far) / 2 - np.mean(low[: 1 if "pelvis" in roles else 2], axis=0), near - far
+
+
+def _upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Recording:
+    """Return the recording turned so that the axis nearest to the trunk points up."""
+    up = np.nanmedian(_trunk(source, roles)[0], axis=0) if len(source.time) else np.zeros(3)
+    axis = nearest_axis(up, 0.75)
+    tilt = float(np.degrees(np.arctan2(np.linalg.norm(up[:2]), up[2]))) if np.isfinite(up).all() else float("nan")
+    if axis not in (None, "Z"):
+        positions = source.positions.copy()
+        turn_z_up(positions, str(axis))
+        notes.append("the trunk shows which axis points up (if it is another, set `vertical:`)")
+        return replace(source, positions=positions, vertical=f"{source.vertical} ({axis})")
+    notes.append(
+        f"{source.vertical} of the file is taken as up; the trunk leans {tilt:.0f}° from it, with an unknown tilt of "
+        "the camera. Angles of the arm against the thorax do not depend on it"
+    )
+    return source
+
+
+def _unmirrored(source: Recording, roles: dict[str, int], side: Side) -> tuple[Recording, tuple[Reason, ...]]:
+    """Return the recording as a mirror image, with a caution, if hands and feet are behind the trunk."""
+    up, across = _trunk(source, roles)
+    forward = np.cross(up, across if side == "right" else -across)
+    with np.errstate(invalid="ignore"):
+        forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    ahead = []
+    for start, end in (("near_ankle", "near_foot"), ("far_ankle", "far_foot")):
+        if start in roles and end in roles:
+            ahead.append(source.positions[:, roles[end]] - source.positions[:, roles[start]])
+    if not ahead:
+        ahead.append(source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]])
+    along = float(np.nanmedian(np.einsum("fi,fi->f", np.mean(ahead, axis=0), forward)))
+    if not along < -_BEHIND:
+        return source, ()
+    reason = Reason(
+        "skeleton-mirrored",
+        f"hands or feet are {-100 * along:.0f} cm behind the trunk, so the file is a mirror image or exchanges left "
+        "and right. It was mirrored back; check that `side:` names the arm that moved.",
+        -along,
+        _BEHIND,
+    )
+    return replace(source, positions=source.positions * [1.0, -1.0, 1.0]), (reason,)

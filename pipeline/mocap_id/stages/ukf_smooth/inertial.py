@@ -1,0 +1,166 @@
+"""States of a trial from markers and inertial sensors, for the stage ukf-smooth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.errors import ConfigError
+from mocap_id.estimation import FilterSettings, States, inertial_smoothing
+from mocap_id.estimation.inertial import SensorResult, SensorSignals
+from mocap_id.estimation.inverse_kinematics import MarkerChain
+from mocap_id.estimation.space import SpatialSettings, SpatialStates
+from mocap_id.estimation.space.inertial_fusion import smooth_with_sensors
+from mocap_id.recording.imu_log import read_imu
+from mocap_id.store.spatial_views import SpatialSkeleton
+from mocap_id.verdict import Reason
+
+_SATURATED = 3e-3
+"""Share of saturated samples from which they are reported."""
+
+_DIFFERS, _LEAST_TURN = 0.15, 0.8
+"""Difference of sensor and markers that is reported: share of the angular velocity, and least of the latter, rad/s."""
+
+
+def smooth_with_imus(
+    points: FloatArray,
+    time: FloatArray,
+    skeleton: SpatialSkeleton,
+    files: Mapping[str, Path],
+    settings: SpatialSettings,
+    *,
+    mirrored: bool,
+) -> tuple[SpatialStates, dict[str, dict[str, Any]], tuple[Reason, ...]]:
+    """Return the states, facts of every sensor for the summary, and reasons.
+
+    Raises
+    ------
+    ConfigError
+        A sensor is on a segment that does not exist.
+    RecordingError
+        A log cannot be read.
+    """
+    names = list(skeleton.segments)
+    states, results = smooth_with_sensors(points, time, skeleton.chain, _sensors(names, files, mirrored), settings)
+    return states, *_described(names, files, results)
+
+
+def smooth_with_imus_in_plane(  # noqa: PLR0917
+    observed: FloatArray,
+    time: FloatArray,
+    chain: MarkerChain,
+    names: Sequence[str],
+    files: Mapping[str, Path],
+    settings: FilterSettings,
+) -> tuple[States, BoolArray, dict[str, dict[str, Any]], tuple[Reason, ...]]:
+    """Return the states, joints (n,) with sensors on both sides, facts of every sensor for the summary, and reasons.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Markers, m; changed as by :func:`mocap_id.estimation.smooth`.
+    time : (F,) array
+        s.
+    chain : MarkerChain
+        With these markers.
+    names : sequence of str
+        Of the segments, base first.
+    files : mapping of str to Path
+    settings : FilterSettings
+
+    Raises
+    ------
+    ConfigError
+        A sensor is on a segment that does not exist, or the method is not the usual one.
+    RecordingError
+        A log cannot be read.
+    """
+    if settings.method != "rts" or settings.engine != "compiled":
+        raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
+    sensors = _sensors(names, files, mirrored=False)
+    states, results = inertial_smoothing.smooth_with_sensors(
+        observed, time, chain.centres, chain.segment, chain.local, sensors=sensors, settings=settings
+    )
+    used = [0, *(s for s, each in results.items() if each.found is not None and each.why is None)]
+    sensed = np.isin(np.arange(len(names)), used)
+    return states, sensed[1:] & sensed[:-1], *_described(names, files, results)
+
+
+def _sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool) -> dict[int, SensorSignals]:
+    for name in files:
+        if name not in names:
+            raise ConfigError(f"imus: there is no segment {name!r}; the segments are {', '.join(names)}")
+    return {names.index(name): _signals(file, mirrored) for name, file in files.items()}
+
+
+def _described(
+    names: Sequence[str], files: Mapping[str, Path], results: Mapping[int, SensorResult]
+) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
+    facts = {names[s]: _facts(result) for s, result in results.items()}
+    reasons = [reason for s, result in results.items() for reason in _reasons(names, s, files[names[s]].name, result)]
+    return facts, tuple(reasons)
+
+
+def _signals(file: Path, mirrored: bool) -> SensorSignals:
+    """Read a log; a left arm's is mirrored: vectors along z of the sensor, rotations about its x and y."""
+    log = read_imu(file)
+    turns, forces = (np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0])) if mirrored else (1.0, 1.0)
+    return SensorSignals(log.time, log.gyro * turns, log.acc * forces)
+
+
+def _facts(result: SensorResult) -> dict[str, Any]:
+    found = result.found
+    facts: dict[str, Any] = {"used": found is not None and result.why is None, "why": result.why}
+    if found is None:
+        return facts
+    known = bool(np.isfinite(found.clock.sd))
+    return facts | {
+        "clock_offset_s": found.clock.offset if known else None,
+        "sd_s": found.clock.sd if known else None,
+        "ppm": 1e6 * found.clock.drift if known else None,
+        "observable": found.clock.observable and result.why is None,
+        "gyro_bias_rad_s": found.gyro_bias.tolist(),
+        "gyro_bias_sd_rad_s": found.sd["gyro_bias"].tolist(),
+        "acc_bias_m_s2": found.acc_bias.tolist(),
+        "acc_bias_sd_m_s2": found.sd["acc_bias"].tolist(),
+        "mounting": found.mount.tolist(),
+        "mounting_sd_deg": float(np.degrees(np.max(found.sd["turn"]))),
+        "position_m": found.place.tolist(),
+        "position_sd_m": found.sd["place"].tolist(),
+        "skin_share": found.lag,
+        "gyro_residual_rad_s": float(found.left[0]),
+        "acc_residual_m_s2": float(found.left[1]),
+        "saturated": result.saturated,
+    }
+
+
+def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> list[Reason]:
+    name, found = names[s].replace("_", " "), result.found
+    if result.why is not None:
+        other = "" if result.fits is None else f" It fits the motion of the {names[result.fits].replace('_', ' ')}."
+        message = f"the sensor on the {name} ({file}) is left out: {result.why}.{other} Check its segment and its file."
+        return [Reason("imu-disagrees", message)]
+    reasons = []
+    off = 0.0 if found is None else float(np.sqrt(3.0) * found.left[0])
+    limit = _DIFFERS * max(_LEAST_TURN, 0.0 if found is None else found.moved)
+    if off > limit:
+        message = (
+            f"the {name} turns by {off:.2f} rad/s rms otherwise by its sensor ({file}) than by its markers; below "
+            f"{limit:.2f} is usual. The markers may be on another segment or hidden for long, or the sensor is loose."
+        )
+        reasons.append(Reason("imu-differs", message, off, limit))
+    if found is not None and not found.clock.observable:
+        message = (
+            f"the motion of the {name} does not show the clock of its sensor to 2 ms (standard deviation "
+            f"{1e3 * found.clock.sd:.1f} ms)."
+        )
+        reasons.append(Reason("imu-clock", message, found.clock.sd, 2e-3, "ok"))
+    if result.saturated > _SATURATED:
+        share = f"{100 * result.saturated:.1f} %"
+        message = f"{share} of the samples of the sensor on the {name} are saturated and left out."
+        reasons.append(Reason("imu-saturated", message, result.saturated, _SATURATED))
+    return reasons

@@ -1,0 +1,163 @@
+"""Markers with inertial sensors: derivatives of the measurements, clocks, gaps, and sensors that contradict."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spatial_cases import UP, mixed_chain, true_chain
+
+from mocap_id.estimation.inertial import SensorSignals
+from mocap_id.estimation.space import SpatialStates, smooth_in_space
+from mocap_id.estimation.space.chain_model import chain_model, degrees_of_freedom, empty_track
+from mocap_id.estimation.space.inertial_fusion import SensorResult, smooth_with_sensors
+from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
+from mocap_id.geometry import so3
+from mocap_id.simulation.arm import SpatialTrial
+from mocap_id.simulation.arm.arm import generate_arm
+from mocap_id.simulation.arm.inertial_sensors import SimulatedSensor, simulate_sensors
+from mocap_id.simulation.arm.options import ArmOptions
+
+ON = (0, 1, 2)
+GAP = slice(840, 960)  # one second
+
+
+@pytest.fixture(scope="module")
+def case() -> tuple[SpatialTrial, list[SimulatedSensor]]:
+    options = ArmOptions(seed=21, cycles=1)
+    trial = generate_arm(options)
+    sensors = simulate_sensors(trial, options)
+    return trial, [sensors[name] for name in trial.segments]
+
+
+def fused(
+    trial: SpatialTrial, sensors: dict[int, SimulatedSensor], points: np.ndarray | None = None
+) -> tuple[SpatialStates, dict[int, SensorResult]]:
+    seen = trial.positions @ UP.T if points is None else points
+    given = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in sensors.items()}
+    return smooth_with_sensors(seen, trial.time, true_chain(trial), given)
+
+
+@pytest.fixture(scope="module")
+def both(case) -> tuple[SpatialStates, dict[int, SensorResult]]:
+    trial, sensors = case
+    return fused(trial, {s: sensors[s] for s in ON})
+
+
+def acceleration_error(trial: SpatialTrial, states: SpatialStates, s: int) -> float:
+    off = (states.alpha[:, s] - trial.alpha[:, s] @ UP.T)[trial.time > trial.still + 0.5]
+    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+
+
+def sensed(chain, model, pose: Pose, rng: np.random.Generator, *, jacobian: bool = False):
+    count = len(chain.joints) + 1
+    none, axes = np.zeros((1, count, 3)), np.array([[0.0, 1.0, 0.0], *(each.long_axis for each in chain.joints)])
+    place, lag = 0.2 * rng.standard_normal((count, 3)), np.array([0.0, *rng.uniform(0, 0.3, count - 1)])
+    variance = np.zeros((1, count, 2))
+    sensors = Sensors(np.arange(count), place, lag, axes, none, none, variance, variance[0], 9.81)
+    gyro, force = np.zeros((1, count, 3)), np.zeros((1, count, 3))
+    rows = np.zeros((int(jacobian), count, 6, 3 * degrees_of_freedom(model)))
+    predict_sensors(model, pose, sensors, gyro, force, rows)
+    return np.concatenate([gyro, force], axis=2)[0], rows, place, lag, axes
+
+
+def moved(chain, model, pose: Pose, by: np.ndarray) -> Pose:
+    """Move one frame by a tangent vector (3 d,) of pose, velocity and acceleration."""
+    d = degrees_of_freedom(model)
+    new = Pose(*(each.copy() for each in pose))
+    new.origin[0] += by[:3]
+    new.turn[0, 0] = new.turn[0, 0] @ so3.exp(by[3:6])
+    for k, joint in enumerate(chain.joints):
+        own = by[model.first[k + 1] : model.first[k + 1] + joint.dimension]
+        if joint.kind == "ball":
+            new.turn[0, k + 1] = new.turn[0, k + 1] @ so3.exp(own)
+        else:
+            new.angle[0, k, : len(own)] += own
+            new.turn[0, k + 1] = joint.rotation(new.angle[0, k, : len(own)])
+    new.rate[0, :2] += by[d:].reshape(2, d)
+    return new
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_derivatives_of_what_sensors_measure(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chain = mixed_chain(rng)
+    for joint in chain.joints:
+        joint.glide[:] = 0.0  # the derivatives by the glide are approximate
+    model = chain_model(chain)
+    d = degrees_of_freedom(model)
+    pose = moved(chain, model, empty_track(model, 1), rng.standard_normal(3 * d))
+    rows = sensed(chain, model, pose, np.random.default_rng(9), jacobian=True)[1][0]
+    for c in range(3 * d):
+        step = 1e-6 * np.eye(3 * d)[c]
+        near = (moved(chain, model, pose, by) for by in (step, -step))
+        ends = [sensed(chain, model, each, np.random.default_rng(9))[0] for each in near]
+        np.testing.assert_allclose(rows[:, :, c], (ends[0] - ends[1]) / 2e-6, atol=1e-6)
+
+
+def test_measurements_are_derivatives_along_a_movement() -> None:
+    """The predictions agree with differences of positions and rotations, the glide included."""
+    rng = np.random.default_rng(3)
+    chain = mixed_chain(rng)
+    model = chain_model(chain)
+    d, step = degrees_of_freedom(model), 1e-4
+    start = moved(chain, model, empty_track(model, 1), np.concatenate([rng.standard_normal(d), np.zeros(2 * d)]))
+    rate, grows = rng.standard_normal(d), rng.standard_normal(d)
+    start.rate[0, :2] = rate, grows
+    values, _, place, lag, axes = sensed(chain, model, start, np.random.default_rng(9))
+    poses = []
+    for t in (-step, 0.0, step):
+        by = np.concatenate([t * rate + t**2 / 2 * grows, np.zeros(2 * d)])
+        at = moved(chain, model, start, by)
+        origins, turns = chain.place(at.origin, at.turn[:, 0], at.turn[:, 1:])
+        poses.append((origins[0] + np.einsum("sij,sj->si", turns[0], place), turns[0], at.turn[0]))
+    turn = poses[1][1]
+    force = (poses[0][0] - 2 * poses[1][0] + poses[2][0]) / step**2 + [0.0, 9.81, 0.0]
+    np.testing.assert_allclose(values[:, 3:], np.einsum("sji,sj->si", turn, force), atol=1e-5)
+    spin = so3.log(np.swapaxes(poses[0][1], 1, 2) @ poses[2][1]) / (2 * step)
+    joint = so3.log(np.swapaxes(poses[0][2], 1, 2) @ poses[2][2]) / (2 * step)
+    twist = lag * np.sum(joint * axes, axis=1)
+    np.testing.assert_allclose(values[:, :3], spin - twist[:, None] * axes, atol=1e-6)
+
+
+def test_accelerations_are_better_and_intervals_hold(case, both) -> None:
+    trial, _ = case
+    alone = smooth_in_space(trial.positions @ UP.T, trial.rate, true_chain(trial))
+    states, results = both
+    assert all(each.why is None for each in results.values())
+    for s in (1, 2):
+        assert acceleration_error(trial, states, s) < 0.6 * acceleration_error(trial, alone, s)
+    off = np.abs(states.alpha[:, 2] - trial.alpha[:, 2] @ UP.T)
+    assert np.mean(off < 1.96 * states.sd_alpha[:, 2, None]) > 0.88
+
+
+def test_clocks_are_found_or_said_to_be_unknown(case, both) -> None:
+    trial, sensors = case
+    middle = trial.time[len(trial.time) // 2]
+    for s, result in both[1].items():
+        truth = sensors[s].truth
+        off = (middle - truth["offset_s"]) / (1 + 1e-6 * truth["ppm"]) - float(result.found.clock.stamps(middle))
+        assert abs(off) < 3 * result.found.clock.sd
+        assert abs(off) < 2e-3 or not result.found.clock.observable
+        bias = (np.array(truth["gyro_bias_start"]) + truth["gyro_bias_end"]) / 2
+        assert np.all(np.abs(result.found.gyro_bias - bias) < 4 * result.found.sd["gyro_bias"] + 1e-3)
+    assert both[1][2].found.clock.observable
+
+
+def test_a_gap_stays_bounded(case, both) -> None:
+    trial, sensors = case
+    points = trial.positions @ UP.T
+    points[GAP] = np.nan
+    states, _ = fused(trial, {s: sensors[s] for s in ON}, points)
+    between = np.swapaxes(both[0].rotations[GAP], 2, 3) @ states.rotations[GAP]
+    off = np.degrees(np.linalg.norm(so3.log(between), axis=-1))[:, :3]
+    assert off.max() < 3.0
+    assert np.mean(off < 1.96 * np.sqrt(3) * np.degrees(states.sd_rotation[GAP, :3])) > 0.88
+
+
+def test_swapped_sensors_are_named_and_left_out(case) -> None:
+    trial, sensors = case
+    alone = smooth_in_space(trial.positions @ UP.T, trial.rate, true_chain(trial))
+    states, results = fused(trial, {1: sensors[2], 2: sensors[1]})
+    assert {s: each.fits for s, each in results.items()} == {1: 2, 2: 1}
+    assert all(each.why for each in results.values())
+    np.testing.assert_array_equal(states.alpha, alone.alpha)

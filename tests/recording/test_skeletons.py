@@ -1,0 +1,111 @@
+"""Skeletons of depth cameras and markerless software: formats, times, states, names of joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mocap_id.anatomy.skeleton_joints import find_roles
+from mocap_id.errors import RecordingError
+from mocap_id.recording import write_trc
+from mocap_id.recording.skeleton_log import KINECT_V2, read_skeleton
+
+ARM = ("near_shoulder", "far_shoulder", "elbow", "wrist")
+
+
+def write_log(path: Path, time: np.ndarray, x: np.ndarray, state: np.ndarray | None = None) -> Path:
+    """Write a joint that moves along x, and one at rest; the state belongs to the first."""
+    head = "frame,time_s,Hand_x,Hand_y,Hand_z,Hand_state,Neck_x,Neck_y,Neck_z\n"
+    state = np.full(len(time), 2) if state is None else state
+    rows = [f"{k},{t:.6f},{a:.6f},0.5,2.0,{s},0.1,1.2,2.0\n" for k, (t, a, s) in enumerate(zip(time, x, state))]  # noqa: B905
+    path.write_text(head + "".join(rows))
+    return path
+
+
+def test_uneven_times_become_even_and_motion_stays_where_it_was(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(120) / 30 + rng.uniform(-2e-3, 2e-3, 120)
+    time = np.delete(time, [40, 80, 81])
+    found = read_skeleton(write_log(tmp_path / "a.csv", time, np.sin(time)))
+    source = found.recording
+    assert np.ptp(np.diff(source.time)) < 1e-9
+    assert source.rate == pytest.approx(30, rel=0.01)
+    hand = source.positions[:, source.labels.index("Hand")]
+    seen = np.isfinite(hand[:, 0])
+    assert np.allclose(hand[seen, 0], np.sin(source.time[seen]), atol=2e-3)
+    assert np.allclose(hand[seen, 2], 0.5)  # y of the file points up
+    lost = source.time[~seen]
+    assert all(min(abs(t - gap) for gap in (40 / 30, 80 / 30, 81 / 30)) < 0.04 for t in lost)
+    assert 2 <= len(lost) <= 6
+    assert any("uneven" in note for note in source.oddities)
+
+
+def test_lost_joints_are_missing_and_guessed_ones_are_marked(tmp_path: Path) -> None:
+    time, state = np.arange(60) / 30, np.full(60, 2)
+    state[10:15], state[30:33] = 1, 0
+    found = read_skeleton(write_log(tmp_path / "a.csv", time, time, state))
+    hand = found.recording.labels.index("Hand")
+    assert np.flatnonzero(found.inferred[:, hand]).tolist() == [10, 11, 12, 13, 14]
+    assert np.isnan(found.recording.positions[30:33, hand]).all()
+    assert np.isfinite(found.recording.positions[33:, hand]).all()
+    assert not found.inferred[:, found.recording.labels.index("Neck")].any()
+
+
+@pytest.mark.parametrize("width", [3, 7])
+def test_rows_of_a_kinect_without_header_have_its_joints_at_30_hz(tmp_path: Path, width: int) -> None:
+    values = np.random.default_rng(0).normal(0, 1, (40, 25, width))
+    path = tmp_path / "kinect.txt"
+    np.savetxt(path, values.reshape(40, -1), fmt="%.6f")
+    source = read_skeleton(path).recording
+    assert source.labels == KINECT_V2
+    assert source.rate == pytest.approx(30)
+    x, y, z = np.moveaxis(values[..., :3], 2, 0)
+    assert np.allclose(source.positions, np.stack([x, -z, y], axis=2), atol=1e-5)
+    assert any("30 rows per second" in note for note in source.oddities)
+
+
+def test_a_trc_file_of_markerless_software_is_a_skeleton(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(0, 0.3, (30, 3, 3))
+    write_trc(tmp_path / "a.trc", ["RShoulder", "RElbow", "RWrist"], points, 60.0)
+    found = read_skeleton(tmp_path / "a.trc")
+    assert found.recording.labels == ("RShoulder", "RElbow", "RWrist")
+    assert not found.inferred.any()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a,b\n1,2\n", "JOINT_x"),
+        ("1 2 3\n4 5 6\n", "25 joints"),
+        ("time_s,A_x,A_y,A_z\n" + "0,1,2,3\n" * 30, "times increase"),
+        ("time_s,A_x,A_y,A_z\n1,1,2,3\n0,1,2,3\n", "must be numbers that increase"),
+    ],
+)
+def test_what_is_no_skeleton_is_refused_with_what_was_expected(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordingError, match=says):
+        read_skeleton(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("ShoulderRight", "ShoulderLeft", "ElbowRight", "WristRight"),  # Kinect v2
+        ("SHOULDER_RIGHT", "SHOULDER_LEFT", "ELBOW_RIGHT", "WRIST_RIGHT"),  # Azure Kinect
+        ("right_shoulder", "left_shoulder", "right_elbow", "right_wrist"),  # MediaPipe
+        ("RShoulder", "LShoulder", "RElbow", "RWrist"),  # Pose2Sim
+        ("r_shoulder_study", "L_shoulder_study", "r_elbow_study", "r_wrist_study"),
+    ],
+)
+def test_joints_are_found_by_the_names_of_usual_programs(names: tuple[str, ...]) -> None:
+    assert find_roles(names, "right") == {role: k for k, role in enumerate(ARM)}
+    left = find_roles(names, "left")
+    assert left["near_shoulder"] == 1
+    assert "elbow" not in left
+
+
+def test_middle_joints_and_hips_are_told_apart() -> None:
+    roles = find_roles(["Hip", "RHip", "LHip", "Neck", "Head", "SpineShoulder", "SpineMid"], "left")
+    assert roles == {"pelvis": 0, "far_hip": 1, "near_hip": 2, "neck": 3, "head": 4, "spine_top": 5, "spine": 6}
