@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+import mocap_id
 from mocap_id import runner
 from mocap_id.config import load
 from mocap_id.errors import Refused
@@ -17,16 +18,53 @@ from mocap_id.verdict import Reason
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json, short
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="TRIAL", help="The trial's YAML file, or a recording: C3D, TRC or a text export.", show_default=False
+    ),
+]
 TrialFile = Annotated[Path, typer.Argument(metavar="TRIAL.yaml", help="The trial's configuration.", show_default=False)]
 
 
-def run(trial: TrialFile, *, as_json: AsJson = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
+def run(
+    trial: Source,
+    *,
+    forces: Annotated[Path | None, typer.Option(help="MOT file with the forces of a TRC file.")] = None,
+    protocol: Annotated[str | None, typer.Option(help="free, sit-to-stand, robot-joint, reach or curl.")] = None,
+    space: Annotated[str | None, typer.Option(help="plane or 3d.")] = None,
+    side: Annotated[str | None, typer.Option(help="Side of the arm in space: right or left.")] = None,
+    window: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="FIRST LAST", help="First and last time to use, s.")
+    ] = None,
+    height: Annotated[float | None, typer.Option(help="Height of the person, m.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Mass of the person, kg.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the results; default: runs/<recording>.")
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(metavar="TRIAL.yaml", help="Write the settings that were used to this file.")
+    ] = None,
+    open_report: Annotated[bool, typer.Option("--open", help="Open the report in the browser.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
     """Run the whole pipeline on a trial.
 
-    Results that are up to date are reused.
+    Results that are up to date are reused. A recording without a YAML file is run with the settings given as options;
+    space and protocol are guessed if they are not given. For all settings, write a YAML file, for example with --save.
     """
     log_to_stderr(quiet, verbose)
-    _print_outcome(runner.run(load(trial), progress=progress.of_stages(quiet)), as_json)
+    subject = {name: value for name, value in (("height", height), ("mass", mass)) if value is not None}
+    given = {"protocol": protocol, "space": space, "side": side, "window": window, "subject": subject, "out": out}
+    settings = {name: value for name, value in given.items() if value}
+    found = mocap_id.run(trial, forces=forces, save=save, progress=progress.of_stages(quiet), **settings)
+    _print_run(found, as_json)
+    if open_report and not found.open_report():
+        typer.echo("no browser was found: open the report yourself", err=True)
+    if found.refused:
+        raise typer.Exit(Refused.exit_code)
 
 
 def stage_command(name: str) -> Callable[..., None]:
@@ -37,7 +75,8 @@ def stage_command(name: str) -> Callable[..., None]:
         log_to_stderr(quiet, verbose)
         outcome = runner.run_stage(load(trial), stage.name, progress=progress.of_stages(quiet))
         if outcome.refused is not None:
-            _print_outcome(outcome, as_json)
+            _print_run(mocap_id.open(outcome.folder), as_json, outcome.steps)
+            raise typer.Exit(Refused.exit_code)
         files = [short(outcome.folder / file) for file in stage.outputs]
         if as_json:
             print_json({"folder": short(outcome.folder), "steps": outcome.steps, "files": files}, asdict)
@@ -48,23 +87,16 @@ def stage_command(name: str) -> Callable[..., None]:
     return command
 
 
-def _print_outcome(outcome: runner.Outcome, as_json: bool) -> None:
-    """Print the verdict, its reasons and the report's path; exit with the code of a refusal."""
-    summary, report = outcome.summary(), short(outcome.folder / "report.html")
+def _print_run(run: mocap_id.Run, as_json: bool, steps: tuple[runner.Step, ...] = ()) -> None:
+    """Print the verdict, its reasons and the report's path."""
+    report = short(run.report)
     if as_json:
-        result = {"trial": summary["trial"], "verdict": summary["verdict"], "folder": short(outcome.folder)}
-        print_json(result | {"report": report, "steps": outcome.steps}, asdict)
-    else:
-        _print_verdict(summary["verdict"], report)
-    if outcome.refused is not None:
-        raise typer.Exit(Refused.exit_code)
-
-
-def _print_verdict(verdict: Mapping[str, Any], report: str) -> None:
-    typer.echo(f"verdict: {verdict['level']}")
-    for reason in map(Reason.from_dict, verdict["reasons"]):
-        if reason.level != "ok":
-            typer.echo(f"  {reason.code}: {reason.message}{_numbers(reason)}")
+        result = {"trial": run.name, "verdict": run.summary["verdict"], "folder": short(run.folder)}
+        print_json(result | {"report": report, "steps": run.steps or steps}, asdict)
+        return
+    typer.echo(f"verdict: {run.verdict.level}")
+    for reason in run.verdict.reasons:
+        typer.echo(f"  {reason.code}: {reason.message}{_numbers(reason)}")
     typer.echo(f"report: {report}")
 
 

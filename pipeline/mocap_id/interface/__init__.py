@@ -1,0 +1,1 @@
+"""What ``import mocap_id`` offers: runs, studies and simulations, with results as attributes."""

@@ -1,0 +1,181 @@
+"""The results of a trial: each artefact is read when it is first used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mocap_id.errors import StoreError
+from mocap_id.runner import Step
+from mocap_id.store import LongTable, Table
+from mocap_id.verdict import Level, Reason
+from mocap_id.workflows.run_folder import SUMMARY, RunFolder
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a trial.
+
+    Parameters
+    ----------
+    level : {"ok", "caution", "refused"}
+    reasons : tuple of Reason
+        What limits the results; none if the level is ``ok``.
+    notes : tuple of Reason
+        Other findings.
+    """
+
+    level: Level
+    reasons: tuple[Reason, ...]
+    notes: tuple[Reason, ...]
+
+
+class Run:
+    """The results of a trial.
+
+    Tables are data frames in SI units; ``frame.attrs["units"]`` has the unit of each column. A table that the trial
+    does not have raises :class:`~mocap_id.errors.StoreError`, which says why.
+
+    Parameters
+    ----------
+    files : RunFolder
+    steps : tuple of Step, optional
+        What was computed or reused; empty for an opened run.
+    """
+
+    def __init__(self, files: RunFolder, steps: tuple[Step, ...] = ()) -> None:
+        self._files = files
+        self.steps = steps
+
+    def __repr__(self) -> str:
+        return f"<Run {self.name}: {self.verdict.level if self.summary else 'incomplete'}, {self.folder}>"
+
+    def _repr_html_(self) -> str:
+        """Return verdict and main numbers for a notebook."""
+        from mocap_id.reporting.notebook_view import notebook_view  # noqa: PLC0415  needs the page's templates
+
+        return notebook_view(self.summary) if self.summary else f"<p>{self.name}: no {SUMMARY}</p>"
+
+    @property
+    def name(self) -> str:
+        """The trial's name."""
+        return self._files.name
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self._files.path
+
+    @property
+    def report(self) -> Path:
+        """The page ``report.html``."""
+        return self.folder / "report.html"
+
+    def open_report(self) -> bool:
+        """Open the report in the browser; return False if there is none."""
+        import webbrowser  # noqa: PLC0415  takes 5 ms
+
+        return webbrowser.open(self.report.resolve().as_uri())
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """Content of ``summary.json``: verdict and numbers; empty if the run is not complete."""
+        return self._files.summary
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict; StoreError if the run is not complete."""
+        if not self.summary:
+            raise StoreError(f"{self.folder} holds no {SUMMARY}: run the trial to its end")
+        found = self.summary["verdict"]
+        reasons, notes = (tuple(map(Reason.from_dict, found[key])) for key in ("reasons", "notes"))
+        return Verdict(found["level"], reasons, notes)
+
+    @property
+    def refused(self) -> bool:
+        """Whether the method cannot treat this trial."""
+        return self.verdict.level == "refused"
+
+    @cached_property
+    def planar(self) -> pd.DataFrame:
+        """Measured markers in the plane of the motion, or in the lab's axes in space."""
+        return self._frame("planar.parquet")
+
+    @cached_property
+    def wrench(self) -> pd.DataFrame:
+        """Forces of the ground and of other contacts."""
+        return self._frame("wrench.parquet")
+
+    @cached_property
+    def segments(self) -> pd.DataFrame:
+        """Segment of each marker."""
+        return self._frame("segments.parquet")
+
+    @cached_property
+    def states(self) -> pd.DataFrame:
+        """Joint angles with their derivatives and standard deviations."""
+        return self._frame("states.parquet")
+
+    @cached_property
+    def poses(self) -> pd.DataFrame:
+        """Measured poses of the bodies."""
+        return self._frame("poses.parquet")
+
+    @cached_property
+    def angles(self) -> pd.DataFrame:
+        """Anatomical angles of a trial in space; StoreError in the plane, where the angles are in ``states``."""
+        if self.summary.get("space") == "plane":
+            raise StoreError(f"{self.name}: a trial in the plane has no anatomical angles: see its `states`")
+        return self._frame("angles.parquet")
+
+    @cached_property
+    def markers(self) -> pd.DataFrame:
+        """Markers predicted from the states."""
+        return self._frame("markers.parquet")
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """Repetitions, with the times of their events."""
+        return self._frame("events.parquet")
+
+    @cached_property
+    def phases(self) -> pd.DataFrame:
+        """Averages over the repetitions."""
+        return self._frame("phases.parquet")
+
+    @cached_property
+    def encoder(self) -> pd.DataFrame:
+        """Angles from the encoder of a robot's joint."""
+        return self._frame("encoder.parquet")
+
+    @cached_property
+    def dynamics(self) -> pd.DataFrame:
+        """Joint torques, and measured and modelled forces of the ground."""
+        return self._frame("dynamics.parquet")
+
+    @cached_property
+    def parameters(self) -> pd.DataFrame:
+        """Identified base parameters with standard deviations; the column ``unit`` has their units."""
+        from mocap_id.workflows.export.spreadsheets import parameter_table  # noqa: PLC0415  needs pandas
+
+        found = parameter_table(self._files)
+        if found is None or found.empty:
+            raise StoreError(self._files.why_missing("dynamics.h5"))
+        return found
+
+    def _frame(self, file: str) -> pd.DataFrame:
+        """Return an artefact as a data frame with its units."""
+        from mocap_id.store.parquet import columns_of  # noqa: PLC0415  a run that is only printed reads no table
+
+        table = self._files.artefacts.get(file)
+        if not isinstance(table, Table | LongTable) or not table.length or table.names == ["time"]:
+            raise StoreError(f"{self.name}: {self._files.why_missing(file)}")
+        frame = table.frame
+        frame.attrs["units"] = {column.name: column.unit for column in columns_of(table.schema, table.names)}
+        return frame

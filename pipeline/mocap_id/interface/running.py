@@ -1,0 +1,74 @@
+"""Runs of a trial: from a YAML file, a recording or arrays; and runs that are on the disk already."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from mocap_id import runner
+from mocap_id.config import load
+from mocap_id.errors import ConfigError
+from mocap_id.interface.run_result import Run
+from mocap_id.recording.model import Recording
+from mocap_id.workflows.run_folder import open_lazily
+
+RECORDINGS = (".c3d", ".trc", ".tsv", ".csv", ".txt")
+"""Endings of recordings; any other file is a trial's YAML file."""
+
+
+def run(
+    source: str | PathLike[str] | Recording,
+    /,
+    *,
+    forces: str | PathLike[str] | None = None,
+    save: str | PathLike[str] | None = None,
+    progress: runner.Progress = lambda step: None,
+    **settings: Any,
+) -> Run:
+    """Run the whole pipeline on a trial; results that are up to date are reused.
+
+    Parameters
+    ----------
+    source : path or Recording
+        A trial's YAML file, or a recording: a C3D or TRC file, a text export, or arrays in memory. The results of a
+        recording are in ``runs/<trial>`` of the working folder; ``trial.yaml`` there holds the settings that were used.
+    forces : path, optional
+        MOT file with the ground forces of a TRC file; by default the one beside it with the same name.
+    save : path, optional
+        YAML file to write, instead of the one in the run folder; the results are then in ``runs/<trial>`` beside it.
+    progress : callable, optional
+        Called with each step of the run.
+    **settings
+        Only with a recording: keys of a trial's YAML file, such as ``protocol="free"``, ``window=(1, 5)``,
+        ``subject={"mass": 70}`` or ``fit_joints={...}``. Space and protocol are guessed if not given; a warning of the
+        log says so.
+
+    Raises
+    ------
+    ConfigError, RecordingError, NumericalError, StoreError
+        As in :mod:`mocap_id.errors`. A refusal raises nothing: the verdict of the run describes it.
+    """
+    if isinstance(source, Recording) or Path(source).suffix.lower() in RECORDINGS:
+        from mocap_id.workflows.recording_trial import make_trial  # noqa: PLC0415  a YAML file does not need it
+
+        keys = settings if forces is None else {"forces": forces, **settings}
+        recording = source if isinstance(source, Recording) else Path(source)
+        trial = make_trial(recording, keys, None if save is None else Path(save))
+    elif settings or forces is not None or save is not None:
+        raise ConfigError(f"{source} holds the settings of its trial: change them there, or give the recording itself")
+    else:
+        trial = load(Path(source))
+    outcome = runner.run(trial, progress=progress)
+    return Run(open_lazily(outcome.folder), outcome.steps)
+
+
+def open(folder: str | PathLike[str]) -> Run:
+    """Open a run folder such as ``runs/s01``; nothing is computed.
+
+    Raises
+    ------
+    StoreError
+        The folder holds no artefacts of a run.
+    """
+    return Run(open_lazily(Path(folder)))

@@ -1,0 +1,71 @@
+"""Simulated trials, cohorts and studies from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from mocap_id import simulation
+from mocap_id.config.parsing import nearest
+from mocap_id.errors import ConfigError
+from mocap_id.simulation import arm, space_robot
+
+Kind: TypeAlias = Literal[
+    "sit-to-stand", "robot", "arm", "chain", "robot-in-space", "robot-set", "cohort", "reach-cohort"
+]
+
+_TRIALS: dict[str, tuple[Callable[..., Path], Any]] = {
+    "sit-to-stand": (partial(simulation.simulate, "sit-to-stand"), simulation.Options),
+    "robot": (partial(simulation.simulate, "robot"), simulation.Options),
+    "arm": (arm.write_arm, arm.ArmOptions),
+    "chain": (arm.write_chain, arm.ChainOptions),
+    "robot-in-space": (space_robot.simulate_space_robot, space_robot.SpaceRobotOptions),
+}
+_SETS: dict[str, tuple[Callable[..., Path], Any]] = {
+    "robot-set": (simulation.simulate_robot_set, simulation.RobotSet),
+    "cohort": (simulation.simulate_cohort, simulation.Cohort),
+    "reach-cohort": (arm.simulate_reach_cohort, arm.ReachCohort),
+}
+
+
+def simulate(kind: Kind, folder: str | PathLike[str], **options: Any) -> Path:
+    """Simulate recordings with their exact truth, ready to run.
+
+    Parameters
+    ----------
+    kind : str
+        As the command of ``mocap-id simulate``.
+    folder : path
+        A new folder.
+    **options
+        Options of this command, such as ``seed=1``.
+
+    Returns
+    -------
+    Path
+        The YAML file to run: of a trial, a study or a robot study.
+
+    Raises
+    ------
+    ConfigError
+        There is no such kind or option, or a value is out of range.
+    StoreError
+        The folder already holds a trial, or cannot be written.
+    """
+    if kind not in {**_TRIALS, **_SETS}:
+        raise ConfigError(f"simulate: there is no kind {kind!r}: {nearest(kind, (*_TRIALS, *_SETS))}")
+    write, model = {**_TRIALS, **_SETS}[kind]
+    chosen = model()
+    own = [each.name for each in fields(model) if each.name != "options"]
+    common = [each.name for each in fields(chosen.options)] if kind in _SETS else []
+    for name in options:
+        if name not in (*own, *common):
+            raise ConfigError(f"simulate {kind}: there is no option {name!r}: {nearest(name, (*own, *common))}")
+    if common:
+        shared = replace(chosen.options, **{name: options.pop(name) for name in common if name in options})
+        options["options"] = shared
+    return write(Path(folder), replace(chosen, **options))

@@ -1,0 +1,86 @@
+"""A study from Python: all trials, and the tables as data frames."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mocap_id.interface.run_result import Run
+from mocap_id.interface.running import open as open_folder
+from mocap_id.workflows.study import StudyResult, run_study
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas as pd
+
+
+class Study:
+    """The results of a study.
+
+    Parameters
+    ----------
+    result : StudyResult
+    """
+
+    def __init__(self, result: StudyResult) -> None:
+        self._result = result
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the tables and the page."""
+        return self._result.study.folder
+
+    @property
+    def page(self) -> Path:
+        """The page about all trials."""
+        return self._result.page
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """Content of ``study.json``."""
+        return self._result.document
+
+    @cached_property
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """The tables by name; ``frame.attrs["units"]`` has the unit of each column."""
+        import pandas as pd  # noqa: PLC0415  only the tables need it
+
+        found = {}
+        for name, about in self.document["tables"].items():
+            found[name] = pd.read_parquet(self.folder / f"{name}.parquet")
+            found[name].attrs["units"] = {column["name"]: column["unit"] for column in about["columns"]}
+        return found
+
+    @cached_property
+    def runs(self) -> Mapping[str, Run]:
+        """The runs by trial; a failed trial has none."""
+        ended = zip(self._result.study.trials, self.document["trials"], strict=True)
+        return {one.name: open_folder(one.trial.out) for one, about in ended if about["report"] is not None}
+
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Messages of the trials that failed or were refused, by trial."""
+        return {run.trial: run.message or "" for run in self._result.failed}
+
+
+def study(file: str | PathLike[str], *, jobs: int = 1) -> Study:
+    """Run all trials of a study and make its tables and page; results that are up to date are reused.
+
+    Parameters
+    ----------
+    file : path
+        The study's YAML file.
+    jobs : int
+        Number of trials that run at the same time.
+
+    Raises
+    ------
+    ConfigError
+        The file is wrong; nothing was run.
+    StoreError
+        The study's folder is in use or cannot be written. The failure of a trial is one of ``failures`` instead.
+    """
+    return Study(run_study(Path(file), jobs))

@@ -1,0 +1,171 @@
+"""The trial of a recording without a YAML file: space and protocol are guessed, and a file with all keys is written."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Any
+
+from mocap_id.config import Trial, load
+from mocap_id.config.source import Source
+from mocap_id.config.trial import compose
+from mocap_id.errors import RecordingError, StoreError
+from mocap_id.recording import Recording, write_recording
+from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
+from mocap_id.store.atomic import explained, replace_together
+from mocap_id.workflows.study.discovery import find_forces
+from mocap_id.workflows.study.reaches import find_reach
+
+FILE = "trial.yaml"
+_ARRAYS = "recording.c3d"
+_HEAD = "# Made by `mocap-id run` from a recording. Paths are relative to this file.\n"
+
+_log = logging.getLogger(__name__)
+
+
+def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path | None = None) -> Trial:
+    """Write the YAML file of a recording's trial, and return the trial.
+
+    Parameters
+    ----------
+    recording : Path or Recording
+        Arrays in memory are written to ``recording.c3d`` in the run folder.
+    given : mapping
+        Keys of the trial, and ``forces``. Relative paths begin at the working folder.
+    save : Path, optional
+        The file to write; by default ``trial.yaml`` in the run folder.
+
+    Raises
+    ------
+    ConfigError
+        A key is wrong.
+    RecordingError
+        There is no such recording, or the arrays cannot be written.
+    StoreError
+        A file is in the way: one that was not made here, or results of another trial.
+    """
+    named = recording.files[:1] if isinstance(recording, Recording) else (recording,)
+    stem = re.sub(r"[^\w.+-]+", "-", named[0].stem if named else "arrays").strip("-.+") or "trial"
+    keys = {name.replace("_", "-"): value for name, value in given.items() if value is not None}
+    keys = {"trial": stem, **keys}
+    usual = (Path.cwd() if save is None else save.absolute().parent) / "runs" / str(keys["trial"])
+    out = Path(keys.get("out", usual)).absolute()
+    if save is None:
+        _check_free(out)
+    if isinstance(recording, Recording):
+        recording = _write_arrays(recording, out)
+    if not recording.is_file():
+        raise RecordingError(f"{recording}: no such file; expected a recording or a trial's YAML file")
+    trial = _compose(recording.absolute(), keys, out)
+    file = out / FILE if save is None else save.absolute()
+    _write(file, _text(trial, keys, file, usual))
+    if file != trial.out / FILE and _is_ours(trial.out / FILE):
+        (trial.out / FILE).unlink()  # one file a run folder
+    return load(file)
+
+
+def _compose(recording: Path, given: dict[str, Any], out: Path) -> Trial:
+    """Return the checked trial, with what is not given guessed; a warning says what was guessed."""
+    keys = dict(given)
+    beside = sorted(recording.parent.iterdir())
+    forces = keys.pop("forces", None) or find_forces(recording, beside)
+    guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
+    said = [name for name in guessed if name != "space" or keys.get("protocol", "free") == "free"]
+    if said:
+        what = ", ".join(f"`{name}: {guessed[name]}`" for name in said)
+        _log.warning("%s: %s guessed; if that is wrong, give the right ones", recording.name, what)
+    data = {**keys, **guessed, "recording": files, "out": str(out)}
+    plain = json.loads(json.dumps(data, default=_plain))
+    return compose(Source(Path.cwd() / recording.name, plain, {}))
+
+
+def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the keys that are not given, and the files of the recording."""
+    reach = find_reach(recording, forces)
+    files = {"skeleton" if reach is not None and reach.skeleton else "markers": str(recording)}
+    if forces is not None:
+        files["forces"] = str(forces)
+    likely = {"space": "plane", "protocol": "sit-to-stand"}
+    if reach is not None:
+        likely = {"space": "3d", "protocol": "reach", "side": reach.of(PurePosixPath(recording.as_posix()))[0]}
+    protocol = given.get("protocol")
+    if protocol in IN_PLANE or protocol in IN_SPACE:
+        likely["space"] = "plane" if protocol in IN_PLANE else "3d"
+    space = given.get("space", likely["space"])
+    if likely["protocol"] not in (IN_PLANE if space == "plane" else IN_SPACE):
+        likely["protocol"] = "free"
+    if space == "plane":
+        likely.pop("side", None)
+    return {name: value for name, value in likely.items() if name not in given}, files
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as a number, anything else as text."""
+    return value.item() if hasattr(value, "item") else str(value)
+
+
+def _check_free(out: Path) -> None:
+    """Raise StoreError if a run folder holds results or a file of another trial."""
+    file = out / FILE
+    if not _is_ours(file) and (file.exists() or (out / ".mocap-id").exists()):
+        raise StoreError(f"{out} belongs to another trial: choose another folder for the results (`out`), or its file")
+
+
+def _is_ours(file: Path) -> bool:
+    return file.is_file() and file.read_text("utf-8", errors="replace").startswith(_HEAD)
+
+
+def _write_arrays(recording: Recording, out: Path) -> Path:
+    with explained(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_recording(out / _ARRAYS, recording)
+    return out / _ARRAYS
+
+
+def _text(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> str:
+    """Return the YAML text of a trial with the given and guessed keys, paths relative to its file."""
+    keys = trial.keys.model_dump(exclude_unset=True, exclude_none=True)
+    keys["recording"] = {name: path for name, path in keys["recording"].items() if path is not None}
+    if trial.keys.calibration is not None:
+        keys["calibration"] = trial.keys.calibration.trial
+    if list(keys["recording"]) == ["markers"]:
+        keys["recording"] = keys["recording"]["markers"]
+    if trial.out != usual or file.parent == trial.out:
+        keys["out"] = trial.out
+    stages = {name: one.model_dump(exclude_unset=True) for name, one in trial.settings.items() if name in given}
+    lines = [
+        f"{name}: {json.dumps(_relative(value, file.parent), ensure_ascii=False)}\n"
+        for name, value in {**keys, **stages}.items()
+        if name in given or name in _FOUND
+    ]
+    return _HEAD + "".join(lines)
+
+
+_FOUND = ("trial", "recording", "space", "protocol", "side", "out")
+"""Keys that are written even if they were not given."""
+
+
+def _relative(value: Any, folder: Path) -> Any:
+    """Return JSON values in which every path is relative to a folder."""
+    if isinstance(value, PurePath):
+        return PurePath(os.path.relpath(value, folder)).as_posix()
+    if isinstance(value, Mapping):
+        return {str(key): _relative(one, folder) for key, one in value.items()}
+    if isinstance(value, tuple | list):
+        return [_relative(one, folder) for one in value]
+    return value
+
+
+def _write(file: Path, text: str) -> None:
+    """Write the file unless it has this content; StoreError if it exists and was not made here."""
+    if file.is_file() and file.read_text("utf-8", errors="replace") == text:
+        return
+    if file.exists() and not _is_ours(file):
+        raise StoreError(f"{file} exists already and was not made by `mocap-id run`: choose another name")
+    with explained(file.parent):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    replace_together(file.parent, {file.name: text.encode()})
