@@ -33,7 +33,7 @@ help:
 demo: $(VENV)/installed
 	$(BIN)/mocap-id run $(DEMO)/trial.yaml
 
-# Whoever has nothing left to do takes tests from the others; what several share is made once (the fixture `once`).
+# Idle workers take tests from busy ones; what several tests share is made once (the fixture `once`).
 WORKERS := logical
 
 test: $(VENV)/installed-dev
@@ -52,7 +52,7 @@ JOBS := 1
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python tests/hostile/fuzz.py --number $(NUMBER) --seed $(SEED) --jobs $(JOBS) --state .fuzz
 
-# The rules come from the program's own tuple of stages; -j and -k reach them through $(MAKE).
+# The rules are generated from the list of stages; $(MAKE) passes -j and -k on to them.
 trials: $(VENV)/installed
 	@$(BIN)/mocap-id stages $(TRIALS:%=--make %) > $(RULES)
 	@+$(MAKE) --no-print-directory -f $(RULES) MOCAP_ID=$(BIN)/mocap-id all
@@ -70,7 +70,7 @@ lock: $(VENV)/installed-dev
 	  --all-build-deps --allow-unsafe --no-emit-index-url --no-emit-trusted-host --no-emit-find-links \
 	  --output-file $(LOCK) pyproject.toml
 
-# OpenSim's wheel wants an environment of its own; tests/export looks for it here.
+# OpenSim's wheel needs an environment of its own; tests/export looks for it here.
 opensim: $(OPENSIM)/installed
 
 $(OPENSIM)/installed: | require-python

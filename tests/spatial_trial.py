@@ -9,8 +9,9 @@ import numpy as np
 from mocap_id.errors import Refused
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.report import ReportSettings
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Artefact, LongTable, Table, Tree
 from mocap_id.store.schemas import (
     ANGLES,
@@ -162,7 +163,7 @@ class SpatialTrial:
                 name: np.array([getattr(joint, name) for joint in made])
                 for name in (
                     *("centre", "covariance", "axes_covariance", "offset"),
-                    *("glide", "glide_covariance", "rest", "long_axis", "untwisted"),
+                    *("glide", "glide_covariance", "rest", "long_axis", "untwisted", "slide_sd"),
                 )
             },
             "segments": {

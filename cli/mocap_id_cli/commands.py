@@ -64,6 +64,7 @@ _AFTER_STAGES = {
 _GROUPS = {
     "simulate": "Simulate recordings whose exact truth is known.",
     "validate": "Repeat the validation studies of the thesis.",
+    "pneumatic": "Describe a pneumatic cylinder as a spring, and choose its pressures.",
 }
 _REFERENCE = {
     "schema": "Print the JSON Schema of a trial's YAML file, for editors.",

@@ -13,6 +13,8 @@ from mocap_id_cli.console import aligned
 if TYPE_CHECKING:
     from mocap_id.workflows.study.discovery import Discovery
 
+_PLURALS = {"strategy": "strategies", "session": "sessions", "side": "sides"}
+
 
 def init(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the recordings.", show_default=False)],
@@ -33,8 +35,9 @@ def init(
 ) -> None:
     """Write a study file for a folder of recordings.
 
-    The recordings are C3D files, TRC files with their MOT files, or exports of QTM, Motive or Nexus. People get
-    ids. Keep subjects.csv, written beside the file: it lists names and ids.
+    The recordings are C3D files, TRC files with their MOT files, exports of QTM, Motive or Nexus, or skeletons of a
+    depth camera or markerless software. Markers of an arm without a force plate, and skeletons, make a study of
+    reaches. People get ids. Keep subjects.csv, written beside the file: it lists names and ids.
     """
     from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 
@@ -53,18 +56,28 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     yield f"pattern: {found.pattern}"
     if found.tried and ("{subject}" not in found.pattern or any("pattern" in why for why in found.left_out.values())):
         yield f"tried: {', '.join(found.tried)}; give another with --pattern"
-    rows = [["trial", "subject", "called", "strategy", "recording"]]
+    labels = ("session", "side") if found.reach else ("strategy",)
+    rows = [["trial", "subject", "called", *labels, "recording"]]
     for trial in found.trials:
         files = [path.relative_to(folder).as_posix() for path in (trial.markers, trial.forces) if path is not None]
-        rows.append([trial.trial, trial.subject, trial.name, trial.strategy, " + ".join(files)])
+        rows.append(
+            [
+                trial.trial,
+                trial.subject,
+                trial.name,
+                *(getattr(trial, name) or "–" for name in labels),
+                " + ".join(files),
+            ]
+        )
     yield from aligned(rows)
-    people, strategies = len(found.names), len({trial.strategy for trial in found.trials})
+    people = len(found.names)
+    counts = ", ".join(f"{len({getattr(trial, name) for trial in found.trials})} {_PLURALS[name]}" for name in labels)
     shown = [trial for trial in found.trials if trial.name.casefold() in trial.markers.stem.casefold()]
     if shown and shown[0].name != shown[0].subject:
         yield (
             f"note: {shown[0].markers.name} contains the name of {shown[0].subject}, and a trial's report shows "
             "the name of its file: rename such files before you pass reports on"
         )
-    yield f"{len(found.trials)} trials of {people} people, {strategies} strategies"
+    yield f"{len(found.trials)} trials of {people} people, {counts}"
     for path, why in found.left_out.items():
         yield f"left out: {path.relative_to(folder).as_posix()}: {why}"

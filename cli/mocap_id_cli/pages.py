@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.workflows.batch import BATCH
+from mocap_id.workflows.curl_study import tables as curl_study
+from mocap_id.workflows.reach_study import tables as reach_study
 from mocap_id.workflows.study.tables import TABLES
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
@@ -22,6 +24,12 @@ from mocap_id_cli.settings import settings_page, settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
+_STUDIES = {"": TABLES, " of reaches": reach_study.TABLES, " of curls": curl_study.TABLES}
+_OF_PROTOCOLS = {
+    "kind": "`protocol: reach` or `curl`",
+    "target": "`protocol: reach`",
+    "amplitude": "`protocol: curl`",
+}
 
 
 def pages(root: Path) -> dict[Path, str]:
@@ -58,9 +66,17 @@ def _commands() -> Iterator[str]:
 def columns() -> str:
     """Return the schemas of all artefacts and of the tables of studies and batches, as Markdown."""
     artefacts = (line for schema in SCHEMAS.values() for line in _schema(schema, schema.file))
-    tables = (line for name, schema in TABLES.items() for line in _schema(schema, name))
+    tables = [
+        line
+        for kind, own in _STUDIES.items()
+        for part in (
+            [f"\n## Tables of a study{kind}"],
+            *(_schema(schema, f"{name}{kind}") for name, schema in own.items()),
+        )
+        for line in part
+    ]
     batch = _schema(BATCH, BATCH.file)
-    return "\n".join([*artefacts, "\n## Tables of a study", *tables, "\n## The table of a batch", *batch]) + "\n"
+    return "\n".join([*artefacts, *tables, "\n## The table of a batch", *batch]) + "\n"
 
 
 def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
@@ -85,6 +101,8 @@ def _when(group: tuple[Column, ...]) -> str:
         return "and, in space, for every segment or angle NAME:"
     if group[0].meaning.startswith("in space") or "/" in group[0].name or group[0].name == "isb_condition":
         return "and, in space:"
+    if group[0].name in _OF_PROTOCOLS:
+        return f"and, with {_OF_PROTOCOLS[group[0].name]}:"
     return f"and, where there are such forces{', for every sensor k' if '{k}' in group[0].name else ''}:"
 
 

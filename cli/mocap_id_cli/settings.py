@@ -10,7 +10,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import Settings, TrialKeys
+from mocap_id.stages.base import Settings
+from mocap_id.stages.trial_keys import TrialKeys
 
 Space: TypeAlias = Literal["plane", "3d"]
 _PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts", "list of texts": "lists of texts"}

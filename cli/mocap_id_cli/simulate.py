@@ -18,7 +18,17 @@ import typer
 
 from mocap_id import simulation
 from mocap_id.simulation import Cohort, Kind, Options, PersonOptions, RobotSet, Strategy
-from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
+from mocap_id.simulation.arm import (
+    ArmOptions,
+    ChainOptions,
+    CurlStudy,
+    ReachCohort,
+    simulate_curl_study,
+    simulate_reach_cohort,
+    write_arm,
+    write_chain,
+)
+from mocap_id.simulation.arm.pneumatic_device import CurlCondition
 from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
 
@@ -35,6 +45,8 @@ _ROBOT_SET = (
     *("seed", "repetitions", "rate", "analog_rate", "marker_noise", "occlusions", "plate_noise", "plate_bias"),
     "clock_offset",
 )
+_REACH_COHORT = ("seed", "preset", "cycles", "glide_mm", "rate", "soft_tissue", "anonymous")
+_CURL_STUDY = ("seed", "preset", "rate", "soft_tissue", "anonymous")
 _COHORT = (*_ROBOT_SET, "soft_tissue", "jumps", "seat_plate", "people")
 
 
@@ -58,6 +70,10 @@ def commands() -> typer.Typer:
         app.command(name)(_with_options(write, write.__doc__, defaults, _names(defaults)))
     app.command("robot-set")(_with_options(_robot_set, _robot_set.__doc__, RobotSet().options, _ROBOT_SET))
     app.command("cohort")(_with_options(_cohort, _cohort.__doc__, Cohort().options, _COHORT))
+    reach = _with_options(_reach_cohort, _reach_cohort.__doc__, ReachCohort().options, _REACH_COHORT)
+    app.command("reach-cohort")(reach)
+    curls = _with_options(_curl_study, _curl_study.__doc__, CurlStudy().options, _CURL_STUDY)
+    app.command("curl-study")(curls)
     return app
 
 
@@ -139,3 +155,34 @@ def _cohort(
     """Simulate the recordings of several persons with their exact truth and a study.yaml that is ready to run."""
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
     return simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options))
+
+
+def _reach_cohort(
+    folder: Folder,
+    *,
+    subjects: Annotated[int, typer.Option(help="Number of people, from healthy to severely limited.")] = (
+        ReachCohort.subjects
+    ),
+    sessions: Annotated[int, typer.Option(help="Sessions of each person, both arms in each.")] = ReachCohort.sessions,
+    skeletons: Annotated[
+        bool, typer.Option("--skeletons", help="Skeletons of a depth camera instead of markers.")
+    ] = ReachCohort.skeletons,
+    options: ArmOptions,
+) -> Path:
+    """Simulate people who reach, with their exact truth and a study.yaml that is ready to run."""
+    return simulate_reach_cohort(folder, ReachCohort(subjects, sessions, skeletons, options))
+
+
+def _curl_study(
+    folder: Folder,
+    *,
+    subjects: Annotated[int, typer.Option(help="Number of people.")] = CurlStudy.subjects,
+    trials: Annotated[int, typer.Option(help="Trials of each person and condition.")] = CurlStudy.trials,
+    conditions: Annotated[str, typer.Option(help="Conditions of the device, separated by commas.")] = ",".join(
+        CurlStudy.conditions
+    ),
+    options: ArmOptions,
+) -> Path:
+    """Simulate people who curl with a pneumatic device, with their exact truth and a study.yaml ready to run."""
+    names = tuple(cast(CurlCondition, name.strip()) for name in conditions.split(","))
+    return simulate_curl_study(folder, CurlStudy(subjects, trials, names, options))

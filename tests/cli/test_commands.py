@@ -112,12 +112,16 @@ def test_a_wrong_configuration_writes_nothing(cli, trial) -> None:
     assert list(trial.folder.iterdir()) == [path]
 
 
-def test_a_recording_given_for_a_configuration(cli, tmp_path: Path) -> None:
+def test_a_recording_given_for_a_configuration(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "trial.c3d"
     path.write_bytes(bytes([2, 80, 255, 254]) * 100)
-    said = cli("run", path)
+    said = cli("planarise", path)
     assert said.code == 2
     assert "expected a YAML file" in said.err
+    said = cli("run", path)
+    assert said.code == 3
+    assert "trial.c3d" in said.err
 
 
 def test_results_go_to_stdout_and_the_rest_to_stderr(cli, trial) -> None:

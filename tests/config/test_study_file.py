@@ -131,9 +131,9 @@ def test_mistakes_of_all_trials_are_reported_together_and_once(tmp_path: Path) -
 def test_the_schema_knows_the_keys_of_study_and_trial() -> None:
     schema = study_schema()
     entry, defaults = schema["$defs"]["_Entry"], schema["properties"]["defaults"]
-    assert entry["required"] == ["recording", "strategy", "subject", "trial"]
+    assert entry["required"] == ["recording", "subject", "trial"]
     of_trial = set(trial_model().model_json_schema()["properties"])
-    assert set(entry["properties"]) - {"strategy", "subject"} == of_trial - {"subject", "out"}
+    assert set(entry["properties"]) - {"strategy", "session", "subject"} == of_trial - {"subject", "out"}
     assert entry["properties"]["subject"]["type"] == "string", "an id, and not the person"
     assert {"trial", "recording", "strategy", "out"}.isdisjoint(defaults["properties"])
     assert "segment" in defaults["properties"]
@@ -178,3 +178,44 @@ def test_all_lines_are_read_once_for_any_number_of_trials(
     _Counted.walks = 0
     assert len(load_study(study(tmp_path, text)).trials) == count + 2
     assert _Counted.walks <= 2
+
+
+REACHES = """\
+study: reaches
+defaults: {space: 3d, protocol: reach}
+subjects:
+  s01: {score: 2}
+trials:
+  - {trial: a, subject: s01, side: left, session: first, recording: a.c3d}
+  - {trial: b, subject: s01, recording: b.c3d}
+"""
+
+
+def test_a_study_of_reaches_has_scores_sides_and_sessions(tmp_path: Path) -> None:
+    found = load_study(study(tmp_path, REACHES))
+    assert found.reach
+    assert found.subjects["s01"].score == 2
+    assert [(one.session, one.strategy, one.trial.keys.side) for one in found.trials] == [
+        ("first", "", "left"),
+        ("", "", None),
+    ]
+    assert not load_study(study(tmp_path, GOOD)).reach
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("recording: b.c3d", "recording: b.c3d, strategy: fast", "`trials[1].strategy` is not for `protocol: reach`"),
+        ("recording: b.c3d", "recording: b.c3d, protocol: free", "`protocol: reach` and other protocols need a study"),
+        (
+            "{space: 3d, protocol: reach}",
+            "{space: 3d, protocol: free}",
+            "`trials[0].session` is only for `protocol: reach`",
+        ),
+        ("score: 2", "score: severe", "`subjects.s01.score` is 'severe'"),
+    ],
+)
+def test_mistakes_in_a_study_of_reaches_have_lines(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in REACHES
+    lines = told(tmp_path, REACHES.replace(old, new, 1))
+    assert any(said in line and line.startswith("study.yaml, line ") for line in lines), lines

@@ -16,9 +16,11 @@ from typer.main import get_command
 
 from mocap_id.config import load, trial_model
 from mocap_id.config.chain import load_chain
+from mocap_id.config.device import load_device
 from mocap_id.config.prescription import load_prescription
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.config.study import load_study
+from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows.parallel import backends
 from mocap_id.workflows.sensitivity.options import read_options
@@ -45,18 +47,22 @@ def written(shown: dict[str, Any], file: Path) -> Path:
 
 
 def check_trial(shown: dict[str, Any], folder: Path) -> None:
-    load(written({"trial": "shown", "recording": "trial.c3d"} | dict(shown), folder / "trial.yaml"))
+    whole = {"trial": "shown", "recording": "trial.c3d"} | dict(shown)
+    if isinstance(whole["recording"], dict) and "skeleton" not in whole["recording"]:
+        whole["recording"] = {"markers": "trial.c3d"} | whole["recording"]
+    load(written(whole, folder / "trial.yaml"))
 
 
 def check_study(shown: dict[str, Any], folder: Path) -> None:
     """Check a study's file, with missing parts filled in."""
-    trials = shown.get("trials", [{"trial": "x", "subject": "s01", "strategy": "normal", "recording": "x.c3d"}])
+    own = {} if shown.get("defaults", {}).get("protocol") == "reach" else {"strategy": "normal"}
+    trials = shown.get("trials", [{"trial": "x", "subject": "s01", "recording": "x.c3d"} | own])
     people: dict[str, Any] = {str(trial["subject"]): {} for trial in trials}
     whole = {"study": "shown", "trials": trials} | dict(shown)
     whole["subjects"] = people | dict(shown.get("subjects", {}))
     used = set(people)
     extra = [
-        {"trial": f"of-{person}", "subject": person, "strategy": "normal", "recording": f"{person}.c3d"}
+        {"trial": f"of-{person}", "subject": person, "recording": f"{person}.c3d"} | own
         for person in whole["subjects"]
         if person not in used
     ]
@@ -65,6 +71,10 @@ def check_study(shown: dict[str, Any], folder: Path) -> None:
 
 def check_prescription(shown: dict[str, Any], folder: Path) -> None:
     load_prescription(written(shown, folder / "prescription.yaml"))
+
+
+def check_device(shown: dict[str, Any], folder: Path) -> None:
+    load_device(written(shown, folder / "device.yaml"))
 
 
 def check_chain(shown: dict[str, Any], folder: Path) -> None:
@@ -105,6 +115,7 @@ def checker(shown: dict[str, Any]) -> Callable[[dict[str, Any], Path], None]:
 
 OTHER_FILES: dict[str, Callable[[dict[str, Any], Path], None]] = {
     "prescription": check_prescription,
+    "pulley_radius_m": check_device,
     "chain": check_chain,
     "kind": check_cluster,
     "perturbations": check_perturbations,
@@ -166,9 +177,19 @@ def test_settings_in_the_text_exist(page: Path, tmp_path: Path) -> None:
         section = {key: value for key, value in without_gaps(shown).items() if not isinstance(value, str)}
         protocol = {"protocol": shown["protocol"]} if shown.get("protocol") not in (None, "…") else {}
         try:
-            check_trial(section | protocol, tmp_path)
+            check_in_its_space(section | protocol, tmp_path)
         except Exception as error:
             raise AssertionError(f"{name(page)}: `{code}`: {error}") from error
+
+
+def check_in_its_space(shown: dict[str, Any], folder: Path) -> None:
+    """Check keys of a trial, in space if they need it."""
+    try:
+        check_trial(shown, folder)
+    except ConfigError as error:
+        if "`space: 3d`" not in str(error):
+            raise
+        check_trial(shown | {"space": "3d"}, folder)
 
 
 def commands(page: Path) -> Iterator[tuple[str, str, bool]]:

@@ -11,7 +11,11 @@ from pages_of_docs import PAGES, ROOT, Block, blocks, name
 from mocap_id.store import Folder, Origin, Table
 from mocap_id.store.schemas import STATES
 
-ELSEWHERE = {"docs/sit-to-stand.md": "tests/pipeline/test_docs_sit_to_stand.py"}
+ELSEWHERE = {
+    "docs/sit-to-stand.md": "tests/pipeline/test_docs_sit_to_stand.py",
+    "docs/reach.md": "tests/pipeline/test_docs_reach.py",
+    "docs/python.md": "tests/interface/test_python_page.py",
+}
 """Pages whose blocks another test runs."""
 NOT_HERE = ("file: ", "edit: ", "not run: ")
 """Remarks before blocks that go into files (tests/docs/test_adding_a_stage.py puts them there), or that need more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from mocap_id import errors
 from mocap_id.config import load
 from mocap_id.stages import STAGES
-from mocap_id.stages.base import Stage, TrialKeys
+from mocap_id.stages.base import Stage
+from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id_cli.pages import SETTINGS_MARK, pages
 from mocap_id_cli.settings import settings_in
@@ -50,7 +52,7 @@ def test_the_last_stage_is_the_report() -> None:
 
 
 def test_there_is_an_example_for_every_protocol() -> None:
-    assert {load(path).keys.protocol for path in CONFIGS} == {"free", "sit-to-stand", "robot-joint", "reach"}
+    assert {load(path).keys.protocol for path in CONFIGS} == {"free", "sit-to-stand", "robot-joint", "reach", "curl"}
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
@@ -69,6 +71,7 @@ def test_an_example_holds_every_setting_with_its_default(path: Path, tmp_path: P
 def test_what_is_commented_out_in_an_example_is_valid(path: Path, tmp_path: Path) -> None:
     whole = tmp_path / "all.yaml"
     whole.write_text(uncommented(path.read_text("utf-8")), "utf-8")
+    shutil.copytree(ROOT / "configs" / "devices", tmp_path / "devices")
     trial = load(whole)
     assert trial.keys.window is not None
     assert trial.keys.plates.feet or trial.keys.space == "3d"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
+from typed_commands import Terminal
 
 from mocap_id.config import load
 from mocap_id.runner import Outcome, run
@@ -79,3 +81,16 @@ def trial(recordings: Path, once: Callable[..., Any]) -> Callable[..., Finished]
         return Finished(once(f"trial-{name}", make), path)
 
     return finished
+
+
+@pytest.fixture
+def terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Terminal]:
+    """A terminal in a new folder; the logging, which commands set up in this process, is restored."""
+    monkeypatch.chdir(tmp_path)
+    loggers = [logging.getLogger(name) for name in (None, "mocap_id", "py.warnings")]
+    before = [(logger.level, list(logger.handlers)) for logger in loggers]
+    yield Terminal(monkeypatch, capsys)
+    logging.captureWarnings(False)
+    for logger, (level, handlers) in zip(loggers, before, strict=True):
+        logger.setLevel(level)
+        logger.handlers[:] = handlers

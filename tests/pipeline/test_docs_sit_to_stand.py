@@ -3,61 +3,22 @@
 from __future__ import annotations
 
 import json
-import logging
 import re
-import shlex
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
-import pytest
-
-from mocap_id_cli.__main__ import main
+from typed_commands import Terminal, blocks_of, run_page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sit-to-stand.md"
 PEOPLE = {"anna": 21, "bob": 22}
 STRATEGIES = ("normal", "dynamic")
 
 
-def blocks(kind: str) -> list[str]:
-    return re.findall(rf"^```{kind}\n(.*?)^```$", PAGE.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
-
-
 def block(kind: str, start: str) -> str:
     """Return the only block of a kind that begins with this text."""
-    found = [text for text in blocks(kind) if text.startswith(start)]
+    found = [text for text in blocks_of(PAGE, kind) if text.startswith(start)]
     assert len(found) == 1, found
     return found[0]
-
-
-@pytest.fixture(autouse=True)
-def logging_as_it_was() -> Iterator[None]:
-    """Restore the logging, which commands set up in this process."""
-    loggers = [logging.getLogger(name) for name in (None, "mocap_id", "py.warnings")]
-    before = [(logger.level, list(logger.handlers)) for logger in loggers]
-    yield
-    logging.captureWarnings(False)
-    for logger, (level, handlers) in zip(loggers, before, strict=True):
-        logger.setLevel(level)
-        logger.handlers[:] = handlers
-
-
-class Terminal:
-    """Runs commands of mocap-id."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._monkeypatch, self._capsys, self.progress = monkeypatch, capsys, ""
-
-    def type(self, command: str) -> str:
-        """Run a command, which must succeed, and return its output."""
-        self._monkeypatch.setattr(sys, "argv", shlex.split(command))
-        self._capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main()
-        out, self.progress = self._capsys.readouterr()
-        assert not left.value.code, f"{command}: {self.progress}"
-        return str(out)
 
 
 def record(terminal: Terminal) -> None:
@@ -85,20 +46,9 @@ def fill_in() -> None:
     Path("study-trial.yaml").write_text(block("yaml", "# study-trial.yaml"), "utf-8")
 
 
-def test_the_page_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.chdir(tmp_path)
-    terminal = Terminal(monkeypatch, capsys)
+def test_the_page_holds(terminal: Terminal) -> None:
     record(terminal)
-    said: dict[str, list[str]] = {}
-    for session in blocks("console"):
-        commands = [line[2:] for line in session.splitlines() if line.startswith("$ ")]
-        shown = [line for line in session.splitlines() if not line.startswith("$ ")]
-        for command in commands:
-            said.setdefault(command, []).append(terminal.type(command))
-            if command == "mocap-id init recordings":
-                fill_in()
-        if shown:
-            assert said[commands[-1]][-1].splitlines() == shown, "the page shows what is printed"
+    said = run_page(PAGE, terminal, {"mocap-id init recordings": fill_in})
     assert terminal.progress.count("reused") == 6, "the last command finds a trial of the study done"
     _results(said)
 
@@ -118,7 +68,7 @@ def _results(said: dict[str, list[str]]) -> None:
     assert "s01,anna" in Path("subjects.csv").read_text()
     for file in Path("runs/study").glob("*.[chj]*"):
         assert not re.search(r"anna|bob", file.read_text("utf-8")), file
-    (script,) = blocks("python")
+    (script,) = blocks_of(PAGE, "python")
     exec(compile(script, PAGE.name, "exec"), {})
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mocap_id.config import load
@@ -15,6 +16,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.runner import Outcome, run
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
+from mocap_id.store import Folder
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SHORT = {"cycles": 1, "severity": 0.2}
@@ -54,6 +56,26 @@ def test_an_arm_is_recovered_with_the_angles_of_the_isb(space, arm: tuple[Path, 
     too_large = {name: value for name, value in found.errors.items() if not value <= 1.5 * limits[name]}
     assert not too_large
     assert all(share > 0.8 for share in found.inside.values())
+
+
+def test_the_reach_of_an_arm_is_measured(arm: tuple[Path, Path]) -> None:
+    configuration, folder = arm
+    truth = json.loads((configuration.parent / "truth.json").read_text())
+    found = json.loads((folder / "summary.json").read_text())["workspace"]
+    assert found["volume_m3"] == pytest.approx(truth["reach"]["volume_m3"], rel=0.1)
+    assert found["interval_m3"][0] < truth["reach"]["volume_m3"] < found["interval_m3"][1]
+    assert found["visited"]["volume_m3"] < 0.5 * found["volume_m3"]
+    low, high = np.degrees(truth["ranges_rad"]["elevation"])
+    assert found["box_deg"]["elevation"] == pytest.approx([low, high], abs=3)
+    assert found["ranges"]["shoulder_elevation"]["range_deg"] == pytest.approx(high - low, abs=3)
+    assert 0 < found["surface"]["visited"]["total"] < found["surface"]["box"]["total"] <= 1
+    events = Folder(folder).table("events.parquet")
+    wanted = [one for one in truth["tasks"] if one["name"] != "rest"]
+    tops, targets = events["top"], events["target"].tolist()
+    assert len(tops) == len(wanted)
+    assert all(abs(top - one["reach"]) < 0.7 for top, one in zip(tops, wanted, strict=True))
+    names = {"shoulder_right": "same_shoulder", "shoulder_left": "opposite_shoulder"}
+    assert sum(names.get(one["name"], one["name"]) == target for one, target in zip(wanted, targets, strict=True)) >= 4
 
 
 def test_a_left_arm_has_the_angles_of_a_right_one(space, tmp_path: Path) -> None:

@@ -14,8 +14,9 @@ from mocap_id.config import load
 from mocap_id.runner import run
 from mocap_id.simulation.options import Options
 from mocap_id.simulation.simulated_trial import generate
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import LongTable
 
 FIRST, START, STOP = 11, 400, 900  # the file's first frame; frames of the array in which the labels are exchanged

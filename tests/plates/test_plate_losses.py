@@ -19,8 +19,9 @@ from mocap_id.recording.plate_types import plate_axes, surface_wrench
 from mocap_id.recording.saturation import find_clipped
 from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
+from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Table
 from mocap_id.verdict import Reason
 

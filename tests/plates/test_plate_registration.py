@@ -23,9 +23,10 @@ from mocap_id.recording.lab_plates import centre_of_pressure
 from mocap_id.recording.plate_types import plate_axes
 from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import generate
-from mocap_id.stages.base import Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.planarise.plate_registration import PlateCheck, check
+from mocap_id.stages.trial_keys import Files, TrialKeys
 
 SEEDS = (21, 22)
 GOOD = ("sit-to-stand/STS1.trc", "sit-to-stand/squats1.trc", "sit-to-stand/static1.trc", "c3d/Sample_Static.c3d",

@@ -12,9 +12,10 @@ import pytest
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.protocols.phases import GRID, agreement, average, on_grid
 from mocap_id.recording import read_angles
-from mocap_id.stages.base import Compare, Context, Files, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.repetition_averages import averages
+from mocap_id.stages.trial_keys import Compare, Files, TrialKeys
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import CHAIN, DYNAMICS_TABLE, EVENTS, STATES
 

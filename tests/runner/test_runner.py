@@ -447,7 +447,7 @@ def test_provenance_names_files_without_their_folders(bench: Bench) -> None:
     bench.run()
     origin = Folder(bench.out).provenance("events.parquet").origin
     assert origin.parameters == {
-        "recording": {"markers": "numbers.txt", "forces": None},
+        "recording": {"markers": "numbers.txt", "skeleton": None, "forces": None},
         "window": None,
         "read": {"gain": 1.0, "unused": 0.0},
     }

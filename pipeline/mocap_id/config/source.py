@@ -34,14 +34,16 @@ _JSON_TAGS = tuple(_YAML + name for name in ("str", "int", "float", "bool", "nul
 
 @dataclass(frozen=True)
 class Source:
-    """Contents of a YAML file: JSON-like data, and the line (from 1) of each location."""
+    """Contents of a YAML file: JSON-like data, and the line (from 1) of each location; without lines if not read."""
 
     file: Path
     data: Any
     lines: Mapping[Location, int]
 
     def where(self, location: Location) -> str:
-        """Return ``FILE, line N`` of a location, or of the nearest enclosing one."""
+        """Return ``FILE, line N`` of a location, or of the nearest enclosing one; ``FILE`` if there are no lines."""
+        if not self.lines:
+            return str(self.file)
         while location not in self.lines:
             location = location[:-1]
         return f"{self.file}, line {self.lines[location]}"

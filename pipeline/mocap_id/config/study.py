@@ -16,12 +16,19 @@ from mocap_id.config.trial import Trial, absolute, compose, trial_model
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.cohort.page_data import COHORT
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import Settings, Subject, TrialKeys
+from mocap_id.stages.base import Settings
+from mocap_id.stages.trial_keys import Subject, TrialKeys
 
 TABLES_FOLDER = "study"
 """Folder of the tables and the page, beside the trials' folders; no trial may have this name."""
 _ID = r"^\w[\w.+-]*$"
-_OWN_KEYS = ("trial", "recording", "subject", "strategy", "out")  # keys without a default for all trials
+REACH = "reach"
+"""Protocol of the trials of a reach study."""
+CURL = "curl"
+"""Protocol of the trials of a study of curls."""
+_INSTEAD = {REACH: "`session` and `side`", CURL: "`curl: {condition: …}`"}
+"""Protocols that have other labels than a strategy."""
+_OWN_KEYS = ("trial", "recording", "subject", "strategy", "session", "out")  # keys without a default for all trials
 
 
 class Landmarks(Settings):
@@ -35,6 +42,7 @@ class Person(Subject):
     """A person and measurements of the body; all keys are optional."""
 
     landmarks_m: Landmarks = Field(Landmarks(), description="segment lengths measured on the body, m")
+    score: float | None = Field(None, description="clinical score, such as Brooke's; for `protocol: reach`")
 
 
 class _Entry(BaseModel):
@@ -44,12 +52,23 @@ class _Entry(BaseModel):
 
     trial: str = Field(pattern=_ID, max_length=100, description=TrialKeys.model_fields["trial"].description)
     subject: str = Field(description="id of one of the `subjects`")
-    strategy: str = Field(pattern=_ID, max_length=40, description="how the person moves: normal, dynamic, stable …")
+    strategy: str | None = Field(
+        None,
+        pattern=_ID,
+        max_length=40,
+        description="how the person moves: normal, dynamic …; not for reaches and curls",
+    )
+    session: str | None = Field(
+        None, pattern=_ID, max_length=40, description="session of the recording, `protocol: reach` only"
+    )
 
 
 class _File(Settings):
     study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
     out: Path = Field(Path("runs"), description="folder of the results")
+    reference: str | None = Field(
+        None, max_length=40, description="condition that curls of the others are compared with; default: the first"
+    )
     defaults: dict[str, Any] = Field({}, description="keys of a trial's file, for every trial")
     subjects: dict[str, Person] = Field(description="the people: an id and data of each person")
     trials: tuple[_Entry, ...] = Field(min_length=1, description="the recordings")
@@ -61,12 +80,19 @@ class StudyTrial:
 
     trial: Trial
     subject: str
-    strategy: str
+    strategy: str  # empty for reaches and curls
+    session: str = ""
+    number: int = 0  # of the trials of the person in the same condition, from 1; 0 if there is no condition
 
     @property
     def name(self) -> str:
         """The trial's name."""
         return self.trial.name
+
+    @property
+    def condition(self) -> str:
+        """Condition of curls; empty for other protocols."""
+        return self.trial.keys.curl.condition or ""
 
 
 @dataclass(frozen=True)
@@ -83,6 +109,8 @@ class Study:
     subjects : mapping of str to Person
         By id, in the order of the file.
     trials : tuple of StudyTrial
+    reference : str
+        Condition that curls of the others are compared with; empty for other protocols.
     """
 
     file: Path
@@ -90,6 +118,7 @@ class Study:
     out: Path
     subjects: Mapping[str, Person]
     trials: tuple[StudyTrial, ...]
+    reference: str = ""
 
     @property
     def folder(self) -> Path:
@@ -100,6 +129,19 @@ class Study:
     def strategies(self) -> tuple[str, ...]:
         """Strategies of the trials, in the order of first occurrence."""
         return tuple(dict.fromkeys(trial.strategy for trial in self.trials))
+
+    @property
+    def reach(self) -> bool:
+        """Whether all trials are reaches."""
+        return self._all(REACH)
+
+    @property
+    def curl(self) -> bool:
+        """Whether all trials are curls."""
+        return self._all(CURL)
+
+    def _all(self, protocol: str) -> bool:
+        return all(trial.trial.keys.protocol == protocol for trial in self.trials)
 
 
 def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
@@ -115,10 +157,10 @@ def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
     if {"trial", "recording"} <= keys and "trials" not in keys:
         raise ConfigError(f"{source.file} is a trial, not a study: `mocap-id run {source.file}` runs it")
     parsed = parse(source, _File, "keys such as `study:`, `subjects:` and `trials:`", _completed)
-    raise_mistakes(_contradictions(parsed, source))
+    raise_mistakes((*_contradictions(parsed, source), *_wrong_labels(parsed, source)))
     out = absolute(parsed.out, source.file.parent)
     trials = _trials(parsed, source, out, stages)
-    return Study(source.file, parsed.study, out, parsed.subjects, trials)
+    return Study(source.file, parsed.study, out, parsed.subjects, trials, _reference(parsed, source, trials))
 
 
 def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
@@ -143,9 +185,12 @@ def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
 
 def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -> tuple[StudyTrial, ...]:
     """Return all trials; the mistakes of all trials are raised together, each once."""
-    strategy: Any = (str, Field(description=_Entry.model_fields["strategy"].description))
-    model = create_model("StudyTrial", __base__=trial_model(stages), strategy=strategy)
-    found, wrong = [], []
+    labels: dict[str, Any] = {
+        name: (str, Field("", description=_Entry.model_fields[name].description)) for name in ("strategy", "session")
+    }
+    model = create_model("StudyTrial", __base__=trial_model(stages), **labels)
+    found: list[StudyTrial] = []
+    wrong: list[str] = []
     below = _below(source)
     for index, entry in enumerate(parsed.trials):
         try:
@@ -153,9 +198,29 @@ def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -
         except ConfigError as error:
             wrong += str(error).splitlines()
         else:
-            found.append(StudyTrial(trial, entry.subject, entry.strategy))
+            condition = trial.keys.curl.condition
+            before = sum(one.subject == entry.subject and one.condition == condition for one in found)
+            number = before + 1 if condition else 0
+            found.append(StudyTrial(trial, entry.subject, entry.strategy or "", entry.session or "", number))
     raise_mistakes(dict.fromkeys(wrong))
     return tuple(found)
+
+
+def _reference(parsed: _File, source: Source, trials: Sequence[StudyTrial]) -> str:
+    """Return the condition that others are compared with; raise what is wrong with conditions."""
+    conditions = dict.fromkeys(trial.condition for trial in trials)
+    where = source.where(("reference",))
+    if trials[0].trial.keys.protocol != CURL:
+        raise_mistakes([f"{where}: `reference` is only for `protocol: {CURL}`"] if parsed.reference else [])
+        return ""
+    raise_mistakes(
+        f"{source.where(('trials', k))}: `trials[{k}].curl` has no `condition`; expected a name, such as C, AC or 5"
+        for k, trial in enumerate(trials)
+        if not trial.condition
+    )
+    if parsed.reference is not None and parsed.reference not in conditions:
+        raise_mistakes([f"{where}: no trial has the condition `{parsed.reference}`"])
+    return parsed.reference or trials[0].condition
 
 
 def _below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
@@ -174,7 +239,7 @@ def _one(
     """Return the keys of one trial with the defaults and the person's data, each with its line in the file."""
     entry: dict[str, Any] = source.data["trials"][index]
     defaults: dict[str, Any] = source.data.get("defaults") or {}
-    person = subjects[entry["subject"]].model_dump(mode="json", exclude={"landmarks_m"}, exclude_none=True)
+    person = subjects[entry["subject"]].model_dump(mode="json", exclude={"landmarks_m", "score"}, exclude_none=True)
     data: dict[str, Any] = {}
     lines: dict[Location, int] = {(): source.lines["trials", index]}
     for key, value in (defaults | entry | {"subject": person}).items():
@@ -216,6 +281,23 @@ def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
         if entry.subject not in parsed.subjects:
             where = source.where(("trials", index, "subject"))
             yield f"{where}: there is no subject `{entry.subject}`: {nearest(entry.subject, list(parsed.subjects))}"
+
+
+def _wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
+    """Yield the trials that do not belong together, and labels that a trial's protocol lacks or does not have."""
+    default = parsed.defaults.get("protocol")
+    protocols = [(entry.model_extra or {}).get("protocol", default) for entry in parsed.trials]
+    kinds = [protocol if protocol in _INSTEAD else None for protocol in protocols]
+    for index, (entry, kind) in enumerate(zip(parsed.trials, kinds, strict=True)):
+        where = source.where(("trials", index))
+        if kind != kinds[0]:
+            yield f"{where}: `protocol: {kind or kinds[0]}` and other protocols need a study each"
+        elif kind and entry.strategy:
+            yield f"{where}: `trials[{index}].strategy` is not for `protocol: {kind}`: use {_INSTEAD[kind]}"
+        elif kind != REACH and entry.session:
+            yield f"{where}: `trials[{index}].session` is only for `protocol: {REACH}`"
+        elif not kind and entry.strategy is None:
+            yield f"{where}: `trials[{index}].strategy` is missing, expected how the person moves, such as normal"
 
 
 def _completed(data: dict[str, Any]) -> dict[str, Any]:

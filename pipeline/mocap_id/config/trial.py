@@ -14,7 +14,8 @@ from mocap_id.config.parsing import json_schema, parse, raise_mistakes
 from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import Calibration, Files, Settings, TrialKeys
+from mocap_id.stages.base import Settings
+from mocap_id.stages.trial_keys import Calibration, Files, TrialKeys
 
 _LONGEST = 100
 """Largest number of characters of a file name in a run folder."""
@@ -47,10 +48,22 @@ class Trial:
         return self.keys.trial
 
 
+def _inlined(schema: Any, parts: Mapping[str, Any]) -> Any:
+    """Return a JSON Schema with its own parts in place of references to them."""
+    if isinstance(schema, list):
+        return [_inlined(each, parts) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if "$ref" in schema:
+        return _inlined(parts[schema["$ref"].rpartition("/")[2]], parts)
+    return {key: _inlined(value, parts) for key, value in schema.items() if key != "$defs"}
+
+
+_FILES = Files.model_json_schema()
 _RECORDING_SCHEMA = {
     "anyOf": [
         {"type": "string", "description": "C3D file, or TRC file or export of QTM, Motive or Nexus without forces"},
-        Files.model_json_schema(),
+        _inlined(_FILES, _FILES["$defs"]),
     ]
 }
 _Recording = Annotated[Files, WithJsonSchema(_RECORDING_SCHEMA)]
@@ -163,7 +176,25 @@ def _completed(data: dict[str, Any], stages: Sequence[Stage], source: Source) ->
         data["recording"] = {"markers": data["recording"]}
     if isinstance(data.get("calibration"), str):
         data["calibration"] = _calibration(source, data["calibration"], stages)
+    curl = data.get("curl")
+    if isinstance(curl, dict) and isinstance(curl.get("device"), str):
+        data["curl"] = curl | {"device": _device(source, curl["device"], curl.get("condition"))}
     return data | {stage.name: {} for stage in stages if stage.name in data and data[stage.name] is None}
+
+
+def _device(source: Source, given: str, condition: object) -> dict[str, Any]:
+    """Return the keys of a device's file, with the state of its chambers in the trial's condition as `sealed`."""
+    from mocap_id.config.device import load_device  # noqa: PLC0415  few trials have a device
+
+    file = (source.file.parent / _expanded(Path(given))).absolute()
+    if not file.exists():
+        raise ConfigError(
+            f"{source.where(('curl', 'device'))}: device: there is no file {file}; expected a device's YAML"
+        )
+    config = load_device(file)
+    name = str(condition) if condition is not None and str(condition) in config.keys.conditions else None
+    keys = config.keys.model_copy(update={"sealed": config.condition(name)})
+    return keys.model_dump(mode="json")
 
 
 def _calibration(source: Source, given: str, stages: Sequence[Stage]) -> dict[str, str]:

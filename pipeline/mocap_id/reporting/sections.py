@@ -9,6 +9,7 @@ from mocap_id.reporting.dynamics_schema import BaseEntry
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import encoder_table
+from mocap_id.reporting.space.tables import imus
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Facts
 
@@ -50,6 +51,7 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
     parts = [
         Section("skeleton", skeleton, "planar.parquet", figures, (tables.joints(summary), tables.lengths(summary))),
         Section("states", "Joint states", "states.parquet", ("states",), _states(data, summary)),
+        *sensors(summary),
         Section(
             "repetitions",
             "Repetitions",
@@ -104,6 +106,13 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
     return [part for part in parts if not part.needs or part.needs in data.artefacts or data.level != "refused"]
 
 
+def sensors(summary: Summary) -> tuple[Section, ...]:
+    """Return the section on inertial sensors; nothing without any."""
+    if not summary.imus:
+        return ()
+    return (Section("imus", "Inertial sensors", "states.parquet", (), (imus(summary),)),)
+
+
 def _motion(data: ReportData, summary: Summary) -> list[Section]:
     """Return the section on the motion of the masses; empty if nothing was identified."""
     if summary.dynamics.motion is None:
@@ -122,7 +131,7 @@ def key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
         KeyNumber("segments", _count(segments.count), f"confidence {show_fixed(segments.confidence, 2)}"),
         KeyNumber("reprojection error", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over all markers"),
         KeyNumber("missing samples", _scaled(summary.markers.missing_fraction, 100, 1, "%"), "of all marker samples"),
-        KeyNumber("repetitions", _count(len(summary.repetitions or ()) or None), "found"),
+        _repetitions(summary),
         KeyNumber("five-times test", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
         KeyNumber("mass, measured", show(dynamics.mass_kg, 3, "kg"), "by the plates at rest"),
         KeyNumber("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
@@ -137,6 +146,16 @@ def key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
         KeyNumber("clock offset", _scaled(dynamics.clock_offset_s, 1e3, 2, "ms"), "plates after cameras"),
     )
     return [number for number in found if number.value != UNKNOWN]
+
+
+def _repetitions(summary: Summary) -> KeyNumber:
+    curls = summary.curls
+    if curls.count is None:
+        return KeyNumber("repetitions", _count(len(summary.repetitions or ()) or None), "found")
+    remark = "to the end of the recording"
+    if curls.end_rule != "recording":
+        remark = f"to the end of the trial at {show_fixed(curls.end_s, 1, 's')} ({curls.end_rule})"
+    return KeyNumber("curls", str(curls.count), f"{remark}; {curls.partial} failed")
 
 
 def _count(value: int | None) -> str:

@@ -14,6 +14,8 @@ from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import base_length, channels, encoder
 from mocap_id.reporting.space import summary as spatial
+from mocap_id.reporting.space.curls import curls
+from mocap_id.reporting.space.reaches import workspace
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 from mocap_id.reporting.summary_motion import held_out, motion, pins
 from mocap_id.reporting.summary_repetitions import attempts, five_times, load_share, repetitions
@@ -76,8 +78,9 @@ def summarise(data: ReportData) -> Summary:
         attempts=failed,
         load_share=load_share(data),
         encoder=encoder(data),
-        workspace=spatial.workspace(data),
-        curls=spatial.curls(data),
+        imus=spatial.imus(data),
+        workspace=workspace(data),
+        curls=curls(data),
         time_s=seconds,
         why=join_sentences(why),
     )

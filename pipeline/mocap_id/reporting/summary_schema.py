@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import Field
 
 from mocap_id.reporting.dynamics_schema import ChannelEntry, DynamicsEntry
-from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, LandmarkEntry, WorkspaceEntry
+from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, ImuEntry, LandmarkEntry, WorkspaceEntry
 from mocap_id.reporting.summary_entry import Entry
 from mocap_id.verdict import Level
 
@@ -248,6 +248,7 @@ class Summary(Entry):
     attempts: list[AttemptEntry] | None
     load_share: LoadShareEntry
     encoder: EncoderEntry
+    imus: dict[str, ImuEntry] = Field(default_factory=dict)
     workspace: WorkspaceEntry
     curls: CurlsEntry
     time_s: dict[str, float] | None

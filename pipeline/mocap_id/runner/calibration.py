@@ -12,11 +12,13 @@ from mocap_id.stages import Stage
 if TYPE_CHECKING:
     from mocap_id.runner.execution import Outcome
 
+_LONGEST = 600.0  # s, until another trial has brought the calibration up to date
 
-def update_calibration(
-    trial: Trial, stages: Sequence[Stage], run_to: Callable[[Trial, str, Sequence[Stage]], Outcome]
-) -> None:
+
+def update_calibration(trial: Trial, stages: Sequence[Stage], run_to: Callable[..., Outcome]) -> None:
     """Run the stages of a trial's calibration up to `fit-joints`, unless they are up to date.
+
+    Several trials may do so at the same time: all but one wait.
 
     Raises
     ------
@@ -28,7 +30,7 @@ def update_calibration(
     if trial.keys.calibration is None:
         return
     other = load(trial.keys.calibration.trial, stages)
-    refused = run_to(other, "fit-joints", stages).refused
+    refused = run_to(other, "fit-joints", stages, wait=_LONGEST).refused
     if refused is not None:
         raise RecordingError(
             f"{other.file}: the calibration of {trial.file} was refused ({refused}); choose a trial in which every "

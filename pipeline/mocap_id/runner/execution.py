@@ -106,21 +106,20 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
         return this.go([stage])
 
 
-def run_to(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run the stages up to a given one that are not up to date; later outputs are not changed.
+def run_to(
+    trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent, wait: float = 0.0
+) -> Outcome:
+    """Run the stages up to a given one, after waiting up to ``wait`` seconds for another run of the trial to end.
 
-    Raises
-    ------
-    ConfigError, RecordingError, NumericalError, StoreError
-        As for :func:`run`. A refusal is returned in the outcome.
+    Errors and refusals are those of :func:`run`.
     """
     last = next(k for k, stage in enumerate(stages) if stage.name == name)
-    with _run(trial, stages, progress) as this:
+    with _run(trial, stages, progress, wait) as this:
         return this.go(stages[: last + 1])
 
 
 @contextmanager
-def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[_Run]:
+def _run(trial: Trial, stages: Sequence[Stage], progress: Progress, wait: float = 0.0) -> Iterator[_Run]:
     """Start a run and lock its folder."""
     update_calibration(trial, stages, run_to)
     this = _Run(trial, stages, progress)
@@ -130,7 +129,7 @@ def _run(trial: Trial, stages: Sequence[Stage], progress: Progress) -> Iterator[
         this.files.read(role, path)
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this.folder.locked(), run_log(trial.out, trial.name, files) as log, this.writer:
+    with this.folder.locked(wait), run_log(trial.out, trial.name, files) as log, this.writer:
         this.log = log
         yield this
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mocap_id.errors import RecordingError
-from mocap_id.stages.base import Calibration
+from mocap_id.stages.trial_keys import Calibration
 from mocap_id.store import Tree, hdf5
 from mocap_id.store.schemas import CHAIN
 

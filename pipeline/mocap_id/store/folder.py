@@ -47,8 +47,8 @@ class Folder:
         self._verified: dict[str, Record] = {}
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator[Folder]:
-        """Lock the folder for one run.
+    def locked(self, wait: float = 0.0) -> Iterator[Folder]:
+        """Lock the folder for one run, for which another run may take up to ``wait`` seconds to end.
 
         Raises
         ------
@@ -64,7 +64,11 @@ class Folder:
         with explained(self.path):
             lock = lock_in(self.path / _HIDDEN)
             try:
-                lock.acquire(timeout=0)
+                try:
+                    lock.acquire(timeout=wait)
+                except FileNotFoundError:  # the other run wrote nothing and removed the folder
+                    (self.path / _HIDDEN).mkdir(parents=True, exist_ok=True)
+                    lock.acquire(timeout=wait)
             except Timeout as error:
                 message = f"{self.path} is in use by another run: wait for it, or choose another folder with `out:`"
                 if isinstance(lock, SoftFileLock):

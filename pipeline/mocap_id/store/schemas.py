@@ -208,6 +208,17 @@ RISE = (
 )
 """Additional columns of events.parquet for a sit-to-stand."""
 
+EVENT = (
+    Column("kind", "str", "", "reach or curl"),
+    Column("top", "float64", "s", "middle of the time at the farthest or highest point"),
+)
+"""Additional columns of events.parquet for the protocols of an arm."""
+REACH = (
+    Column("target", "str", "", "part of the body or height that the hand went to; none if it went to none"),
+    Column("miss_m", "float64", "m", "distance by which the target was missed; 0 if it was touched"),
+)
+CURL = (Column("amplitude", "float64", "rad", "rise of the elbow's flexion from start to top"),)
+
 EVENTS = TableSchema(
     "events.parquet",
     1,
@@ -221,7 +232,7 @@ EVENTS = TableSchema(
         Column("why", "str", "", "what is missing or unusual; empty if nothing"),
     ),
     (),
-    (RISE,),
+    (RISE, EVENT, REACH, CURL),
 )
 
 PHASES = TableSchema(
@@ -268,6 +279,11 @@ DYNAMICS_TABLE = TableSchema(
                 ("sd_", "_model", "standard deviation of the model"),
             )
             for name, unit in (("Fz", "N"), ("taux", "N*m"), ("tauy", "N*m"))
+        ),
+        tuple(
+            Column(f"{prefix}elbow_torque{suffix}", "float64", "N*m", f"in curls, about the elbow's axis: {meaning}")
+            for suffix, whole in (("", "all torques"), ("_device", "of the device"), ("_person", "of the person"))
+            for prefix, meaning in (("", whole), ("sd_", f"standard deviation, {whole}"))
         ),
     ),
 )

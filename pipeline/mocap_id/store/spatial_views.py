@@ -27,6 +27,11 @@ def in_space(facts: Facts) -> bool:
     return facts.get("space") == "3d"
 
 
+def is_skeleton(facts: Facts) -> bool:
+    """Return whether the facts of ``planar.parquet`` are those of a skeleton in place of markers."""
+    return "skeleton" in facts
+
+
 @dataclass(frozen=True)
 class SpatialSkeleton:
     """The chain in ``chain.h5`` of a trial in space: n joints, M markers, L landmarks."""
@@ -87,6 +92,7 @@ def _joints(tree: Tree) -> tuple[SpatialJoint, ...]:
     offset, parents = tree.numbers("joints/offset", matrix), tree.integers("joints/parent")
     glide, glide_covariance = tree.numbers("joints/glide", vector), tree.numbers("joints/glide_covariance", matrix)
     untwisted = tree.numbers("joints/untwisted", matrix)
+    slide_sd = tree.numbers("joints/slide_sd")
     rest, long_axis = tree.numbers("joints/rest", vector), tree.numbers("joints/long_axis", vector)
     return tuple(
         SpatialJoint(
@@ -103,6 +109,7 @@ def _joints(tree: Tree) -> tuple[SpatialJoint, ...]:
             rest=rest[k],
             long_axis=long_axis[k],
             untwisted=untwisted[k],
+            slide_sd=float(slide_sd[k]),
             known=bool(known),
         )
         for k, (kind, known) in enumerate(zip(tree.texts("joints/kind"), tree.integers("joints/known"), strict=True))

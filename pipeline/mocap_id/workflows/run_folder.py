@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -102,13 +102,68 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
         raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
     where = path if path.is_dir() else runner.run(load(path), progress=progress).folder
     folder = Folder(where)
+    files = _existing(folder)
+    artefacts = {file: folder.read(file) for file in files}
+    return RunFolder(path, where, artefacts, check_provenance(folder, files))
+
+
+def open_lazily(path: Path) -> RunFolder:
+    """Open a run folder whose artefacts are read when they are first used.
+
+    An artefact is checked when it is read: StoreError where it is damaged, or was made from another version of its
+    inputs than those in the folder. ``provenance`` is empty.
+
+    Raises
+    ------
+    StoreError
+        The folder has neither artefacts nor a summary, which a trial refused at once has.
+    """
+    folder = Folder(path)
+    if not (path / SUMMARY).is_file():
+        _existing(folder)
+    return RunFolder(path, path, _LazyArtefacts(folder), {})
+
+
+class _LazyArtefacts(Mapping[str, Artefact]):
+    """The artefacts in a folder by file name, read when they are used."""
+
+    def __init__(self, folder: Folder) -> None:
+        self._folder = folder
+
+    def __getitem__(self, file: str) -> Artefact:
+        if file not in self:
+            raise KeyError(file)
+        for needed, key in self._folder.provenance(file).origin.inputs.items():
+            if needed in self and self._folder.key(needed) != key:
+                raise _made_from_another(self._folder, file, needed)
+        return self._folder.read(file)
+
+    def __contains__(self, file: object) -> bool:
+        return file in SCHEMAS and self._folder.exists(str(file))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([file for file in SCHEMAS if file in self])
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
+def _existing(folder: Folder) -> list[str]:
+    """Return the artefacts in a folder; StoreError if there are none."""
     files = [file for file in SCHEMAS if folder.exists(file)]
     if not files:
         raise StoreError(
-            f"{where} holds no artefacts of a run: expected a trial's YAML file or a run folder such as runs/<trial>"
+            f"{folder.path} holds no artefacts of a run: expected a trial's YAML file or a run folder such as "
+            "runs/<trial>"
         )
-    artefacts = {file: folder.read(file) for file in files}
-    return RunFolder(path, where, artefacts, check_provenance(folder, files))
+    return files
+
+
+def _made_from_another(folder: Folder, file: str, needed: str) -> StoreError:
+    return StoreError(
+        f"{folder.path / file} was made from another {needed} than the one beside it: run the trial again "
+        "(`mocap-id run TRIAL.yaml`)"
+    )
 
 
 def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step: None) -> tuple[Folder, Trial | None]:
@@ -157,8 +212,5 @@ def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenan
     for file, about in found.items():
         for needed, key in about.origin.inputs.items():
             if needed in found and found[needed].origin.key != key:
-                raise StoreError(
-                    f"{folder.path / file} was made from another {needed} than the one beside it: run the trial again "
-                    "(`mocap-id run TRIAL.yaml`)"
-                )
+                raise _made_from_another(folder, file, needed)
     return found

@@ -16,10 +16,10 @@ from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.bundle_model import tangents
 from mocap_id.kinematics.space.chain_result import offset_between
 
-_LASTING = np.radians(0.75)  # rms change of the angle between the axes by skin that slides in step with the joint
+_LASTING = np.radians(0.6)  # rms change of the angle between the axes by skin that slides in step with the joint
 _OTHER_ANGLE = np.radians(5)  # usual change of this angle by skin that stays displaced during the whole trial
 _ITERATIONS = 8
-_SHOWN = 0.7  # standard deviation of the first axis, as a share of the calibration's, below which a trial shows it
+_SHOWN = 0.85  # standard deviation of the first axis, as a share of the calibration's, below which a trial shows it
 
 
 def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:

@@ -99,10 +99,8 @@ def fit_spatial_chain(
         problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
         return collect(unsolved(problem, state), evidence)
     bundle = _whole_bundle(start, chosen, rough)
-    if parallel := _parallel_axes(bundle):
-        evidence = tuple(replace(each, kind=_BALL) if j in parallel else each for j, each in enumerate(evidence))
-        bundle = _whole_bundle(start, tuple(each.kind for each in evidence), rough)
-    return collect(bundle, evidence)
+    kinds_left = zip(evidence, bundle.problem.kinds, strict=True)
+    return collect(bundle, tuple(replace(each, kind=kind) for each, kind in kinds_left))
 
 
 def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
@@ -124,13 +122,20 @@ def _weigh_joints(rough: Bundle, clusters: Clusters, kinds: Mapping[int, JointKi
 
 
 def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
-    """Return the bundle over all frames; segments whose skin would twist beyond reason get skin that does not."""
-    every, riding = np.arange(len(start.points)), _riders(rough, kinds)
-    bundle = solve_bundle(*start.at(every, kinds, rough, riding))
-    if unlike := unlike_skin(bundle.problem, bundle.state):
-        start = replace(start, firm=start.firm | set(unlike))
-        bundle = solve_bundle(*start.at(every, kinds, rough, riding))
-    return bundle
+    """Return the bundle over all frames, solved again until all of its kinds and skin are likely.
+
+    Two axes that are nearly parallel become a ball. Skin that would twist beyond reason does not twist.
+    """
+    every, guess = np.arange(len(start.points)), rough
+    while True:
+        bundle = solve_bundle(*start.at(every, kinds, guess, _riders(rough, kinds)))
+        if parallel := _parallel_axes(bundle):
+            kinds = tuple(_BALL if j in parallel else kind for j, kind in enumerate(kinds))
+            guess = rough  # the wrong axes have pulled the bundle far away
+        elif unlike := set(unlike_skin(bundle.problem, bundle.state)) - start.firm:
+            start, guess = replace(start, firm=start.firm | unlike), bundle
+        else:
+            return bundle
 
 
 def _parallel_axes(bundle: Bundle) -> list[int]:

@@ -33,6 +33,45 @@ RECORDING: Mapping[str, Explanation] = {
         "planarise",
         "The sign that distinguishes front from back is within the noise.",
     ),
+    "board-vertical-only": Explanation(
+        ("ok",),
+        "A balance board instead of a plate",
+        "The board measures the vertical force and the centre of pressure at its cells. The parameters are fitted to "
+        "Fy and tauz. Fx and its share of the torques come from the model; no measurement checks them.",
+        "Nothing, if this is what you want; [other sensors](sensors.md#balance-boards) says what a board can show.",
+        "planarise",
+        "The forces of the recording are those of a `balance_board`.",
+    ),
+    "board-gaps": Explanation(
+        ("caution", "ok"),
+        "The balance board paused",
+        "The wireless link stalled. The load is unknown in these samples, and they are not used.",
+        "Bring the receiver closer to the board, and close other programs on the computer.",
+        "planarise",
+        "Two time stamps of the log are more than 0.15 s apart; a caution if more than 2 % of the time is lost.",
+    ),
+    "board-direction-unsure": Explanation(
+        ("caution",),
+        "The direction of the balance board is uncertain",
+        "Which way the board lies is found from the movement of the body and the centre of pressure, and then compared "
+        "with a usual body. Here the opposite direction fits nearly as well, or better. If it is wrong, tauz, "
+        "the centre of pressure and all parameters are wrong.",
+        "Say where the top of the board points: `top:` beside `balance_board:`.",
+        "identify-dim",
+        "The first moments of the opposite direction disagree with those of a usual body less, or less than 3 times "
+        "as much while r² of tauz is below 0.9. For other movements than a sit-to-stand: the body explains less than "
+        "half of the centre of pressure.",
+    ),
+    "board-place-unknown": Explanation(
+        ("caution",),
+        "The place of the balance board is uncertain",
+        "The model of a person shows where the board stands. Here no such model applies, so the board was placed under "
+        "the feet. The first moment of the base segment, the centre of pressure and the torques contain its error, "
+        "about 3 cm.",
+        "Measure the centre of the board: `centre_m:` beside `balance_board:`.",
+        "identify-dim",
+        "No `centre_m` is given, and there is no reference body.",
+    ),
     "base-moved": Explanation(
         ("caution", "ok"),
         "The feet changed their place",

@@ -16,6 +16,36 @@ SPACE: Mapping[str, Explanation] = {
         "planarise",
         "Share of the horizontal motion out of the best vertical plane; limit 0.01.",
     ),
+    "skeleton-biases": Explanation(
+        ("caution",),
+        "The angles come from a skeleton",
+        "A depth camera or markerless software places every joint centimetres from the anatomical one, with an error "
+        "that lasts for the whole trial and changes with the posture. The chain has constant lengths and the standard "
+        "deviations hold these errors, but values remain biased. The carrying angle of the elbow is assumed, pronation "
+        "is not shown, and the axial rotation has no value while the elbow is nearly straight.",
+        "Compare changes and ranges rather than values, and trials of the same camera and place. Record with markers "
+        "where the axial rotation or absolute angles matter.",
+        "fit-joints",
+        "Every trial with `recording: {skeleton: …}`. Simulated depth cameras: docs/recordings.md.",
+    ),
+    "skeleton-mirrored": Explanation(
+        ("caution",),
+        "The skeleton is a mirror image",
+        "Hands or feet lie behind the trunk. Some programs mirror the picture or exchange left and right. The file was "
+        "mirrored back, but it cannot be known which arm its names mean.",
+        "Check which arm moved, and set `side:` to the name that the file gives it.",
+        "planarise",
+        "Distance of the feet, else of the hand, behind the trunk, median, m; limit 0.05.",
+    ),
+    "skeleton-incomplete": Explanation(
+        ("refused",),
+        "The skeleton does not show the arm",
+        "The chain needs shoulder, elbow and wrist of one arm, the other shoulder, and a joint of the spine or the "
+        "hips. Joints are found by the names of Kinect v2, Azure Kinect, MediaPipe, Pose2Sim and OpenCap.",
+        "Export these joints, name them as one of these programs does, or set `side:` to the arm that the file has.",
+        "planarise",
+        "A joint is missing, or hardly any frame shows it.",
+    ),
     "branches-left-out": Explanation(
         ("ok",),
         "Some bodies are not part of the chain",
@@ -36,6 +66,44 @@ SPACE: Mapping[str, Explanation] = {
         "fit-joints",
         "Cosine of the angle between the axes; limit 0.75.",
     ),
+    "imu-disagrees": Explanation(
+        ("caution",),
+        "An inertial sensor contradicts the markers",
+        "The sensor turns or accelerates otherwise than its segment by the markers: it is on another segment, the file "
+        "is of another trial, its units are wrong, or the markers are. It is left out, and the result is that of the "
+        "other sensors and the markers.",
+        "Check which sensor was on which segment, and the files under `imus:`.",
+        "ukf-smooth",
+        "Differences of angular velocity (limit 0.35 of the segment's) and of specific force (limit 2 m/s²), rms.",
+    ),
+    "imu-differs": Explanation(
+        ("caution",),
+        "An inertial sensor and the markers differ more than usual",
+        "The sensor follows its segment, but not as closely as skin explains. The sensor is used. Often the markers "
+        "are wrong: one is on another segment, or many are hidden. States of this segment may have larger errors than "
+        "their intervals say.",
+        "Look at the residuals of the segment's markers and at its assignment; check that the sensor was tight.",
+        "ukf-smooth",
+        "Difference of the angular velocities, rad/s rms; limit 0.15 of the segment's, of at least 0.8 rad/s.",
+    ),
+    "imu-clock": Explanation(
+        ("ok",),
+        "The motion does not show the clock of an inertial sensor",
+        "The clock is found from the rotation of the segment. A segment that hardly turns does not show it; the "
+        "sensor's measurements then hardly depend on it either. Its offset in the summary is a guess with a large "
+        "standard deviation, and `observable` is false.",
+        "Nothing. If the offset itself is needed, turn the segment quickly at the start of the recording.",
+        "ukf-smooth",
+        "Standard deviation of the clock in the middle of the trial, s; limit 0.002.",
+    ),
+    "imu-saturated": Explanation(
+        ("caution",),
+        "An inertial sensor is saturated",
+        "Some samples lie at the end of the sensor's range. They are left out; the states there come from the markers.",
+        "Record with a larger range of the sensor.",
+        "ukf-smooth",
+        "Share of the samples that stay at the end of the range; limit 0.003.",
+    ),
     "centre-unknown": Explanation(
         ("caution",),
         "The motion does not show a joint's centre",
@@ -51,7 +119,8 @@ SPACE: Mapping[str, Explanation] = {
         ("ok",),
         "The chain comes from another trial",
         "Centres, axes and landmark frames are those of the trial named as `calibration:`. They are right only if the "
-        "markers were not moved between the trials.",
+        "markers were not moved between the trials. Skin slides with each motion, so the axes of a joint of two axes, "
+        "such as the elbow, are corrected where this trial turns it far enough.",
         "Nothing, if both trials are of the same person and the same marker placement.",
         "fit-joints",
         "Whether the trial has a `calibration:`.",
@@ -93,6 +162,28 @@ SPACE: Mapping[str, Explanation] = {
         "Fix the base to the plate, or leave out the time in which it moves with `window:`.",
         "identify-dim",
         "95 % quantile of the base's shift and rotation; limits 5 mm and 1°.",
+    ),
+    "no-reach": Explanation(
+        ("caution",),
+        "The reachable volume is unknown",
+        "The volume needs plane, elevation and axial rotation of the shoulder, the flexion of the elbow, the centres "
+        "of both joints and the wrist, and a motion that moves all four angles. The message names what is missing. "
+        "Ranges of the other angles are given.",
+        "Name the landmarks under `landmarks:`, record reaches to hip, shoulders, mouth and head, or use "
+        "`calibration:`.",
+        "identify-dim",
+        "Range of each of the four angles; limit 2°.",
+    ),
+    "no-curls": Explanation(
+        ("caution",),
+        "No curl was counted",
+        "Curls are counted from the flexion of the elbow, which needs landmarks on upper arm and forearm: EL, EM, US "
+        "and RS. A curl rises by at least `attempt_deg` and by the share `complete` of the trial's large curls, and "
+        "returns.",
+        "Name the landmarks under `landmarks:`, or use `calibration:`, a trial of the same person and markers in which "
+        "every joint moves. If the elbow does curl in the report's angles, change `curl: {attempt_deg: …}`.",
+        "identify-dim",
+        "Complete curls up to the end of the trial; limit 1.",
     ),
     "wrench-unexplained": Explanation(
         ("caution",),

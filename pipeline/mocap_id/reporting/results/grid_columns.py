@@ -49,6 +49,17 @@ def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> Gri
     return GridColumn(head, cell)
 
 
+def estimate(head: str, name: str, factor: float = 1.0) -> GridColumn:
+    """Return a column of values with their intervals, times a factor; left out where no row has one."""
+    return GridColumn(head, lambda row: show_estimate(row, name, factor), optional=True)
+
+
+def show_estimate(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
+    """Return a value with its interval, such as ``0.312 (0.287 … 0.330)``."""
+    value, low, high = (times(row[f"{name}{end}"], factor) for end in ("", "_low", "_high"))
+    return show(value) if low is None or high is None else f"{show(value)} ({show(low)} … {show(high)})"
+
+
 def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn]) -> Grid:
     """Return the rows as text, without the optional columns that are empty."""
     cells = [[column.cell(row) for column in columns] for row in rows]

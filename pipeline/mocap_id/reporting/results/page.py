@@ -23,6 +23,7 @@ class ResultSection:
     grids: tuple[Grid, ...] = ()
     figures: tuple[str, ...] = ()
     folded: tuple[Grid, ...] = ()
+    folded_as: str = "Each person"  # what a reader opens
     text: tuple[str, ...] = ()
     items: tuple[str, ...] = ()
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray
+from mocap_id.geometry.circle import on_shortest_arc
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import spans
 from mocap_id.reporting.figure import Panel, Spans
 from mocap_id.reporting.figures.states import panel
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.summary import on_shortest_arc
 from mocap_id.store.spatial_views import GATED, SpatialAngles
 from mocap_id.store.views import JointStates
 
@@ -70,7 +70,7 @@ def _motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArr
     for k, name in enumerate(own):
         usable = angles.usable(name)
         if name in GATED and usable.any():
-            mean[usable, k, 0] = np.radians(on_shortest_arc(np.degrees(mean[usable, k, 0])))
+            mean[usable, k, 0] = on_shortest_arc(mean[usable, k, 0])
         mean[~usable, k] = np.nan
     states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
     near = angles.near_gimbal & any(name in GATED for name in own)

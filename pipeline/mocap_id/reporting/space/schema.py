@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from mocap_id.reporting.summary_entry import Entry
 
 
@@ -33,18 +35,146 @@ class LandmarkEntry(Entry):
     why: str | None
 
 
+class RangeEntry(Entry):
+    """Range of one angle, robust against single samples, degrees.
+
+    ``interval_deg`` is the 95 % interval of ``range_deg``; a constant error of the angle does not change a range.
+    """
+
+    low_deg: float
+    high_deg: float
+    range_deg: float
+    interval_deg: list[float]
+    low_sd_deg: float
+    high_sd_deg: float
+    used_share: float
+
+
+class VisitedEntry(Entry):
+    """Volume reached in the recorded postures and those between them, and the meaning of its share of the box."""
+
+    volume_m3: float | None = None
+    interval_m3: list[float] | None = None
+    discretisation_m3: float | None = None
+    convergence_m3: list[float] | None = None
+    share: float | None = None
+    meaning: str
+    why: str | None
+
+
+class HeightsEntry(Entry):
+    """Highest and lowest place of the wrist above the shoulder, m and as share of the arm's length; levels reached."""
+
+    highest_m: float
+    lowest_m: float
+    highest_share: float
+    lowest_share: float
+    levels: dict[str, bool]
+
+
+class TargetEntry(Entry):
+    """Reaches to one part of the body, and the distance by which they missed it, m."""
+
+    count: int
+    best_miss_m: float
+    median_miss_m: float
+
+
 class WorkspaceEntry(Entry):
-    """Volume that the arm can reach."""
+    """Volume that the arm can reach, with its 95 % interval and the quantities that it is computed from.
+
+    ``box_deg`` are the independent limits of the angles; ``visited`` is the volume within limits that depend on each
+    other. ``relative_volume`` is the volume divided by that of a sphere whose radius is the arm's length.
+    ``discretisation_m3`` is the change with the last refinement of the grid, ``sources`` the share of every range and
+    dimension in the variance. ``surface`` has the relative areas of the furthest reach by quadrant.
+    """
 
     volume_m3: float | None = None
     interval_m3: list[float] | None = None
     box_deg: dict[str, list[float]] | None = None
+    sd_m3: float | None = None
+    relative_volume: float | None = None
+    discretisation_m3: float | None = None
+    convergence_m3: list[float] | None = None
+    sources: dict[str, float] | None = None
+    visited: VisitedEntry | None = None
+    surface: dict[str, dict[str, float]] | None = None
+    ranges: dict[str, RangeEntry] | None = None
+    lengths_m: dict[str, float] | None = None
+    arm_length_m: float | None = None
+    shoulder_m: list[float] | None = None
+    glide_m: list[float] | None = None
+    heights: HeightsEntry | None = None
+    tasks: dict[str, TargetEntry] | None = None
     why: str | None
 
 
+class CompensationEntry(Entry):
+    """Motion of one angle that should not change in curls, one value for each curl; null for failed attempts.
+
+    ``floor_deg`` is the range that errors alone can show, ``offset_deg`` the mean angle of the curl minus that of the
+    first, and ``sustained_s`` the longest time beyond the allowed change, 0 if it is shorter than the rule asks for.
+    """
+
+    range_deg: list[float | None]
+    interval_deg: list[list[float] | None]
+    floor_deg: list[float | None]
+    offset_deg: list[float | None]
+    sustained_s: list[float | None]
+
+
+class TrendEntry(Entry):
+    """Change per curl with its 95 % interval, in the unit of the quantity's name."""
+
+    slope: float
+    interval: list[float]
+    curls: int
+
+
 class CurlsEntry(Entry):
-    """Number of complete curls and of failed attempts."""
+    """Complete curls up to the end of the trial, failed attempts, and what changes from curl to curl.
+
+    ``end_rule`` is the rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if none does.
+    ``after_end`` complete curls follow it and are not counted.
+    """
 
     count: int | None = None
     partial: int | None = None
+    after_end: int | None = None
+    condition: str | None = None
+    end_s: float | None = None
+    end_rule: str | None = None
+    compensation: dict[str, CompensationEntry] = Field(default_factory=dict)
+    largest_torque_nm: float | None = None
+    largest_torque_sd_nm: float | None = None
+    fatigue: dict[str, TrendEntry] = Field(default_factory=dict)
+    why: str | None
+
+
+class ImuEntry(Entry):
+    """Inertial sensor on a segment: the sample stamped t was taken at ``clock_offset_s + t (1 + 1e-6 ppm)``.
+
+    ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
+    does not show the clock to 2 ms. ``mounting`` is the rotation from the sensor to the segment, ``position_m`` is in
+    the segment's frame, and ``skin_share`` is the share of the segment's twist that the skin under the sensor does not
+    follow.
+    """
+
+    used: bool
+    clock_offset_s: float | None = None
+    sd_s: float | None = None
+    ppm: float | None = None
+    observable: bool = False
+    gyro_bias_rad_s: list[float] | None = None
+    gyro_bias_sd_rad_s: list[float] | None = None
+    acc_bias_m_s2: list[float] | None = None
+    acc_bias_sd_m_s2: list[float] | None = None
+    mounting: list[list[float]] | None = None
+    mounting_sd_deg: float | None = None
+    position_m: list[float] | None = None
+    position_sd_m: list[float] | None = None
+    skin_share: float | None = None
+    gyro_residual_rad_s: float | None = None
+    acc_residual_m_s2: float | None = None
+    saturated: float | None = None
     why: str | None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from mocap_id.reporting import segment_tables
 from mocap_id.reporting import tables as shared
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.sections import Section, clock, identification, noise, origin, segmentation
-from mocap_id.reporting.space import tables
+from mocap_id.reporting.sections import Section, clock, identification, noise, origin, segmentation, sensors
+from mocap_id.reporting.space import curls, reaches, tables
 from mocap_id.reporting.summary_schema import Summary
 
 
@@ -22,6 +22,9 @@ def spatial_sections(data: ReportData, summary: Summary) -> list[Section]:
         Section(
             "angles", "Angles", "angles.parquet", ("angles", "rates"), (tables.angles(summary), noise(data, summary))
         ),
+        *sensors(summary),
+        *_reach(data, summary),
+        *_curls(data),
         Section("landmarks", "Landmarks", "chain.h5", (), (tables.landmarks(data, summary),), _frames(data, summary)),
         Section("wrench", "Ground reaction wrench", "wrench.parquet", ("wrench",), _wrench(data, summary)),
         Section(
@@ -46,6 +49,26 @@ def spatial_sections(data: ReportData, summary: Summary) -> list[Section]:
         Section("origin", "Provenance", "", (), origin(data, summary)),
     ]
     return [part for part in parts if not part.needs or part.needs in data.artefacts]
+
+
+def _reach(data: ReportData, summary: Summary) -> tuple[Section, ...]:
+    """Return the section on the reachable volume; nothing for other protocols."""
+    if "reach" not in data.facts("events.parquet"):
+        return ()
+    found = summary.workspace
+    own = (
+        *(reaches.volumes(found), reaches.ranges(found), reaches.areas(found), reaches.heights(found)),
+        *(reaches.targets(found), reaches.list_reaches(data)),
+    )
+    return (Section("reach", "Reach", "events.parquet", ("reach",), own, reaches.text(found)),)
+
+
+def _curls(data: ReportData) -> tuple[Section, ...]:
+    """Return the section on curls; nothing for other protocols."""
+    if "curl" not in data.facts("events.parquet"):
+        return ()
+    own = (curls.counts(data), curls.compensation(data))
+    return (Section("curls", "Curls", "events.parquet", ("phase_portraits",), own),)
 
 
 def _unknown(summary: Summary) -> tuple[str, ...]:

@@ -55,18 +55,3 @@ def stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
     shown = [j for j, joint in enumerate(chain.joints) if joint.known]
     names = tuple(skeleton.joints[j] for j in shown)
     return StickFigure(tuple(segments), tuple(sticks), origins[:, [1 + j for j in shown]], names)
-
-
-def project(points: FloatArray, turn: float, tilt: float) -> FloatArray:
-    """Return coordinates across and up a view (..., 2) of points (..., 3), without perspective.
-
-    The viewer stands on the side of +z, turned by ``turn`` about y towards +x and raised by ``tilt``, rad.
-
-    Examples
-    --------
-    >>> project(np.array([1.0, 2.0, 3.0]), 0.0, 0.0)
-    array([1., 2.])
-    """
-    across = np.array([np.cos(turn), 0.0, -np.sin(turn)])
-    up = np.array([-np.sin(turn) * np.sin(tilt), np.cos(tilt), -np.cos(turn) * np.sin(tilt)])
-    return np.asarray(points @ np.stack([across, up], axis=1))

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.geometry.circle import on_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.reporting.numbers import NORMAL_95, all_known, known
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, LandmarkEntry, WorkspaceEntry
+from mocap_id.reporting.space.schema import AngleEntry, ImuEntry, LandmarkEntry
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 from mocap_id.reporting.summary_schema import JointEntry, LengthEntry
 from mocap_id.store.spatial_views import GATED, SpatialAngles
@@ -111,9 +112,8 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
             why = "the elevation is within 15° of 0 or 180° in every sample, where this angle has no meaning"
         nothing = dict.fromkeys(("low_deg", "high_deg", "range_deg", "interval_deg", "sd_deg", "constant_sd_deg"))
         return AngleEntry(**nothing, used_share=share, why=why)
-    values = np.degrees(found.mean[usable, k, 0])
-    if name in GATED:
-        values = on_shortest_arc(values)
+    turned = found.mean[usable, k, 0]
+    values = np.degrees(on_shortest_arc(turned) if name in GATED else turned)
     sd = np.degrees(found.sd[usable, k, 0])
     ends = [int(values.argmin()), int(values.argmax())]
     low, high = (float(values[end]) for end in ends)
@@ -133,25 +133,6 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
     )
 
 
-def on_shortest_arc(degrees: FloatArray) -> FloatArray:
-    """Return angles (K,) shifted by whole turns onto the shortest arc that holds them, near zero, degrees.
-
-    An angle loses count of its turns where it has no meaning.
-
-    Examples
-    --------
-    >>> on_shortest_arc(np.array([350.0, 20.0, 380.0]))
-    array([-10.,  20.,  20.])
-    """
-    wrapped = np.mod(degrees, 360.0)
-    around = np.sort(wrapped)
-    gaps = np.diff(around, append=around[0] + 360.0)
-    start = around[(int(gaps.argmax()) + 1) % len(around)]
-    on_arc = np.mod(wrapped - start, 360.0) + start
-    turns = np.round((on_arc.min() + on_arc.max()) / 2 / 360.0)
-    return np.asarray(on_arc - 360.0 * turns)
-
-
 def landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
     """Return the anatomical landmarks by name; empty without any."""
     skeleton = data.spatial_skeleton
@@ -168,15 +149,6 @@ def landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
     return entries
 
 
-def workspace(data: ReportData) -> WorkspaceEntry:
-    """Return the reachable volume, which a run does not compute yet."""
-    return WorkspaceEntry(why=_later(data, "the reachable volume"))
-
-
-def curls(data: ReportData) -> CurlsEntry:
-    """Return the number of curls, which a run does not count yet."""
-    return CurlsEntry(why=_later(data, "the number of curls"))
-
-
-def _later(data: ReportData, what: str) -> str:
-    return f"this version does not compute {what}" if data.in_space else f"{what} needs `space: 3d`"
+def imus(data: ReportData) -> dict[str, ImuEntry]:
+    """Return the inertial sensors by their segment; empty without any."""
+    return {name: ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()}

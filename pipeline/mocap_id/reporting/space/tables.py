@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_with_sd
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import Summary
@@ -99,6 +101,31 @@ def angles(summary: Summary) -> Grid:
         "and 180°. The interval of the range holds both standard deviations"
     )
     return grid(caption, head, rows)
+
+
+def imus(summary: Summary) -> Grid:
+    """Return clock, bias, place and residuals of each inertial sensor."""
+    rows = []
+    for name, each in summary.imus.items():
+        bias = None if each.gyro_bias_rad_s is None else math.degrees(math.hypot(*each.gyro_bias_rad_s))
+        clock, sd = (None if value is None else 1e3 * value for value in (each.clock_offset_s, each.sd_s))
+        place = ", ".join(millimetres(value) for value in _three(each.position_m))
+        used = "yes" if each.used else f"no: {each.why}"
+        shown = "yes" if each.observable else "no"
+        rows.append(
+            (
+                *(name.replace("_", " "), used, show_with_sd(clock, sd), shown, show_fixed(each.ppm, 0)),
+                *(show_fixed(bias, 2), place, show_fixed(each.mounting_sd_deg, 1), show_fixed(each.skin_share, 2)),
+                *(show_fixed(each.gyro_residual_rad_s, 3), show_fixed(each.acc_residual_m_s2, 2)),
+            )
+        )
+    head = (
+        *("segment", "used", "clock offset (ms)", "shown by the motion", "clock drift (ppm)", "gyroscope bias (deg/s)"),
+        *("place (mm)", "sd of mounting (deg)", "twist that the skin does not follow"),
+        *("gyroscope against markers (rad/s)", "accelerometer against markers (m/s²)"),
+    )
+    caption = "Inertial sensors: clock against the cameras, and what was estimated from the motion"
+    return grid(caption, head, rows, (0, 1, 3))
 
 
 def landmarks(data: ReportData, summary: Summary) -> Grid:

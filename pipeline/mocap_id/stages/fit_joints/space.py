@@ -198,6 +198,15 @@ def _parallel(fit: SpatialFit, names: Sequence[str], kinds: Mapping[int, JointKi
     )
 
 
+_WIDE = 60.0
+"""Rotation of a joint beyond which more of it would not show the centre either, degrees."""
+_MORE_MOTION = "Name a trial of the same person with a larger motion as `calibration:`."
+_RIGID_MARKERS = (
+    "It turns far enough, but about one axis only, or the markers of its segments move too much against each other: "
+    "each segment needs three markers that are rigid with each other, also thorax and shoulder blade apart."
+)
+
+
 def _weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJointsSettings) -> tuple[Reason, ...]:
     """Return a caution for every joint whose centre the motion does not show, or shows poorly."""
     reasons = []
@@ -207,7 +216,7 @@ def _weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJointsSetti
                 Reason(
                     "centre-unknown",
                     f"the motion does not show the centre of the {name}, which turns by {arc:.0f}°: no lengths and "
-                    "angles depend on it. Name a trial of the same person with a larger motion as `calibration:`.",
+                    f"angles depend on it. {_MORE_MOTION if arc < _WIDE else _RIGID_MARKERS}",
                     float(arc),
                 )
             )

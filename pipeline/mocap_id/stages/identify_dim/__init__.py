@@ -110,10 +110,13 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=20,
-    inputs=("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
+    version=21,
+    inputs=(
+        *("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
+        "angles.parquet",
+    ),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
-    uses=("trial", "space", "protocol", "subject", "compare", "encoder"),
+    uses=("trial", "space", "protocol", "subject", "compare", "encoder", "curl"),
     settings=IdentifyDimSettings,
     function=_function,
     help=STAGE_HELP["identify-dim"],

@@ -64,17 +64,31 @@ def dynamics_columns(result: IdentifiedDynamics) -> dict[str, Any]:
     measured, external = _measured(result), prepared.elsewhere(result.found.fit.offset)
     reference = prepared.regressor @ result.references.chosen.parameters - external
     columns = {"time": prepared.recorded.time}
-    columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold))
-    columns |= _wrench_columns(model.wrench, model.cop, "_model")
-    columns |= _wrench_columns(model.wrench_sd, model.cop_sd, "_model", "sd_")
-    columns |= _wrench_columns(reference, centre_of_pressure(reference, threshold), "_reference")
+    lower: FloatArray | float = 0.0  # along x from the cells of a board to its surface
+    if prepared.recorded.surface:
+        vertical = np.where(model.wrench[:, 1] > threshold, model.wrench[:, 1], np.nan)
+        lower = prepared.recorded.surface * model.wrench[:, 0] / vertical
+    columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold) - lower)
+    columns |= _wrench_columns(model.wrench, model.cop - lower, "_model")
+    columns |= _wrench_columns(*_placed_sd(result), "_model", "sd_")
+    columns |= _wrench_columns(reference, centre_of_pressure(reference, threshold) - lower, "_reference")
     held_out = validation.wrench(result.validation, len(measured))
-    columns |= _wrench_columns(held_out, centre_of_pressure(held_out, threshold), "_held_out")
+    columns |= _wrench_columns(held_out, centre_of_pressure(held_out, threshold) - lower, "_held_out")
     for j, (torque, sd) in enumerate(zip(model.torque.T, model.torque_sd.T, strict=True), start=1):
         columns[f"tau_{j}"], columns[f"sd_tau_{j}"] = torque, sd
     if prepared.recorded.external:
         columns |= {f"{name}_external": column for name, column in zip(WRENCH_COMPONENTS, external.T, strict=True)}
     return columns | {"in_fit": result.found.fit.in_fit}
+
+
+def _placed_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
+    """Return the standard deviations of the model's wrench and centre of pressure, with that of the board's place."""
+    model, place = result.model, result.prepared.recorded.position_sd
+    if place is None:
+        return model.wrench_sd, model.cop_sd
+    wrench_sd = model.wrench_sd.copy()
+    wrench_sd[:, 2] = np.hypot(wrench_sd[:, 2], place * model.wrench[:, 1])
+    return wrench_sd, np.hypot(model.cop_sd, place)
 
 
 def empty_columns(recorded: TrialData, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
@@ -90,7 +104,9 @@ def empty_columns(recorded: TrialData, reference: FloatArray, cop_threshold: flo
     """
     absent = np.full((len(recorded.time), 3), np.nan)
     columns = {"time": recorded.time}
-    columns |= _wrench_columns(recorded.wrench, centre_of_pressure(recorded.wrench, cop_threshold))
+    columns |= _wrench_columns(
+        recorded.as_measured(recorded.wrench), centre_of_pressure(recorded.wrench, cop_threshold)
+    )
     columns |= _wrench_columns(absent, absent[:, 0], "_model")
     columns |= _wrench_columns(absent, absent[:, 0], "_model", "sd_")
     columns |= _wrench_columns(reference, centre_of_pressure(reference, cop_threshold), "_reference")
@@ -245,7 +261,14 @@ def unknown_facts(
     regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, gravity)
     facts = empty_facts(why) | {
         "reference_table": bodies.chosen.table,
-        "rivals": reference_facts(bodies, regressor, recorded.wrench, free, cop_threshold, external=recorded.elsewhere),
+        "rivals": reference_facts(
+            bodies,
+            regressor,
+            recorded.as_measured(recorded.wrench),
+            free,
+            cop_threshold,
+            external=recorded.elsewhere,
+        ),
     }
     return regressor @ bodies.chosen.parameters - recorded.elsewhere, facts
 

@@ -7,6 +7,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.built_in_sensors import with_sensors
 from mocap_id.dynamics.cautions import find_cautions
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
 from mocap_id.dynamics.identification import Identification, identify
@@ -17,6 +18,7 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
+from mocap_id.stages.identify_dim.board_position import board_reasons
 from mocap_id.stages.identify_dim.encoder_torque import torque_facts
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
@@ -75,17 +77,19 @@ def fit_chain(
 ) -> Identification:
     """Identify the pinned chain."""
     settings: IdentifyDimSettings = context.settings
-    return identify(
+    consistency, reference = settings.consistency or "grid", references.chosen.parameters
+    found = identify(
         prepared,
         movement.free,
         grid,
-        references.chosen.parameters,
+        reference,
         read_kinematic_error(context),
-        consistency=settings.consistency or "grid",
+        consistency=consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls is True,
         foot_sd=_foot_sd(context),
     )
+    return with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
 
 
 def _foot_sd(context: Context) -> float | None:
@@ -145,6 +149,8 @@ def _with_identification(
         "scales": scale_facts(result.found),
         "calibration_covariance": calibration_facts(result.found),
     }
+    if inputs.board is not None:
+        facts["board"] = inputs.board
     if segments is not None:
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
     cautions = (
@@ -152,6 +158,7 @@ def _with_identification(
         *_loose_torques(context, result, movement),
         *validation.reasons(facts["held_out"]),
         *motion_reasons(facts),
+        *board_reasons(context, facts),
     )
     prior = () if not found.uses_reference or context.settings.reference_pulls is True else (_FOOT_PRIOR,)
     reasons = (*movement.reasons, *references.chosen.reasons, *prior, *cautions)

@@ -85,7 +85,7 @@ def check_and_calibrate(
     sd = {
         "gain": usual.gain_with(mass, mass_sd) if 1 in prepared.settings.components else usual.gain,
         "moments": usual.moments,
-        "position": usual.position,
+        "position": prepared.recorded.position_sd or usual.position,
         "lengths": usual.lengths,
         "tilt": usual.tilt,
     }

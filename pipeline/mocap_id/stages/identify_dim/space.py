@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cautions import find_cautions_in_space
 from mocap_id.dynamics.excitation import WEAK
 from mocap_id.dynamics.space.identification import SpatialIdentification, excitation_in_space, identify
@@ -26,12 +28,25 @@ _ADVICE = "Larger angles and higher speeds of all joints, one after the other an
 def identify_in_space(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in space."""
     inputs = read_spatial_inputs(context)
-    events = events_table(())
+    events, torques = _events(context)
     if inputs.trial is None or inputs.obstacle is not None:
         table, tree = _unknown(context, inputs)
     else:
         table, tree = _identified(context, inputs, inputs.trial)
-    return events, table, tree, artefacts.no_averages()
+    return events, replace(table, columns={**table.columns, **torques}), tree, artefacts.no_averages()
+
+
+def _events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
+    """Return events.parquet by the trial's protocol, and additional columns of dynamics.parquet."""
+    if context.trial.protocol == "curl":
+        from mocap_id.stages.identify_dim.curls import find_curl_events  # noqa: PLC0415  only for curls
+
+        return find_curl_events(context)
+    if context.trial.protocol == "reach":
+        from mocap_id.stages.identify_dim.reaches import find_reach_events  # noqa: PLC0415  only for reaches
+
+        return find_reach_events(context), {}
+    return events_table(()), {}
 
 
 def _identified(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> tuple[Table, Tree]:

@@ -18,6 +18,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store.views import Skeleton, joint_columns
 
+_VERTICAL = (1, 2)  # Fy and tauz
 _THIGH = "thigh"
 _THIGH_NUMBER = 2  # number of the thigh in a chain that begins with the foot
 
@@ -44,7 +45,10 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
             f"trial {context.trial.trial}, identify-dim: states.parquet has {len(time)} samples and wrench.parquet "
             f"{len(plate_time)}, expected the same times; run the trial again from planarise"
         )
-    joints = len(chain.centres)
+    joints, board = len(chain.centres), wrench.facts.get("board")
+    ground = wrench.stack(WRENCH_COMPONENTS)
+    if board is not None:
+        ground[:, 0] = 0.0
     recorded = TrialData(
         time=time,
         q=joint_columns(states, "theta", joints),
@@ -52,19 +56,26 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
         ddq=joint_columns(states, "ddtheta", joints),
         ddq_sd=joint_columns(states, "sd_ddtheta", joints),
         observed=np.logical_and.reduce([states[f"observed_{j}"] for j in range(1, joints + 1)]),
-        wrench=np.where(wrench["plate_ok"][:, None], wrench.stack(WRENCH_COMPONENTS), np.nan),
+        wrench=np.where(wrench["plate_ok"][:, None], ground, np.nan),
         centres=chain.centres,
-        external=_external_wrenches(context, chain.segments),
+        external=_external_wrenches(context, chain.segments, "contact"),
+        built_in=_external_wrenches(context, chain.segments, "beyond"),
         knee=max(0, _thigh(chain.segments) - 1),
     )
-    return replace(recorded, averaged=recording.averaging_width(wrench.facts["analog_rate_hz"], recorded.rate))
+    averaged = recording.averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
+    if board is None:
+        return replace(recorded, averaged=averaged)
+    averaged, surface = float(np.hypot(averaged, board["averaged_s"])), float(board["cells_below_surface_m"])
+    return replace(recorded, averaged=averaged, measures=_VERTICAL, surface=surface)
 
 
-def _external_wrenches(context: Context, segments: Sequence[str]) -> tuple[ExternalWrench, ...]:
-    """Return the wrenches of chair and sensors in wrench.parquet, and the segments on which they act."""
+def _external_wrenches(context: Context, segments: Sequence[str], measures: str) -> tuple[ExternalWrench, ...]:
+    """Return the wrenches in wrench.parquet that measure contacts (chair and sensors) or joints, with segments."""
     table, settings = context.table("wrench.parquet"), context.settings
     found = []
     for fact in table.facts.get("external") or ():
+        if fact.get("measures", "contact") != measures:
+            continue
         wanted, key = fact.get("segment"), f"external: {fact['name']}: segment"
         if fact["name"] == SEAT:
             if not settings.seat_plate:
@@ -104,10 +115,11 @@ def read_kinematic_error(context: Context) -> KinematicError:
     return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
 
 
-def fit_settings(settings: IdentifyDimSettings) -> FitSettings:
-    """Return the settings of the fit from those of the stage."""
+def fit_settings(settings: IdentifyDimSettings, recorded: TrialData) -> FitSettings:
+    """Return the settings of the fit from those of the stage, with the components that are measured."""
+    components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
     return FitSettings(
-        components=tuple(WRENCH_COMPONENTS.index(name) for name in settings.components),
+        components=tuple(component for component in components if component in recorded.measures),
         cutoff=settings.cutoff_hz,
         offset_limit=settings.clock_offset_limit_s,
         apply_offset=settings.apply_clock_offset,

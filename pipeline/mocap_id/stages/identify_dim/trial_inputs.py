@@ -17,6 +17,7 @@ from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
 from mocap_id.protocols.movement import Movement, read_movement
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
+from mocap_id.stages.identify_dim.board_position import settle_board
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable, check_excitation, check_wrench
 from mocap_id.stages.identify_dim.measured_bodies import (
     MeasuredBodies,
@@ -54,6 +55,8 @@ class TrialInputs:
         JSON facts about the choice between chain and poses.
     centre_sd : (n,) array
         Standard deviation of each joint centre from the gap of its joint, m.
+    board : dict or None
+        Fact ``board`` of dynamics.h5: where a balance board stands.
     """
 
     chain: Skeleton
@@ -65,6 +68,7 @@ class TrialInputs:
     body_sets: tuple[MeasuredBodies, ...]
     motion_facts: dict[str, Any]
     centre_sd: FloatArray
+    board: dict[str, Any] | None = None
 
 
 def read_inputs(context: Context) -> TrialInputs:
@@ -76,14 +80,18 @@ def read_inputs(context: Context) -> TrialInputs:
     prepared: PreparedTrial | None = None
     chair_reasons: tuple[Reason, ...] = ()
     if obstacle is None:
-        prepared, chair_reasons = check_chair(prepare(recorded, fit_settings(settings)))
+        prepared, chair_reasons = check_chair(prepare(recorded, fit_settings(settings, recorded)))
         recorded = prepared.recorded
     grid = segment_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
     movement = _movement(context, recorded, prepared, chair_reasons)
+    board: dict[str, Any] | None = None
     if prepared is not None:
         obstacle = check_excitation(context, prepared, movement)
+        if obstacle is None:
+            prepared, board = settle_board(context, prepared, movement)
+            recorded = prepared.recorded
     body_sets, facts, centre_sd = _body_sets(context, recorded)
-    inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, body_sets, facts, centre_sd)
+    inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, body_sets, facts, centre_sd, board)
     if prepared is None or obstacle is not None or not body_sets:
         return replace(inputs, body_sets=())
     bodies = _best_bodies(context, inputs, prepared)

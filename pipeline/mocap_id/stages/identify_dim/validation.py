@@ -124,6 +124,8 @@ def _inside(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] |
     off = left_out.filtered - left_out.filtered_measured
     cop = centre_of_pressure(left_out.filtered, threshold) - centre_of_pressure(left_out.filtered_measured, threshold)
     series = np.column_stack([off, cop])
+    seen = [k for k in range(series.shape[1]) if np.isfinite(series[left_out.samples, k]).any()]
+    series = series[:, seen]
     within = np.full(series.shape, np.nan)
     for k in np.unique(left_out.part[left_out.samples]):
         own, others = left_out.samples & (left_out.part == k), left_out.samples & (left_out.part != k)
@@ -132,7 +134,7 @@ def _inside(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] |
             within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= _NORMAL * sd, np.nan)
     if np.isnan(within).all():
         return None
-    return dict(zip(SERIES, np.nanmean(within, axis=0).tolist(), strict=True))
+    return dict(zip([SERIES[k] for k in seen], np.nanmean(within, axis=0).tolist(), strict=True))
 
 
 def wrench(validation: Validation, samples: int) -> FloatArray:

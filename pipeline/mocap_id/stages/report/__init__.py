@@ -6,7 +6,8 @@ from pydantic import Field
 
 from mocap_id.reporting.contents import FILES, PdfFonts
 from mocap_id.stages import STAGE_HELP
-from mocap_id.stages.base import Context, Outputs, Settings, Stage, TrialKeys
+from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store.schemas import SCHEMAS
 
 
@@ -27,7 +28,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="report",
-    version=8,
+    version=9,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),

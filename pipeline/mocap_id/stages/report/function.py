@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from mocap_id import __version__
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.stages.base import Context, Outputs, TrialKeys
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.trial_keys import BalanceBoard, TrialKeys
 from mocap_id.verdict import Reason
 
 
@@ -40,7 +41,9 @@ def report_data(context: Context) -> ReportData:
 
 def _trial_settings(trial: TrialKeys) -> dict[str, str]:
     """Return the trial's keys as texts, files without folders."""
-    files = [path.name for path in (trial.recording.markers, trial.recording.forces) if path is not None]
+    forces = trial.recording.forces
+    forces = forces.balance_board if isinstance(forces, BalanceBoard) else forces
+    files = [path.name for path in (trial.recording.motion, forces) if path is not None]
     subject = trial.subject.model_dump(exclude_none=True)
     plates = trial.plates.model_dump(exclude_defaults=True)
     shown = {

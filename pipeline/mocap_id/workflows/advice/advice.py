@@ -20,10 +20,11 @@ from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.errors import RecordingError
 from mocap_id.kinematics.predicted_skin import predict_skin
 from mocap_id.stages import STAGES, skin_artefact
-from mocap_id.stages.base import Context, TrialKeys
+from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.function import identification, weak_share
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Artefact, Folder, Tree
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.advice.options import AdviceOptions

@@ -47,7 +47,7 @@ class RobotTrialResult(TrialOutcome):
 def read_trial_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, RobotReference]) -> RobotTrialResult:
     """Read the result of a trial from its run folder and those of the methods."""
     config = trial.trial
-    truth = read_truth(config.keys.recording.markers)
+    truth = read_truth(config.keys.recording.motion)
     labels = Labels(trial.joint, trial.speed, trial.orientation).over(labels_of(truth))
     given = reference.get(labels.joint)
     methods = [method for method in METHODS if method is not ENCODER or config.keys.encoder is not None]

@@ -23,6 +23,8 @@ CHANGES: Mapping[str, Callable[[TrialInputs, Perturbation], TrialInputs]] = {
     "clock-offset-ignored": signal_perturbations.clock_offset_ignored,
     "wrench-bias": signal_perturbations.wrench_bias,
     "wrench-noise": signal_perturbations.wrench_noise,
+    "board-steps": signal_perturbations.board_steps,
+    "stamp-jitter": signal_perturbations.stamp_jitter,
     "camera-noise": marker_perturbations.camera_noise,
     "marker-count": marker_perturbations.marker_count,
     "drop-outs": marker_perturbations.drop_outs,

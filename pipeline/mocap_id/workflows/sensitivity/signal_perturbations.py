@@ -8,11 +8,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.plates import GRAVITY
 from mocap_id.store import Table
 from mocap_id.workflows.sensitivity.kinds import ALL
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.trial_inputs import LAST, TrialInputs
 
+_HALF_DEPTH_M = 0.119  # distance of the cells of a balance board from its centre, along the motion
 STATES, WRENCH = "states.parquet", "wrench.parquet"
 
 
@@ -52,9 +54,9 @@ def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInput
     )
 
 
-def _later(table: Table, delay: float) -> Table:
+def _later(table: Table, delay: float | FloatArray) -> Table:
     """Return wrench.parquet delayed by ``delay`` s; sensors with their own clock do not change."""
-    if delay == 0:
+    if not np.any(delay):
         return table
     time = table["time"]
     beside = [fact["columns"] for fact in table.facts.get("external") or () if fact["clock"] != "plates"]
@@ -77,6 +79,20 @@ def wrench_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 def wrench_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     """Add white noise, a sample a frame, to a component of the plates' wrench."""
     return _added(trial, change, change.level * change.rng().standard_normal(trial.table(WRENCH).length))
+
+
+def board_steps(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Add the rounding errors of four cells in the place of a balance board's: to Fy and, by their distance, tauz."""
+    error = change.level * (change.rng().random((trial.table(WRENCH).length, 4)) - 0.5) * GRAVITY
+    front, back = error[:, :2].sum(axis=1), error[:, 2:].sum(axis=1)
+    trial = _added(trial, replace(change, target="Fy"), front + back)
+    return _added(trial, replace(change, target="tauz"), _HALF_DEPTH_M * (front - back))
+
+
+def stamp_jitter(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Take every sample of the plates at a time that is wrong at random, with the level as standard deviation."""
+    length = trial.table(WRENCH).length
+    return trial.with_artefacts(_later(trial.table(WRENCH), change.level * change.rng().standard_normal(length)))
 
 
 def _added(trial: TrialInputs, change: Perturbation, error: float | FloatArray) -> TrialInputs:

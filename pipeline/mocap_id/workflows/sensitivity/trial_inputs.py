@@ -13,7 +13,8 @@ from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import Settings, Subject, TrialKeys
+from mocap_id.stages.base import Settings
+from mocap_id.stages.trial_keys import Subject, TrialKeys
 from mocap_id.store import Artefact, Folder, LongTable, Table, Tree, dumps
 from mocap_id.store.views import joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to

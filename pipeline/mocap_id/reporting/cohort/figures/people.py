@@ -16,11 +16,14 @@ from mocap_id.reporting.numbers import NORMAL_95
 _SPREAD = 0.6  # of a row's height, for the trials of one person
 
 
-def trial_places(data: CohortData, trials: Sequence[str]) -> FloatArray:
-    """Return the vertical place of each trial: the person's row, and within it the trials one below the other."""
+def trial_places(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
+    """Return the vertical place of each trial: the person's row, and within it the trials one below the other.
+
+    The rows have the order of ``subjects``, or of the trials if omitted.
+    """
     place: dict[str, float] = {}
     frame = data.tables["trials"]
-    for row, subject in enumerate(data.subjects):
+    for row, subject in enumerate(subjects or data.subjects):
         own = frame[frame["subject"] == subject]["trial"]
         place |= {name: row + _within(k, len(own)) for k, name in enumerate(own)}
     return np.array([place[trial] for trial in trials], dtype=np.float64)

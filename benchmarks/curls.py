@@ -1,0 +1,162 @@
+"""Curls: counts, times, compensation and torque against exact truth, over all conditions of the device.
+
+Rows and limits are those of docs/measured/curls.md. Each trial has a calibration trial of the same person. About ten
+seconds per trial and core.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import harness
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.errors import MocapIdError
+from mocap_id.runner import run
+from mocap_id.simulation.arm import ArmOptions, write_arm
+from mocap_id.simulation.arm.options import Preset
+from mocap_id.simulation.arm.pneumatic_device import CurlCondition
+from mocap_id.store import Folder
+
+PRESETS: tuple[Preset, ...] = ("default", "hard")
+CONDITIONS: tuple[CurlCondition, ...] = get_args(CurlCondition)
+ANGLES = ("plane", "elevation", "axial")
+RANGE_LIMIT = {"default": 0.7, "hard": 1.2}  # °
+TIME_LIMIT, TORQUE_LIMIT = 60.0, 0.4  # ms, N·m
+
+
+@dataclass(frozen=True)
+class Curls:
+    """What came of one trial; arrays have a row for each curl."""
+
+    preset: str
+    level: str
+    codes: tuple[str, ...]
+    counted: bool  # the number of curls and of failed attempts is right
+    times: FloatArray  # (n, 3) errors of start, top and end, ms
+    ranges: FloatArray  # (n, 3) errors of the ranges of the shoulder's angles, °
+    inside: FloatArray  # (n, 3) 1 if the interval of the range holds the truth
+    width: FloatArray  # (n, 3) width of the interval, °
+    torque: FloatArray  # (2,) rms errors of the total torque and of the person's, N·m; NaN if unknown
+    within: FloatArray  # (2,) share of the samples within 1.96 standard deviations
+
+
+def measure(task: tuple[Preset, int]) -> Curls:
+    """Simulate and run a calibration and a trial of curls, and compare the latter with its truth."""
+    preset, seed = task
+    condition = CONDITIONS[seed % len(CONDITIONS)]
+    with tempfile.TemporaryDirectory() as place:
+        person = {"preset": preset, "subject": seed, "rate": 100.0}
+        write_arm(Path(place) / "calibration", ArmOptions(seed=seed, severity=0.1, **person))
+        options = ArmOptions(
+            seed=seed + 500_000,
+            movement="curl",
+            repetitions=5 + seed % 3,
+            failed=seed % 2,
+            condition=condition,
+            calibration="../calibration/trial.yaml",
+            **person,
+        )
+        configuration = write_arm(Path(place) / "trial", options)
+        nothing = np.full((0, 3), np.nan)
+        try:
+            outcome = run(load(configuration))
+        except MocapIdError as error:
+            failed = (type(error).__name__,)
+            return Curls(preset, "failed", failed, False, *[nothing] * 4, *[np.full(2, np.nan)] * 2)
+        return compare(preset, outcome.folder, configuration)
+
+
+def compare(preset: str, folder: Path, configuration: Path) -> Curls:
+    """Compare the results of a trial with its truth."""
+    summary = json.loads((folder / "summary.json").read_text("utf-8"))
+    truth, artefacts = harness.read_truth(configuration), Folder(folder)
+    events, dynamics = (artefacts.read(name) for name in ("events.parquet", "dynamics.parquet"))
+    done, curls = events["complete"].astype(bool), truth["repetitions"]
+    counted = [summary["curls"][name] for name in ("count", "partial")]
+    right = counted == [len(curls), len(truth["partials"])] and done.sum() == len(curls)
+    times = ranges = inside = width = np.full((0, 3), np.nan)
+    if right:
+        true = [[each["start"], (each["top"] + each["top_end"]) / 2, each["end"]] for each in curls]
+        times = 1e3 * (events.stack(["start", "top", "end"])[done] - np.array(true))
+        moved = [summary["curls"]["compensation"][f"shoulder_{name}"] for name in ANGLES]
+        sizes = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
+        found = np.array([one["range_deg"] for one in moved], dtype=float).T[done]
+        ends = np.array([[end or [np.nan] * 2 for end in one["interval_deg"]] for one in moved])
+        low, high = ends[..., 0].T[done], ends[..., 1].T[done]
+        ranges, width = found - sizes, high - low
+        inside = np.where(np.isfinite(found), (sizes >= low) & (sizes <= high), np.nan)
+    torque, within = np.full(2, np.nan), np.full(2, np.nan)
+    if "elbow_torque" in dynamics.names and curls:
+        taus = harness.read_true_arrays(configuration, dynamics["time"], ["tau_total", "tau_human"])
+        used = (dynamics["time"] >= curls[0]["start"]) & (dynamics["time"] <= curls[-1]["end"])
+        for k, (suffix, name) in enumerate((("", "tau_total"), ("_person", "tau_human"))):
+            error = (dynamics[f"elbow_torque{suffix}"] - taus[name])[used]
+            if np.isfinite(error).any():
+                torque[k] = np.sqrt(np.nanmean(error**2))
+                within[k] = np.nanmean(np.abs(error) <= 1.96 * dynamics[f"sd_elbow_torque{suffix}"][used])
+    codes = tuple(each["code"] for each in summary["verdict"]["reasons"])
+    return Curls(preset, summary["verdict"]["level"], codes, right, times, ranges, inside, width, torque, within)
+
+
+def table(preset: str, outcomes: Sequence[Curls]) -> str:
+    """Return the table of a preset."""
+    own = [each for each in outcomes if each.preset == preset]
+
+    def stacked(name: str) -> Any:
+        return np.concatenate([getattr(each, name) for each in own])
+
+    rows = [
+        ["trials with exact counts of curls and failed attempts", "100 %", _share([e.counted for e in own]), "", ""]
+    ]
+    for k, name in enumerate(("start", "top", "end")):
+        rows.append([f"{name}, ms", f"{TIME_LIMIT:g}", *_errors(stacked("times")[:, k], TIME_LIMIT)])
+    for k, name in enumerate(ANGLES):
+        limit = RANGE_LIMIT[preset]
+        rows.append([f"range of {name}, °", f"{limit:g}", *_errors(stacked("ranges")[:, k], limit)])
+        inside, width = stacked("inside")[:, k], np.nanmedian(stacked("width")[:, k])
+        rows.append([f"… inside its interval, {width:.1f}° wide", "88–99 %", _share(inside), "", ""])
+    for k, name in enumerate(("total torque", "person's torque")):
+        errors, within = (np.array([getattr(each, part)[k] for each in own]) for part in ("torque", "within"))
+        rows.append([f"{name}, rms, N·m", f"{TORQUE_LIMIT:g}", *_errors(errors, TORQUE_LIMIT)])
+        rows.append(["… samples inside 1.96 standard deviations", "", _share(within), "", ""])
+    levels = ", ".join(f"{level} {sum(e.level == level for e in own)}" for level in dict.fromkeys(e.level for e in own))
+    head = f"**{preset}**, {len(own)} trials, {sum(len(each.times) for each in own)} curls. Verdicts: {levels}."
+    return f"{head}\n\n" + harness.markdown(["quantity", "limit", "within it", "median", "80 %"], rows, numbers_from=1)
+
+
+def _share(kept: Any) -> str:
+    known = np.asarray(kept, dtype=float)
+    known = known[np.isfinite(known)]
+    return f"{100 * known.mean():.0f} %" if len(known) else "–"
+
+
+def _errors(errors: FloatArray, limit: float) -> list[str]:
+    """Return the share within the limit, the median and the 80 % quantile of the sizes of the errors."""
+    sizes = np.abs(errors[np.isfinite(errors)])
+    form = ".0f" if limit > 10 else ".2f"
+    quantiles = np.quantile(sizes, (0.5, 0.8)) if len(sizes) else (np.nan, np.nan)
+    return [_share(sizes <= limit), *(f"{each:{form}}" for each in quantiles)]
+
+
+def main() -> None:
+    """Measure trials of both presets, or those given by ``--only``."""
+    parser = harness.command_line(__doc__, parallel=True, trials=24, first=420_000)
+    parser.add_argument("--only", nargs="*", default=PRESETS, choices=PRESETS, help="presets to measure")
+    given = parser.parse_args()
+    tasks = [(preset, given.first + k) for preset in given.only for k in range(given.trials)]
+    outcomes = harness.run_all(measure, tasks, given.jobs)
+    about = harness.measured_by(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
+    sections = {"curls": "\n\n".join([about, *(table(preset, outcomes) for preset in given.only)])}
+    harness.publish(sections, write=given.write)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""The figures of a study of curls: box plots of repetitions (thesis figure 8.5), and compensation by condition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from mocap_id.reporting import style
+from mocap_id.reporting.cohort.page_data import CohortData
+from mocap_id.reporting.curl_cohort.tables import NAMES
+from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Item, Line, Panel, Points, Rule, in_lines
+
+_ANGLES = tuple(name for name in NAMES if name.startswith(("shoulder", "thorax")))
+_BOX = 0.3  # half of the height of a box, in rows
+
+
+def curl_figures(data: CohortData, reference: str) -> Drawings:
+    """Return every figure of the page."""
+    boxes = Drawing(
+        "repetitions",
+        "Repetitions by condition",
+        f"Counts (left), and counts over those of the person's trial of the same number in {reference} (right). A box "
+        "holds the middle half of the trials, its line is the median, the whiskers reach the lowest and the highest "
+        "trial. A dot is a trial; each person has a colour.",
+        _boxes(data),
+    )
+    compensation = Drawing(
+        "compensation",
+        "Compensation by condition",
+        "Mean range of each angle within a curl: dots are trials, rings the mean over people with its 95 % interval. "
+        "Left of the dotted line a range can be due to errors alone.",
+        _compensation(data),
+    )
+    return Drawings(style.printable(data.study), (boxes, compensation))
+
+
+def _conditions(data: CohortData) -> list[str]:
+    return list(dict.fromkeys(data.tables["trials"]["condition"]))
+
+
+def _rows(data: CohortData) -> tuple[str, ...]:
+    return tuple(style.printable(name, 16) for name in _conditions(data))
+
+
+def _boxes(data: CohortData) -> Figure | str:
+    trials = data.tables["trials"]
+    if trials["repetitions"].isna().all():
+        return "No repetitions: no trial has any."
+    height = 0.8 + 0.35 * len(_conditions(data))
+    panels = []
+    for name in ("repetitions", "normalised"):
+        items: list[Item] = [Rule("x", 1.0, style.FAINT, ":")] if name == "normalised" else []
+        for row, condition in enumerate(_conditions(data)):
+            values = trials[trials["condition"] == condition][name].dropna().to_numpy(dtype=np.float64)
+            if len(values):
+                items += _box(values, row)
+        items += _dots(data, name)
+        panels.append(Panel(tuple(items), x=NAMES[name], rows=_rows(data), height=height))
+    return Figure((tuple(panels),))
+
+
+def _box(values: np.ndarray, row: int) -> list[Item]:
+    lowest, q1, median, q3, highest = np.quantile(values, (0, 0.25, 0.5, 0.75, 1))
+    ends = np.array([lowest, q1, np.nan, q3, highest])
+    return [
+        Bars(np.array([row]), np.array([q1]), np.array([q3]), (style.BLUE,), np.array([0.3]), thick=2 * _BOX),
+        Line(ends, np.full(5, float(row)), style.INK, width=0.8),
+        Line(np.array([median, median]), np.array([row - _BOX, row + _BOX]), style.INK, width=1.6),
+    ]
+
+
+def _dots(data: CohortData, name: str, size: float = 3.0) -> list[Item]:
+    """Return a dot for every trial in the row of its condition, coloured by person."""
+    trials, conditions, people = data.tables["trials"], _conditions(data), data.subjects
+    items: list[Item] = []
+    for k, subject in enumerate(people):
+        own = trials[(trials["subject"] == subject) & trials[name].notna()]
+        if own.empty:
+            continue
+        place = np.array([conditions.index(one) for one in own["condition"]], dtype=np.float64)
+        aside = 1.6 * _BOX * (k / (len(people) - 1) - 0.5) if len(people) > 1 else 0.0
+        label, names = style.printable(subject, 16), tuple(style.printable(one, 30) for one in own["trial"])
+        values = own[name].to_numpy(dtype=np.float64)
+        items.append(Points(values, place + aside, style.colour(k + 1), label, size=size, names=names))
+    return items
+
+
+def _compensation(data: CohortData) -> Figure | str:
+    trials, means = data.tables["trials"], data.tables["conditions"]
+    known = [name for name in _ANGLES if trials[name].notna().any()]
+    if not known:
+        return "No compensation: no trial has angles of the shoulder or the thorax."
+    height = 0.8 + 0.3 * len(_conditions(data))
+    panels = []
+    for name in known:
+        floor = float(trials[f"floor_{name}"].median())
+        items = [Rule("x", floor, style.FAINT, ":"), *_dots(data, name, 2.5), *_means(data, means, name)]
+        panels.append(Panel(tuple(items), x=NAMES[name], rows=_rows(data), height=height))
+    return Figure(in_lines(tuple(panels), 3))
+
+
+def _means(data: CohortData, means: pd.DataFrame, name: str) -> list[Item]:
+    own = means[means["measure"] == name]
+    place = np.array([_conditions(data).index(one) for one in own["condition"]], dtype=np.float64)
+    value, low = (own[column].to_numpy(dtype=np.float64) for column in ("mean", "mean_low"))
+    half = np.where(np.isfinite(low), value - low, 0.0)
+    return [Points(value, place, style.INK, symbol="ring", size=5.0, half=half)]

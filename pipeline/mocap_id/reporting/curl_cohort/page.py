@@ -1,0 +1,110 @@
+"""``cohort.html`` of a study of curls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from mocap_id.reporting.cohort.page_data import CohortData
+from mocap_id.reporting.curl_cohort import tables
+from mocap_id.reporting.curl_cohort.figures import curl_figures
+from mocap_id.reporting.results.grid_columns import show_estimate
+from mocap_id.reporting.results.page import ResultPage, ResultSection
+from mocap_id.reporting.results.trial_entries import counts, headline
+from mocap_id.reporting.sections import KeyNumber
+
+_FOOTER = (
+    "The same numbers in SI units, angles in degrees, are in the CSV and Parquet files beside this page, which "
+    "study.json describes."
+)
+_REPETITIONS = (
+    "Repetitions are complete curls up to the end of the trial, which is a failed attempt, a pause, a break of the "
+    "tempo, or motion out of the plane. A person's value is the mean of the person's trials; means and their Student t "
+    "intervals are over the people.",
+)
+_DIFFERENCES = (
+    "A difference pairs trials of the same person and number. Its interval is Student's t interval over the people. p "
+    "compares all combinations of signs of the people's differences, so that with n people it is at least 2/2ⁿ. p is "
+    "not corrected for several tests: of twenty comparisons without any effect, one has p below 0.05.",
+    "These are differences between conditions of these people in these trials. They do not show the cause.",
+)
+_COMPENSATION = (
+    "Range of each angle within a curl, mean over the curls of a trial. Curls should only bend the elbow. A range "
+    "below that by errors alone (dotted) may be no motion.",
+)
+
+
+def curl_cohort_page(data: CohortData, reference: str) -> bytes:
+    """Return the page as UTF-8.
+
+    Parameters
+    ----------
+    data : CohortData
+        With the tables conditions, comparisons and trials.
+    reference : str
+        Condition that others are compared with.
+    """
+    return ResultPage(
+        name=data.study,
+        headline=headline(data.trials),
+        lead=f"{counts(data.trials)}. Tables and figures are about the trials that went through.",
+        command="study",
+        level="ok" if all(trial.fate == "ok" for trial in data.trials) else "caution",
+        key_numbers=tuple(_key_numbers(data, reference)),
+        sections=tuple(_sections(data, reference)),
+        trials=data.trials,
+        figures=curl_figures(data, reference),
+        footer=_FOOTER,
+    ).render()
+
+
+def _sections(data: CohortData, reference: str) -> Iterator[ResultSection]:
+    found, cohort, people = data.tables["conditions"], data.of_cohort("comparisons"), data.of_people("comparisons")
+    to_reference, others = (cohort[(cohort["first"] == reference) == which] for which in (True, False))
+    yield ResultSection(
+        "repetitions",
+        "Repetitions (thesis figure 8.5)",
+        (tables.conditions(found, tables.REPETITIONS, "Repetitions by condition, with 95 % intervals of the mean"),),
+        ("repetitions",),
+        text=_REPETITIONS,
+    )
+    if len(cohort):
+        yield ResultSection(
+            "differences",
+            f"Differences from {reference}",
+            (tables.comparisons(to_reference, tables.REPETITIONS, "Paired differences of repetitions"),),
+            folded=(
+                tables.comparisons(others, tables.REPETITIONS, "Between the other conditions"),
+                tables.comparisons(people[people["first"] == reference], tables.REPETITIONS, "Of every person"),
+            ),
+            folded_as="More differences",
+            text=_DIFFERENCES,
+        )
+    yield ResultSection(
+        "compensation",
+        "Compensation, tempo and torque by condition",
+        (tables.comparisons(to_reference, tables.OTHERS, f"Paired differences from {reference}"),)
+        if len(to_reference)
+        else (),
+        ("compensation",),
+        folded=(tables.conditions(found, tables.OTHERS, "By condition, with 95 % intervals of the mean"),),
+        folded_as="Each condition",
+        text=_COMPENSATION,
+    )
+    yield ResultSection("trials", "Trials", (tables.trials(data.tables["trials"]),))
+
+
+def _key_numbers(data: CohortData, reference: str) -> Iterator[KeyNumber]:
+    yield KeyNumber("people", str(len(data.subjects)), f"{len(data.trials)} trials")
+    for row in _effects(data.of_cohort("comparisons"), reference):
+        yield KeyNumber(str(row["comparison"]), _percent(row), f"normalised repetitions, {row['people']} people")
+
+
+def _effects(frame: pd.DataFrame, reference: str) -> list[dict[str, object]]:
+    kept = frame[(frame["measure"] == "normalised") & (frame["first"] == reference)]
+    return [{str(key): value for key, value in row.items()} for row in kept.to_dict("records")]
+
+
+def _percent(row: dict[str, object]) -> str:
+    return f"{show_estimate(row, 'difference', 100.0)} %"

@@ -1,0 +1,47 @@
+"""Keys of a trial of curls: what they are done with, and the rules of their analysis."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import Field, WithJsonSchema
+
+from mocap_id.stages.base import Settings
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+class Body(Settings):
+    """A rigid body on forearm or hand, in the frame of its segment."""
+
+    mass: float = Field(gt=0, lt=100, description="kg")
+    centre: Vector = Field(description="centre of mass in the frame of its segment, m; y points to the elbow")
+    inertia: Vector = Field(
+        (0.0, 0.0, 0.0), description="moments of inertia about the centre along the segment's axes, kg·m²"
+    )
+    segment: Literal["forearm", "hand"] = Field("hand", description="segment that carries it")
+
+
+class CurlKeys(Settings):
+    """What curls are done with, and the rules of their analysis."""
+
+    condition: str | None = Field(None, max_length=40, description="name of the condition, for studies: C, AC, 5")
+    metronome_hz: float | None = Field(
+        None, gt=0.05, lt=5, description="curls per second that the metronome asks for; no tempo is checked without it"
+    )
+    loads: dict[str, Body] = Field({}, description="dumbbell, brace and other added bodies, by name")
+    forearm: Body | None = Field(None, description="inertia of the forearm; default: de Leva's table by the mass")
+    hand: Body | None = Field(None, description="inertia of the hand; default: de Leva's table by the mass")
+    device: Annotated[dict[str, Any], WithJsonSchema({"type": "string"})] | None = Field(
+        None,
+        description="YAML file of a pneumatic device at the elbow; `condition` names its state, if the file has it",
+    )
+    attempt_deg: float = Field(15.0, gt=0, lt=120, description="least flexion of an attempt")
+    complete: float = Field(0.6, gt=0, le=1, description="least flexion of a complete curl, share of the large ones")
+    tempo: float = Field(0.5, gt=0, description="largest deviation of a curl's duration, share of the metronome's")
+    pause: float = Field(2.0, gt=0, description="longest pause between curls, in periods")
+    plane_deg: float = Field(20.0, gt=0, description="largest turn of the elbow's axis away from the first curl's")
+    compensation_deg: float = Field(10.0, gt=0, description="change of shoulder or thorax that is a compensation")
+    sustained_s: float = Field(
+        0.25, ge=0, description="least duration of a compensation and of motion out of the plane"
+    )

@@ -1,0 +1,105 @@
+"""Torques about the elbow in curls: of all, of the device, and of the person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.allometry import arm_segment
+from mocap_id.protocols.curl.elbow_torque import ElbowTorque, Mass, SegmentMotion, elbow_torque
+from mocap_id.stages.base import Context
+from mocap_id.stages.curl_keys import Body
+from mocap_id.stages.device import DeviceFile
+from mocap_id.store.spatial_views import SegmentPoses, SpatialSkeleton
+
+_ADDED_SD, _TABLE_SD = 0.02, 0.15  # of a weighed body, and of one from a table, relative
+
+
+@dataclass(frozen=True)
+class CurlTorques:
+    """Torques about the elbow's axis; device and person are NaN if the device is not described."""
+
+    total: ElbowTorque
+    device: ElbowTorque
+    person: ElbowTorque
+
+    def columns(self) -> dict[str, FloatArray]:
+        """Return the columns of dynamics.parquet."""
+        columns: dict[str, FloatArray] = {}
+        for suffix, one in (("", self.total), ("_device", self.device), ("_person", self.person)):
+            columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
+        return columns
+
+
+def curl_torques(
+    context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
+) -> CurlTorques | str:
+    """Return the torques about the elbow's axis, or why they are unknown.
+
+    The person's torque is the total less that of the device.
+    """
+    total = _total_torque(context, poses, skeleton, axis)
+    if isinstance(total, str):
+        return total
+    keys, angles = context.trial.curl, context.table("angles.parquet")
+    if keys.device is None:
+        unknown = np.full(len(poses.time), np.nan)
+        return CurlTorques(total, ElbowTorque(unknown, unknown), ElbowTorque(unknown, unknown))
+    described = DeviceFile.model_validate(keys.device)
+    spread = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
+    acts = described.torque(described.sealed, angles["elbow_flexion"], angles["delbow_flexion"], spread)
+    device = ElbowTorque(*acts)
+    return CurlTorques(total, device, ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd)))
+
+
+def _total_torque(
+    context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
+) -> ElbowTorque | str:
+    """Return the total torque about the elbow's axis, or why it is unknown."""
+    keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
+    carried = [name for name in ("forearm", "hand") if name in poses.segments]
+    if "forearm" not in carried:
+        return "no segment is the forearm"
+    if subject.mass is None and (keys.forearm is None or keys.hand is None):
+        return "the inertia of forearm and hand is unknown; give `subject: {mass: …}`, or `curl: {forearm: …, hand: …}`"
+    segments = []
+    for name in carried:
+        k = poses.segments.index(name)
+        loads = [body for body in keys.loads.values() if body.segment == name or "hand" not in carried]
+        own = _own_bodies(context, skeleton, name, alone="hand" not in carried)
+        omega, alpha = (table.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for rate in ("omega", "alpha"))
+        bodies = [*own, *(_mass(body, _ADDED_SD) for body in loads)]
+        segments.append(
+            SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
+        )
+    tilt = float(np.nanmedian(table["sd_forearm_rotation"]))
+    return elbow_torque(poses.time, axis, segments, tilt=tilt)
+
+
+def _own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
+    """Return the segment's own body: as given, or from the table by the person's mass and the segment's length.
+
+    A forearm that is ``alone`` also carries the hand, at the end of the forearm.
+    """
+    keys, subject = context.trial.curl, context.trial.subject
+    length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
+    bodies = []
+    for segment in (name, "hand") if alone else (name,):
+        below = np.array([0.0, -length, 0.0]) if alone and segment == "hand" else np.zeros(3)
+        given = keys.forearm if segment == "forearm" else keys.hand
+        if given is not None:
+            mass = _mass(given, _ADDED_SD)
+        else:
+            share = arm_segment("forearm" if segment == "forearm" else "hand", subject.sex)
+            own = length if segment == "forearm" else length * share.length / arm_segment("forearm", subject.sex).length
+            weight = share.mass * (subject.mass or np.nan)
+            across = weight * (share.gyration * own) ** 2
+            mass = Mass(weight, np.array([0.0, -share.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)
+        bodies.append(Mass(mass.mass, mass.centre + below, mass.inertia, mass.relative_sd))
+    return bodies
+
+
+def _mass(body: Body, relative_sd: float) -> Mass:
+    return Mass(body.mass, np.array(body.centre), np.array(body.inertia), relative_sd)

@@ -1,0 +1,195 @@
+"""Curls of a trial in space: events.parquet with one row a curl, and facts on compensation, torque and fatigue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.geometry import so3
+from mocap_id.protocols.curl.compensation import Compensation, compensation
+from mocap_id.protocols.curl.fatigue import Trend, trend
+from mocap_id.protocols.curl.repetitions import Curl, find_curls
+from mocap_id.protocols.curl.rules import CurlRules
+from mocap_id.protocols.curl.trial_end import find_end
+from mocap_id.stages.base import Context
+from mocap_id.stages.curl_keys import CurlKeys
+from mocap_id.stages.identify_dim.curl_torques import CurlTorques, curl_torques
+from mocap_id.store import Table
+from mocap_id.store.schemas import EVENTS
+from mocap_id.store.spatial_views import GATED, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
+from mocap_id.verdict import Reason
+
+_FLEXION = "elbow_flexion"
+_SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
+_THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # about x, y, z of the thorax
+
+
+def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
+    """Return events.parquet of a trial with `protocol: curl`, and the torques for dynamics.parquet."""
+    angles, keys = context.table("angles.parquet"), context.trial.curl
+    time = angles["time"]
+    if _FLEXION not in angles.names:
+        why = "no flexion of the elbow: the trial shows no landmarks of upper arm and forearm"
+        return _events((), {"why": why}, (Reason("no-curls", why),)), {}
+    rules = _rules(keys)
+    poses = SegmentPoses.from_table(context.table("poses.parquet"))
+    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules)
+    axis = _elbow_axis(poses, skeleton)
+    end = find_end(time, axis, curls, rules)
+    leak = _leak(skeleton, angles[_FLEXION], curls)
+    moved = {
+        name: compensation(time, *channel, curls, rules, leak=leak if name == _SHOULDER[2] else None)
+        for name, channel in _channels(context, poses, curls).items()
+    }
+    torque = curl_torques(context, poses, skeleton, axis)
+    counted = [curl.complete and curl.start < end.time for curl in curls]
+    facts = {
+        "why": "" if any(counted) else "no complete curl was found",
+        "count": sum(counted),
+        "partial": sum(not curl.complete for curl in curls),
+        "after_end": sum(curl.complete for curl in curls) - sum(counted),
+        "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
+        "condition": keys.condition,
+        "tempo_s": _known([curl.end - curl.start if curl.complete else np.nan for curl in curls]),
+        "compensation": {name: [_motion(one) for one in found] for name, found in moved.items()},
+        "torque": [_peaks(time, torque, curl) for curl in curls] if isinstance(torque, CurlTorques) else None,
+        "torque_why": "" if isinstance(torque, CurlTorques) else torque,
+        "fatigue": {name: _trend(trend(values)) for name, values in _tiring(curls, moved).items()},
+    }
+    columns = torque.columns() if isinstance(torque, CurlTorques) else {}
+    return _events(curls, facts, _reasons(curls, facts)), columns
+
+
+def _rules(keys: CurlKeys) -> CurlRules:
+    return CurlRules(
+        metronome=keys.metronome_hz,
+        attempt=float(np.radians(keys.attempt_deg)),
+        complete=keys.complete,
+        tempo=keys.tempo,
+        pause=keys.pause,
+        plane=float(np.radians(keys.plane_deg)),
+        compensation=float(np.radians(keys.compensation_deg)),
+        sustained=keys.sustained_s,
+    )
+
+
+def _elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
+    """Return the axis about which the elbow flexes in the trial's frame, (T, 3), to the right of the arm.
+
+    It is the fitted axis of a hinge or two-axis joint, and the z axis of the upper arm if the elbow is a ball.
+    """
+    axis = np.array([0.0, 0.0, 1.0])
+    if "forearm" in poses.segments:
+        joint = skeleton.chain.joints[skeleton.segments.index("forearm") - 1]
+        if joint.kind != "ball":
+            axis = joint.first_axis * (1.0 if joint.first_axis[2] >= 0 else -1.0)
+    return np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ axis)
+
+
+def _leak(skeleton: SpatialSkeleton, flexion: FloatArray, curls: Sequence[Curl]) -> FloatArray | None:
+    """Return the standard deviation (T,) of the axial rotation that an error of the elbow's axis makes of a flexion.
+
+    An axis that errs by (d_x, d_y) turns the upper arm about its y axis by d_y Δsin(flexion) + d_x Δcos(flexion) from
+    one flexion to another. Zero if the covariance of the axis is unknown, None if the elbow is a ball.
+    """
+    if not curls or "forearm" not in skeleton.segments:
+        return None
+    joint = skeleton.chain.joints[skeleton.segments.index("forearm") - 1]
+    if joint.kind == "ball":
+        return None
+    lowest = float(np.nanmin(flexion))
+    turned = np.stack([np.cos(flexion) - np.cos(lowest), np.sin(flexion) - np.sin(lowest)], axis=-1)
+    variance = np.einsum("ti,ij,tj->t", turned, joint.axes_covariance[0, :2, :2], turned)
+    return np.asarray(np.sqrt(np.nan_to_num(np.maximum(variance, 0.0))))
+
+
+def _channels(context: Context, poses: SegmentPoses, curls: Sequence[Curl]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return the angles that compensate, with the standard deviations of their changes, rad."""
+    angles, table = context.table("angles.parquet"), context.table("poses.parquet")
+    channels = {}
+    clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
+    for name in _SHOULDER:
+        if name in angles.names:
+            value = angles[name] if name not in GATED or clear is None else np.where(clear, angles[name], np.nan)
+            channels[name] = (value, angles[f"sd_{name}"])
+    done = [curl for curl in curls if curl.complete]
+    if done and "thorax" in poses.segments:
+        turn = poses.rotation[:, poses.segments.index("thorax")]
+        known = np.flatnonzero(np.isfinite(turn).all(axis=(1, 2)) & (poses.time >= done[0].start))
+        if len(known):
+            lean = so3.log(turn[known[0]].T @ np.where(np.isfinite(turn), turn, np.eye(3)))
+            lean[~np.isfinite(turn).all(axis=(1, 2))] = np.nan
+            channels |= {name: (lean[:, i], table["sd_thorax_rotation"]) for i, name in enumerate(_THORAX)}
+    return channels
+
+
+def _peaks(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, float | None] | None:
+    """Return the largest total torque and the largest torque of the person in a curl, with their sds, N·m."""
+    within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
+    found: dict[str, float | None] = {}
+    for name, one in (("", torques.total), ("person_", torques.person)):
+        there = np.flatnonzero(within & np.isfinite(one.torque))
+        k = there[np.argmax(one.torque[there])] if len(there) else None
+        found[f"{name}peak_Nm"] = None if k is None else float(one.torque[k])
+        found[f"{name}sd_Nm"] = None if k is None else float(one.sd[k])
+    return found if found["peak_Nm"] is not None else None
+
+
+def _tiring(curls: Sequence[Curl], moved: dict[str, tuple[Compensation | None, ...]]) -> dict[str, FloatArray]:
+    """Return what may change as the person tires, for every complete curl."""
+    done = [k for k, curl in enumerate(curls) if curl.complete]
+    quantities = {
+        "duration_s": np.array([curls[k].end - curls[k].start for k in done]),
+        "amplitude_rad": np.array([curls[k].amplitude for k in done]),
+    }
+    for name, found in moved.items():
+        ranges = [one.range if one is not None else np.nan for one in (found[k] for k in done)]
+        quantities[f"{name}_range_rad"] = np.array(ranges)
+    return quantities
+
+
+def _motion(one: Compensation | None) -> dict[str, Any] | None:
+    if one is None:
+        return None
+    return {
+        "range_rad": one.range,
+        "interval_rad": list(one.range_interval),
+        "offset_rad": one.offset,
+        "offset_sd_rad": one.offset_sd,
+        "floor_rad": one.floor,
+        "sustained_s": one.sustained,
+    }
+
+
+def _trend(found: Trend | None) -> dict[str, Any] | None:
+    return None if found is None else {"slope": found.slope, "interval": list(found.interval), "count": found.count}
+
+
+def _known(values: Sequence[float]) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def _reasons(curls: Sequence[Curl], facts: dict[str, Any]) -> tuple[Reason, ...]:
+    if not curls or facts["why"]:
+        return (Reason("no-curls", facts["why"]),)
+    return ()
+
+
+def _events(curls: Sequence[Curl], facts: dict[str, Any], reasons: tuple[Reason, ...]) -> Table:
+    nothing = np.full(len(curls), np.nan)
+    columns = {
+        "kind": np.array(["curl"] * len(curls), dtype=object),
+        **{
+            name: np.array([getattr(curl, name) for curl in curls], dtype=np.float64)
+            for name in ("start", "top", "end")
+        },
+        **dict.fromkeys(("seat_off", "stand", "seat_on"), nothing),
+        "amplitude": np.array([curl.amplitude for curl in curls], dtype=np.float64),
+        "complete": np.array([curl.complete for curl in curls], dtype=np.bool_),
+        "why": np.array([curl.why for curl in curls], dtype=object),
+    }
+    return Table(EVENTS, columns, {"curl": facts}, reasons)

@@ -1,0 +1,275 @@
+"""Keys of a trial that several stages read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from mocap_id.stages.base import Settings
+from mocap_id.stages.curl_keys import CurlKeys
+
+
+class Subject(Settings):
+    """The person who moves; all keys are optional."""
+
+    height: float | None = Field(None, gt=0.3, lt=2.8, description="stature, m")
+    mass: float | None = Field(None, gt=2, lt=400, description="body mass, kg")
+    sex: Literal["female", "male"] | None = Field(None, description="sex, for allometric tables that differ by sex")
+
+
+class BalanceBoard(Settings):
+    """A balance board with four cells instead of a force plate."""
+
+    balance_board: Path = Field(description="CSV with time_s, tl_kg, tr_kg, bl_kg, br_kg: irregular times, own clock")
+    top: Literal["forwards", "backwards", "left", "right"] | None = Field(
+        None, description="where the board's top points, seen by the person; found from the movement if not given"
+    )
+    centre_m: tuple[float, float, float] | None = Field(
+        None, description="centre of its surface in the recording's axes, m; found under the feet if not given"
+    )
+    loads: Path | None = Field(
+        None, description="calibration: CSV with load_kg, tl_kg, tr_kg, bl_kg, br_kg, a row for each known load"
+    )
+    clock_offset_s: float = Field(
+        0.0, description="time on the recording's clock minus `time_s`, to about 0.1 s; the rest is found"
+    )
+
+
+class Files(Settings):
+    """Files of a recording: markers, or a skeleton."""
+
+    markers: Path | None = Field(
+        None, description="file with the markers: TRC (or C3D), or an export of QTM, Motive or Nexus"
+    )
+    skeleton: Path | None = Field(
+        None,
+        description="in space, in place of markers: joint positions of a depth camera (CSV with time_s, JOINT_x, "
+        "JOINT_y, JOINT_z[, JOINT_state] in m) or of markerless software (TRC)",
+    )
+    forces: Path | BalanceBoard | None = Field(None, description="MOT file with the ground forces, or a balance board")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Files:
+        if (self.markers is None) == (self.skeleton is None):
+            raise ValueError("expected one of `markers` and `skeleton`")
+        if self.skeleton is not None and self.forces is not None:
+            raise ValueError("`forces` belong to `markers`, not to a `skeleton`")
+        return self
+
+    @property
+    def motion(self) -> Path:
+        """The file with the markers or the skeleton."""
+        file = self.markers or self.skeleton
+        assert file is not None
+        return file
+
+
+class Compare(Settings):
+    """Joint angles from another system, for comparison."""
+
+    angles: Path = Field(description="MOT, STO or CSV file with angles, on the recording's clock")
+    columns: dict[str, str] = Field(
+        min_length=1, description="joint: column of the file, with a leading minus if its sense is opposite"
+    )
+
+
+PlateNumber: TypeAlias = Annotated[int, Field(ge=1)]
+
+
+class PlateUse(Settings):
+    """Use of the force plates, numbered from 1; found by the program if not given."""
+
+    feet: tuple[PlateNumber, ...] = Field((), description="plates under the feet; their wrenches are added")
+    seat: tuple[PlateNumber, ...] = Field((), description="plates under the chair; their wrench also acts on the body")
+
+    @field_validator("seat")
+    @classmethod
+    def _one_use_a_plate(cls, value: tuple[int, ...], info: ValidationInfo) -> tuple[int, ...]:
+        both = sorted(set(value) & set(info.data.get("feet", ())))
+        if both:
+            raise ValueError(f"plate {both[0]} is also named under `feet`")
+        return value
+
+
+class ExternalForce(Settings):
+    """A force sensor other than the plates, for example in a hand rail or a cable."""
+
+    file: Path = Field(description="CSV with time_s, Fx_N, Fy_N, Fz_N[, Mx_Nm, My_Nm, Mz_Nm] in the recording's axes")
+    name: str = Field(pattern=r"^\w[\w -]*$", max_length=40, description="name of the sensor, for messages: hand, rail")
+    segment: str | int = Field(description="segment on which the force acts, by name or number (0 = base)")
+    at: str | tuple[float, float, float] = Field(
+        description="point of application: a marker, or a fixed point [x, y, z] in the recording's axes, m"
+    )
+    force: Literal["on-body", "on-sensor"] = Field(
+        "on-body", description="sign convention: force of the sensor on the body, or of the body on the sensor"
+    )
+    clock_offset_s: float = Field(0.0, description="time on the recording's clock minus `time_s`, s")
+    measures: Literal["contact", "beyond"] = Field(
+        "contact",
+        description="contact: a force of the surroundings; beyond: the sensor is built into the joint before `segment` "
+        "and carries it and everything beyond it; its axes must not turn",
+    )
+
+
+Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint", "reach", "curl"]
+IN_PLANE: tuple[Protocol, ...] = ("sit-to-stand", "robot-joint")
+IN_SPACE: tuple[Protocol, ...] = ("reach", "curl")
+
+Landmark: TypeAlias = Literal[
+    "IJ",
+    "PX",
+    "C7",
+    "T8",
+    "AC",
+    "AA",
+    "AI",
+    "TS",
+    "PC",
+    "GH",
+    "EL",
+    "EM",
+    "RS",
+    "US",
+    "MC3",
+    "MCP2",
+    "MCP3",
+    "MCP5",
+]
+"""Anatomical landmarks of thorax and arm, named as by the ISB (Wu et al. 2005)."""
+
+
+class Calibration(Settings):
+    """Another trial of the same person with the same markers, whose chain is used."""
+
+    trial: Path = Field(description="YAML file of the trial")
+    chain: Path = Field(description="its chain.h5")
+
+
+class TrialKeys(Settings):
+    """Keys of a trial that several stages read, with absolute paths."""
+
+    trial: str = Field(
+        pattern=r"^\w[\w.+-]*$",
+        max_length=100,
+        description="name of the trial: letters and digits, inside also . _ + -",
+    )
+    recording: Files = Field(description="C3D file, or a TRC file with markers and a MOT file with forces")
+    space: Literal["plane", "3d"] = Field(
+        "plane",
+        validate_default=True,
+        description="plane: hinges in one vertical plane; 3d: balls, two-axis joints and hinges in any direction",
+    )
+    protocol: Protocol = Field(
+        "free",
+        description="the movement: free; in the plane also sit-to-stand (squats too) or robot-joint; in space also "
+        "reach or curl",
+    )
+    subject: Subject = Field(Subject(), description="the person who moves; all keys are optional")
+    encoder: Path | None = Field(
+        None, description="robot-joint only: CSV with time_s, position_rad, velocity_rad_s[, torque_Nm]"
+    )
+    window: tuple[float, float] | None = Field(
+        None, description="first and last time to use, s on the recording's clock; proposed by the program if not given"
+    )
+    plates: PlateUse = Field(PlateUse(), description="use of the force plates; found by the program if not given")
+
+    side: Literal["right", "left"] | None = Field(
+        None,
+        description="in space: side of the arm; a left arm is mirrored, so that its angles mean the same. By the "
+        "markers' names if not given, else right",
+    )
+    landmarks: dict[Landmark, str] = Field(
+        {}, description="in space: labels of the anatomical landmarks, where they are not the usual ones"
+    )
+    pointers: dict[Landmark, Path] = Field(
+        {}, description="in space: recordings in which a pointer touches a landmark, C3D files"
+    )
+    pointer: dict[str, float] = Field(
+        {},
+        description="in space: markers of the pointer, with their distances from its tip, m; found from the pointer's "
+        "motion if not given",
+    )
+    static: tuple[float, float] | None = Field(
+        None,
+        description="in space: first and last time of a still pose that shows the landmarks, s; found if not given",
+    )
+    calibration: Calibration | None = Field(
+        None, description="in space: trial of the same person and markers whose chain is used, a YAML file"
+    )
+    curl: CurlKeys = Field(CurlKeys(), description="curls: loads, device, metronome and the rules of the analysis")
+    imus: dict[str, Path] = Field(
+        {},
+        description="inertial sensors, segment: file; CSV with time_s, gyro_x … (rad/s), acc_x … (m/s²), or an "
+        "export of Xsens or Delsys; each on its own clock",
+    )
+    compare: Compare | None = Field(None, description="joint angles from another system, for comparison")
+    external: tuple[ExternalForce, ...] = Field((), description="other force sensors that act on the body")
+
+    @field_validator("space")
+    @classmethod
+    def _skeleton_in_space(cls, value: str, info: ValidationInfo) -> str:
+        files = info.data.get("recording")
+        if value == "plane" and files is not None and files.skeleton is not None:
+            raise ValueError("a skeleton needs `space: 3d`")
+        return value
+
+    @field_validator("imus")
+    @classmethod
+    def _imus_with_markers(cls, value: dict[str, Path], info: ValidationInfo) -> dict[str, Path]:
+        files = info.data.get("recording")
+        if value and files is not None and files.skeleton is not None:
+            raise ValueError("inertial sensors are used beside markers, not beside a skeleton")
+        return value
+
+    @field_validator("external")
+    @classmethod
+    def _one_name_a_sensor(cls, value: tuple[ExternalForce, ...]) -> tuple[ExternalForce, ...]:
+        names = [sensor.name for sensor in value]
+        twice = sorted({name for name in names if names.count(name) > 1 or name == "seat"})
+        if twice:
+            raise ValueError(f"`{twice[0]}` is used twice or reserved for the chair: give every sensor its own name")
+        return value
+
+    @field_validator("encoder")
+    @classmethod
+    def _encoder_has_a_joint(cls, value: Path | None, info: ValidationInfo) -> Path | None:
+        if value is not None and info.data.get("protocol") != "robot-joint":
+            raise ValueError("only `protocol: robot-joint` has an encoder")
+        return value
+
+    @field_validator("curl")
+    @classmethod
+    def _curl_keys_for_curls(cls, value: CurlKeys, info: ValidationInfo) -> CurlKeys:
+        if value != CurlKeys() and info.data.get("protocol") != "curl":
+            raise ValueError("this key needs `protocol: curl`")
+        return value
+
+    @field_validator("protocol")
+    @classmethod
+    def _protocol_in_its_space(cls, value: Protocol, info: ValidationInfo) -> Protocol:
+        space = info.data.get("space", "plane")
+        if value in (IN_SPACE if space == "plane" else IN_PLANE):
+            other = "3d" if space == "plane" else "plane"
+            raise ValueError(f"`protocol: {value}` needs `space: {other}`")
+        return value
+
+    @field_validator("side", "landmarks", "pointers", "pointer", "static", "calibration")
+    @classmethod
+    def _only_in_space(cls, value: Any, info: ValidationInfo) -> Any:
+        if value and info.data.get("space", "plane") == "plane":
+            raise ValueError("this key needs `space: 3d`")
+        return value
+
+    @field_validator("static", "window")
+    @classmethod
+    def _window_runs_forwards(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not value[0] < value[1]:
+            raise ValueError("the first time must come before the last")
+        return value
+
+
+def given_landmarks(trial: TrialKeys) -> dict[str, str]:
+    """Return the labels of the landmarks that the configuration names."""
+    return {str(name): label for name, label in trial.landmarks.items()}

@@ -1,0 +1,52 @@
+"""A whole trial of a left arm with inertial sensors, from its files to the summary and the page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mocap_id.config import load
+from mocap_id.errors import ConfigError
+from mocap_id.runner.execution import run
+from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.arm import ArmOptions, write_arm
+
+
+def test_a_left_arm_with_sensors(tmp_path: Path) -> None:
+    file = write_arm(tmp_path / "trial", ArmOptions(seed=12, cycles=1, side="left", imus=True))
+    trial = load(file)
+    run(trial)
+    summary = json.loads((trial.out / "summary.json").read_text("utf-8"))
+    truth = json.loads((file.parent / "truth.json").read_text("utf-8"))["imu"]
+    assert set(summary["imus"]) == set(truth)
+    assert all(entry["used"] for entry in summary["imus"].values())
+    found = summary["imus"]["forearm"]
+    middle = 15.0
+    off = found["clock_offset_s"] - truth["forearm"]["offset_s"]
+    off += 1e-6 * middle * (found["ppm"] - truth["forearm"]["ppm"])
+    assert found["observable"]
+    assert abs(off) < min(2e-3, 3 * found["sd_s"])
+    assert "Inertial sensors" in (trial.out / "report.html").read_text("utf-8")
+
+
+def test_a_sit_to_stand_with_sensors(tmp_path: Path) -> None:
+    file = simulate("sit-to-stand", tmp_path / "trial", Options(seed=2, repetitions=2, analog_rate=100, imus=True))
+    trial = load(file)
+    run(trial)
+    summary = json.loads((trial.out / "summary.json").read_text("utf-8"))
+    assert list(summary["imus"]) == ["shank", "thigh", "torso"]
+    assert all(entry["used"] for entry in summary["imus"].values())
+    assert "Inertial sensors" in (trial.out / "report.html").read_text("utf-8")
+    file.write_text(file.read_text("utf-8").replace("shank: imu", "shin: imu"), "utf-8")
+    with pytest.raises(ConfigError, match="foot, shank, thigh, torso"):
+        run(load(file))
+
+
+def test_sensors_need_markers(tmp_path: Path) -> None:
+    file = tmp_path / "trial.yaml"
+    lines = "recording: {skeleton: kinect.csv}\nspace: 3d\nimus: {thorax: imu.csv}\n"
+    file.write_text(f"trial: t\n{lines}", "utf-8")
+    with pytest.raises(ConfigError, match="skeleton"):
+        load(file)

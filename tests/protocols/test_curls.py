@@ -1,0 +1,153 @@
+"""Curls: repetitions, end of the trial, compensation, torque and fatigue."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mocap_id.protocols.curl.compensation import compensation
+from mocap_id.protocols.curl.elbow_torque import Mass, SegmentMotion, elbow_torque
+from mocap_id.protocols.curl.fatigue import trend
+from mocap_id.protocols.curl.repetitions import Curl, find_curls
+from mocap_id.protocols.curl.rules import CurlRules
+from mocap_id.protocols.curl.trial_end import find_end
+
+TIME = np.arange(0, 24, 0.01)
+RULES = CurlRules(metronome=0.5)
+AXIS = np.tile([0.0, 0.0, 1.0], (len(TIME), 1))
+
+
+def step(at: np.ndarray) -> np.ndarray:
+    """Movement of least jerk from 0 to 1."""
+    s = np.clip(at, 0, 1)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def flexion(heights: list[float], start: float = 3.0, period: float = 2.0) -> np.ndarray:
+    """Curls of these heights: up in 0.95 s, 0.05 s at the top, down in 0.95 s, 0.05 s of rest."""
+    angle = np.full(len(TIME), 0.4)
+    for k, height in enumerate(heights):
+        begin = start + k * period
+        angle += height * (step((TIME - begin) / 0.95) - step((TIME - begin - 1.0) / 0.95))
+    return angle
+
+
+def found(heights: list[float], noise: float = 0.0) -> tuple[Curl, ...]:
+    shaken = flexion(heights) + noise * np.random.default_rng(1).normal(size=len(TIME))
+    return find_curls(TIME, shaken, np.full(len(TIME), max(noise, 1e-4)), RULES)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_curls_are_counted_and_timed(noise: float) -> None:
+    curls = found([1.9] * 8, noise)
+    assert [curl.complete for curl in curls] == [True] * 8
+    starts = np.array([curl.start for curl in curls])
+    np.testing.assert_allclose(starts, 3.0 + 2.0 * np.arange(8), atol=0.06)
+    np.testing.assert_allclose([curl.top - curl.start for curl in curls], 0.975, atol=0.06)
+    np.testing.assert_allclose([curl.end - curl.start for curl in curls], 1.95, atol=0.11)
+    np.testing.assert_allclose([curl.amplitude for curl in curls], 1.9, atol=0.03)
+
+
+def test_a_failed_attempt_does_not_count_and_ends_the_trial() -> None:
+    curls = found([1.9] * 6 + [0.6])
+    assert [curl.complete for curl in curls] == [True] * 6 + [False]
+    assert "rises by 34°" in curls[-1].why
+    end = find_end(TIME, AXIS, curls, RULES)
+    assert end.rule == "stopped"
+    assert end.time == pytest.approx(15.0, abs=0.1)
+
+
+def test_a_slow_curl_breaks_the_tempo() -> None:
+    curls = (*found([1.9] * 3), Curl(9.0, 11.0, 13.0, 1.9, complete=True))
+    assert find_end(TIME, AXIS, curls, RULES).rule == "tempo"
+    assert find_end(TIME, AXIS, curls, CurlRules()).rule == "recording"
+
+
+def test_a_pause_ends_the_trial() -> None:
+    curls = (*found([1.9] * 3), Curl(16.0, 17.0, 18.0, 1.9, complete=True))
+    end = find_end(TIME, AXIS, curls, RULES)
+    assert (end.rule, round(end.time)) == ("stopped", 9)
+
+
+@pytest.mark.parametrize(("seconds", "rule"), [(0.1, "recording"), (0.5, "plane")])
+def test_only_a_sustained_motion_out_of_the_plane_ends_the_trial(seconds: float, rule: str) -> None:
+    out = np.where((TIME > 8) & (8 + seconds > TIME), np.radians(30), 0.0)
+    axis = np.stack([np.sin(out), np.zeros(len(TIME)), np.cos(out)], axis=1)
+    assert find_end(TIME, axis, found([1.9] * 8), RULES).rule == rule
+
+
+def test_compensation_has_range_offset_and_floor() -> None:
+    curls = found([1.9] * 4)
+    sway = np.zeros(len(TIME))
+    sway += np.radians(12) * (step((TIME - 7) / 0.5) - step((TIME - 8.4) / 0.5))
+    measured = compensation(TIME, sway, np.full(len(TIME), 0.01), curls, RULES)
+    ranges = [one.range if one else np.nan for one in measured]
+    np.testing.assert_allclose(np.degrees(ranges), [0, 0, 12, 0], atol=0.1)
+    still, moved = measured[0], measured[2]
+    assert still is not None
+    assert moved is not None
+    assert still.range < still.floor
+    assert moved.range_interval[0] > 0
+    assert moved.sustained > 0.5
+    assert still.sustained == 0
+
+
+def test_an_error_that_returns_in_every_curl_widens_the_interval() -> None:
+    curls, still = found([1.9] * 3), np.zeros(len(TIME))
+    leak = 0.05 * flexion([1.9] * 3)
+    plain, wider = (compensation(TIME, still, still + 0.01, curls, RULES, leak=each)[0] for each in (None, leak))
+    assert plain is not None
+    assert wider is not None
+    assert wider.floor == pytest.approx(np.hypot(plain.floor, 1.96 * leak.max()), rel=1e-3)
+    assert wider.offset_sd == plain.offset_sd
+
+
+def test_compensation_of_an_unknown_angle_is_none() -> None:
+    curls = found([1.9] * 3)
+    assert compensation(TIME, np.full(len(TIME), np.nan), np.ones(len(TIME)), curls, RULES) == (None,) * 3
+
+
+def test_torque_is_that_of_a_pendulum() -> None:
+    """A point mass at the end of a rod: τ = m l² q̈ + m g l sin q, about z, with q from hanging down."""
+    mass, length = 4.0, 0.3
+    q, omega, alpha = 1 + 0.8 * np.sin(3 * TIME), 2.4 * np.cos(3 * TIME), -7.2 * np.sin(3 * TIME)
+    turn = np.zeros((len(TIME), 3, 3))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = np.cos(q), -np.sin(q), np.sin(q), np.cos(q)
+    turn[:, 2, 2] = 1
+    body = Mass(mass, np.array([0.0, -length, 0.0]), np.zeros(3), 0.02)
+    still = np.zeros((len(TIME), 3))
+    motion = SegmentMotion(still, turn, AXIS * omega[:, None], AXIS * alpha[:, None], np.full(len(TIME), 0.2), [body])
+    got = elbow_torque(TIME, AXIS, [motion], tilt=0.01)
+    np.testing.assert_allclose(got.torque, mass * length**2 * alpha + mass * 9.81 * length * np.sin(q), atol=1e-9)
+    assert (got.sd > mass * length**2 * 0.2).all()
+
+
+def test_a_divided_body_has_the_torque_of_the_whole() -> None:
+    """Two halves on forearm and hand that move as one are the same as one body."""
+    rng = np.random.default_rng(2)
+    turn = np.linalg.qr(rng.normal(size=(len(TIME), 3, 3)))[0]
+    omega, alpha = rng.normal(size=(2, len(TIME), 3))
+    origin = np.zeros((len(TIME), 3))
+    wrist = np.einsum("tij,j->ti", turn, [0.0, -0.25, 0.0])
+
+    def motion(place: np.ndarray, bodies: list[Mass]) -> SegmentMotion:
+        return SegmentMotion(place, turn, omega, alpha, np.zeros(len(TIME)), bodies)
+
+    near, far = np.array([0.01, -0.1, 0.02]), np.array([0.0, -0.33, 0.01])
+    inertia = np.array([0.01, 0.002, 0.01])
+    whole = [Mass(1.5, near, inertia, 0.0), Mass(4.0, far, inertia, 0.0)]
+    parts = [
+        motion(origin, whole[:1]),
+        motion(wrist, [Mass(4.0, far - [0.0, -0.25, 0.0], inertia, 0.0)]),
+    ]
+    one = elbow_torque(TIME, AXIS, [motion(origin, whole)], tilt=0.0).torque
+    np.testing.assert_allclose(elbow_torque(TIME, AXIS, parts, tilt=0.0).torque, one, atol=1e-9)
+
+
+def test_a_trend_needs_four_curls_and_holds_the_slope() -> None:
+    rng = np.random.default_rng(3)
+    values = 0.2 * np.arange(12) + rng.normal(0, 0.1, 12)
+    found_trend = trend(values)
+    assert found_trend is not None
+    assert found_trend.interval[0] < 0.2 < found_trend.interval[1]
+    assert trend(values[:3]) is None
