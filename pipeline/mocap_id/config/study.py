@@ -17,6 +17,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.reporting.cohort.page_data import COHORT
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
+from mocap_id.stages.curl_keys import ConditionName
 from mocap_id.stages.trial_keys import Subject, TrialKeys
 
 TABLES_FOLDER = "study"
@@ -66,7 +67,7 @@ class _Entry(BaseModel):
 class _File(Settings):
     study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
     out: Path = Field(Path("runs"), description="folder of the results")
-    reference: str | None = Field(
+    reference: ConditionName | None = Field(
         None, max_length=40, description="condition that curls of the others are compared with; default: the first"
     )
     defaults: dict[str, Any] = Field({}, description="keys of a trial's file, for every trial")

@@ -192,7 +192,7 @@ def _device(source: Source, given: str, condition: object) -> dict[str, Any]:
             f"{source.where(('curl', 'device'))}: device: there is no file {file}; expected a device's YAML"
         )
     config = load_device(file)
-    name = str(condition) if condition is not None and str(condition) in config.keys.conditions else None
+    name = str(condition) if condition is not None and config.keys.conditions else None
     keys = config.keys.model_copy(update={"sealed": config.condition(name)})
     return keys.model_dump(mode="json")
 

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, WithJsonSchema
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from mocap_id.stages.base import Settings
 
 Vector: TypeAlias = tuple[float, float, float]
+
+
+def _as_text(value: object) -> object:
+    """Return the text of a whole number; `condition: 5` is a name."""
+    return str(value) if type(value) is int else value
+
+
+ConditionName: TypeAlias = Annotated[str, BeforeValidator(_as_text)]
+"""Name of a condition of a study, such as C, AC or 5."""
 
 
 class Body(Settings):
@@ -25,7 +34,9 @@ class Body(Settings):
 class CurlKeys(Settings):
     """What curls are done with, and the rules of their analysis."""
 
-    condition: str | None = Field(None, max_length=40, description="name of the condition, for studies: C, AC, 5")
+    condition: ConditionName | None = Field(
+        None, max_length=40, description="name of the condition, for studies: C, AC, 5"
+    )
     metronome_hz: float | None = Field(
         None, gt=0.05, lt=5, description="curls per second that the metronome asks for; no tempo is checked without it"
     )
