@@ -23,6 +23,7 @@ ISOTHERMAL, ADIABATIC = 1.0, 1.4
 """Exponents of slow and fast changes of volume of air."""
 _COULOMB_SPEED = 0.05  # rad/s: below this speed, Coulomb friction grows with the speed
 _GRID = 721  # angles between which the zero of the torque is searched
+_ROUNDING = 1e-12  # of the largest torque
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,8 @@ class Cylinder:
         """Return the angle at which the torque is zero, rad; None if there is none within the stroke."""
         angle = np.linspace(*self.limits, _GRID)
         torque = self.torque(angle, setting)
-        crossing = np.flatnonzero((torque[:-1] >= 0) & (torque[1:] < 0))  # the torque falls with the angle
+        rounding = _ROUNDING * np.abs(torque).max()  # at an end of the stroke, rounding decides the sign of a zero
+        crossing = np.flatnonzero((torque[:-1] >= -rounding) & (torque[1:] < rounding))  # it falls with the angle
         if not len(crossing):
             return None
         k = int(crossing[0])

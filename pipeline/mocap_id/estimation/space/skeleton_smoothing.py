@@ -161,7 +161,7 @@ def _bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
 
 
 def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: FloatArray) -> None:
-    """Replace poses with a mirrored elbow by those that place the joints alike, in place."""
+    """Replace every pose whose elbow is mirrored by the pose with the same joint positions; changes the arrays."""
     wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
     if not wrong.size:
         return

@@ -32,7 +32,7 @@ _Pair: TypeAlias = tuple[SpatialBody, SpatialBody]
 
 
 def exchange_markers(sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> tuple[SpatialBody, ...]:
-    """Return the bodies after exchanges between those that joints connect, one or two markers at a time.
+    """Return the bodies after neighbours, which a joint connects, have exchanged one or two markers at a time.
 
     Parameters
     ----------

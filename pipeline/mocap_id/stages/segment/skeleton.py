@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mocap_id.anatomy.skeleton_joints import ARM, TRUNK, find_roles
+from mocap_id.stages.segment.known_segments import facts_without_search
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
@@ -33,26 +32,6 @@ def skeleton_segments(view: Trajectories) -> Table:
             ["" if k >= 0 else "not a joint of the trunk or of this arm" for k in segment], dtype=object
         ),
     }
-    return Table(SEGMENTS, columns, _facts(len(limbs)))
-
-
-def _facts(limbs: int) -> dict[str, Any]:
-    return {
-        "count": limbs + 1,
-        "names": list(_NAMES[: limbs + 1]),
-        "joint_names": list(_JOINTS[:limbs]),
-        "parents": list(range(limbs)),
-        "joint_markers": {},
-        "links": None,
-        "bad_stretches": [],
-        "confidence": None,
-        "against": {},
-        "planarity": None,
-        "joint_confidences": [],
-        "joint_ratios": [],
-        "asymmetry_deg": [],
-        "noise_floor_m": None,
-        "static_gap": None,
-        "hypotheses": [],
-        "divisions": [],
-    }
+    return Table(
+        SEGMENTS, columns, facts_without_search(_NAMES[: len(limbs) + 1], _JOINTS[: len(limbs)], range(len(limbs)))
+    )

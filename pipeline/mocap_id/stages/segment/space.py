@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from mocap_id.stages.calibration_chain import read_calibration
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
+from mocap_id.stages.segment.known_segments import facts_without_search
 from mocap_id.stages.segment.skeleton import skeleton_segments
 from mocap_id.stages.trial_keys import given_landmarks
 from mocap_id.store import Table
@@ -210,7 +211,7 @@ def _calibrated(context: Context, view: Trajectories) -> Table:
         "residual": residual,
         "reason": np.array(why, dtype=object),
     }
-    facts = _calibrated_facts(names, tree.integers("joints/parent"))
+    facts = facts_without_search(names, _joint_names(names), tree.integers("joints/parent").tolist())
     return Table(SEGMENTS, columns, facts, _moved(view.labels, residual) + _few(names, segment))
 
 
@@ -259,25 +260,3 @@ def _few(names: Sequence[str], segment: IntArray) -> tuple[Reason, ...]:
             "segments are uncertain. Use the same marker labels in both trials.",
         ),
     )
-
-
-def _calibrated_facts(names: Sequence[str], parents: IntArray) -> Mapping[str, Any]:
-    return {
-        "count": len(names),
-        "names": list(names),
-        "joint_names": _joint_names(names),
-        "parents": parents.tolist(),
-        "joint_markers": {},
-        "links": None,
-        "bad_stretches": [],
-        "confidence": None,
-        "against": {},
-        "planarity": None,
-        "joint_confidences": [],
-        "joint_ratios": [],
-        "asymmetry_deg": [],
-        "noise_floor_m": None,
-        "static_gap": None,
-        "hypotheses": [],
-        "divisions": [],
-    }

@@ -13,27 +13,17 @@ from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.numbers import known
 from mocap_id.store import Folder
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
+from mocap_id.workflows.study.study_outcome import StudyOutcome
+from mocap_id.workflows.trial_outcome import read_summary
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurlResult(TrialOutcome):
+class CurlResult(StudyOutcome):
     """The result of one trial of a study of curls."""
 
-    trial: StudyTrial
     reference: str  # condition that others are compared with
     curl: Mapping[str, Any]  # facts of events.parquet; empty without any
     normalised: float = math.nan  # repetitions over those of the reference in the trial of the same number
-
-    @property
-    def name(self) -> str:
-        """Name of the trial."""
-        return self.trial.name
-
-    @property
-    def subject(self) -> str:
-        """Id of the person."""
-        return self.trial.subject
 
     @property
     def condition(self) -> str:

@@ -32,7 +32,7 @@ _LEAST = 20  # samples
 
 
 def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[str, Any]:
-    """Return the parameters of a device with their intervals; those that the log does not show are named.
+    """Return the parameters of a device with their intervals, and name the parameters that the log does not show.
 
     Parameters
     ----------

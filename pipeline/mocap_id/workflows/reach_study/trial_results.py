@@ -12,28 +12,18 @@ from mocap_id.reporting.numbers import NORMAL_95, all_known, known
 from mocap_id.store import Folder
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.estimates import Estimate
-from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
+from mocap_id.workflows.study.study_outcome import StudyOutcome
+from mocap_id.workflows.trial_outcome import read_summary
 
 SIDES = ("right", "left")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReachResult(TrialOutcome):
+class ReachResult(StudyOutcome):
     """The result of one trial of a reach study."""
 
-    trial: StudyTrial
     score: float | None  # clinical score of the person
     reach: Mapping[str, Any]  # facts of events.parquet; empty without any
-
-    @property
-    def name(self) -> str:
-        """Name of the trial."""
-        return self.trial.name
-
-    @property
-    def subject(self) -> str:
-        """Id of the person."""
-        return self.trial.subject
 
     @property
     def session(self) -> str:

@@ -111,7 +111,7 @@ def _page(data: CohortData, _: Sequence[TrialResult]) -> bytes:
 
 @dataclass(frozen=True)
 class StudyKind:
-    """What makes the results of one kind of study; ``trials`` are those that ``read`` returns."""
+    """Functions that make the results of one kind of study; tables and page take the trials that ``read`` returns."""
 
     labels: tuple[str, ...]  # what distinguishes the trials of a person
     read: Callable[[Study, StudyTrial, TrialRun], Any]

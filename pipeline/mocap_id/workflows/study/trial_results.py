@@ -16,8 +16,9 @@ from mocap_id.dynamics.allometry import TableName, reference_table
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.study.study_outcome import StudyOutcome
 from mocap_id.workflows.transfer import HELD_OUT, OWN, BodyErrors, errors_at_home
-from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
+from mocap_id.workflows.trial_outcome import read_summary
 
 SEGMENTS = ("shank", "thigh")
 """Segments whose lengths are compared."""
@@ -48,25 +49,14 @@ class BaseParameters:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialResult(TrialOutcome):
+class TrialResult(StudyOutcome):
     """The result of one trial of a study."""
 
-    trial: StudyTrial
     reference: LengthReference
     identified: IdentifiedTrial | None  # None for a trial that failed or was refused
     # errors of the trial's own model, in the fit and on left-out repetitions, and of the allometric body
     bodies: tuple[BodyErrors, ...]
     parameters: BaseParameters | None  # None if no parameter was identified
-
-    @property
-    def name(self) -> str:
-        """Name of the trial."""
-        return self.trial.name
-
-    @property
-    def subject(self) -> str:
-        """Id of the person."""
-        return self.trial.subject
 
     @property
     def strategy(self) -> str:
