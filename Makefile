@@ -17,7 +17,7 @@ TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
 OPENSIM := .venv-opensim
 
-.PHONY: help demo test fuzz trials docs docs-site lock opensim clean
+.PHONY: help demo test fuzz trials docs docs-site release-check lock opensim clean
 
 help:
 	@echo 'make demo    install, run the pipeline on a sample trial and print the path of the report'
@@ -26,6 +26,7 @@ help:
 	@echo 'make trials  run every trial under sample_trials/; -j runs several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
 	@echo 'make docs-site   build the pages under docs/ into build/site/index.html'
+	@echo 'make release-check   build the packages in dist/ and try them with every Python of this machine'
 	@echo 'make lock    update the versions in requirements.lock'
 	@echo 'make opensim create an environment with OpenSim, for some tests (400 MB)'
 	@echo 'make clean   remove what the others made'
@@ -63,6 +64,10 @@ docs: $(VENV)/installed-dev
 docs-site: $(VENV)/installed-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 	@echo build/site/index.html
+
+# Each Python gets a bare environment outside the source tree; PYTHONS='/path/to/python ...' chooses them.
+release-check: $(VENV)/installed-dev
+	$(BIN)/python tests/release/check_release.py --out dist $(PYTHONS:%=--python %)
 
 lock: $(VENV)/installed-dev
 	$(PIP_INSTALL) pip-tools

@@ -19,6 +19,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError
+from mocap_id.protocols.curl.in_step import part_in_step
+from mocap_id.protocols.curl.repetitions import Curl
 from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.simulation.arm.options import Preset
@@ -46,6 +48,8 @@ class Curls:
     width: FloatArray  # (n, 3) width of the interval, °
     torque: FloatArray  # (2,) rms errors of the total torque and of the person's, N·m; NaN if unknown
     within: FloatArray  # (2,) share of the samples within 1.96 standard deviations
+    in_step: FloatArray  # (3,) error of the axial rotation in step with the flexion, °, 1 if its interval holds, width
+    flexion: FloatArray  # (3,) rms error of the flexion's changes, °; share of the changes, and of the angles, within
 
 
 def measure(task: tuple[Preset, int]) -> Curls:
@@ -70,8 +74,12 @@ def measure(task: tuple[Preset, int]) -> Curls:
             outcome = run(load(configuration))
         except MocapIdError as error:
             failed = (type(error).__name__,)
-            return Curls(preset, "failed", failed, False, *[nothing] * 4, *[np.full(2, np.nan)] * 2)
+            return Curls(preset, "failed", failed, False, *[nothing] * 4, *_unknown())
         return compare(preset, outcome.folder, configuration)
+
+
+def _unknown() -> list[FloatArray]:
+    return [np.full(size, np.nan) for size in (2, 2, 3, 3)]
 
 
 def compare(preset: str, folder: Path, configuration: Path) -> Curls:
@@ -93,7 +101,9 @@ def compare(preset: str, folder: Path, configuration: Path) -> Curls:
         low, high = ends[..., 0].T[done], ends[..., 1].T[done]
         ranges, width = found - sizes, high - low
         inside = np.where(np.isfinite(found), (sizes >= low) & (sizes <= high), np.nan)
-    torque, within = np.full(2, np.nan), np.full(2, np.nan)
+    torque, within, in_step, flexion = _unknown()
+    if right and curls:
+        in_step, flexion = compare_angles(artefacts, configuration, curls)
     if "elbow_torque" in dynamics.names and curls:
         taus = harness.read_true_arrays(configuration, dynamics["time"], ["tau_total", "tau_human"])
         used = (dynamics["time"] >= curls[0]["start"]) & (dynamics["time"] <= curls[-1]["end"])
@@ -103,7 +113,44 @@ def compare(preset: str, folder: Path, configuration: Path) -> Curls:
                 torque[k] = np.sqrt(np.nanmean(error**2))
                 within[k] = np.nanmean(np.abs(error) <= 1.96 * dynamics[f"sd_elbow_torque{suffix}"][used])
     codes = tuple(each["code"] for each in summary["verdict"]["reasons"])
-    return Curls(preset, summary["verdict"]["level"], codes, right, times, ranges, inside, width, torque, within)
+    return Curls(
+        preset,
+        summary["verdict"]["level"],
+        codes,
+        right,
+        times,
+        ranges,
+        inside,
+        width,
+        torque,
+        within,
+        in_step,
+        flexion,
+    )
+
+
+def compare_angles(
+    artefacts: Folder, configuration: Path, curls: Sequence[dict[str, float]]
+) -> tuple[FloatArray, FloatArray]:
+    """Compare the axial rotation in step with the flexion, and the flexion."""
+    angles, facts = artefacts.read("angles.parquet"), artefacts.read("events.parquet").facts["curl"]
+    time, found = angles["time"], facts["in_step"].get("shoulder_axial")
+    true = harness.read_true_arrays(configuration, time, ["isb_shoulder", "isb_elbow"])
+    bent, axial = true["isb_elbow"][:, 0], true["isb_shoulder"][:, 2]
+    in_step, flexion = np.full(3, np.nan), np.full(3, np.nan)
+    if found is not None:
+        first = [Curl(curls[0]["start"], curls[0]["top"], curls[0]["end"], 1.0, complete=True)]
+        exact = part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
+        low, high = found["interval_rad"]
+        held = low <= exact.range <= high
+        in_step[:] = np.degrees(found["range_rad"] - exact.range), held, np.degrees(high - low)
+    if "elbow_flexion" in angles.names:
+        used = (time >= curls[0]["start"]) & (time <= curls[-1]["end"])
+        error, sd = (angles["elbow_flexion"] - bent)[used], angles["sd_elbow_flexion"][used]
+        change, whole = error - np.nanmean(error), np.hypot(sd, angles["constant_sd_elbow_flexion"][used])
+        flexion[0] = np.degrees(np.sqrt(np.nanmean(change**2)))
+        flexion[1:] = [np.nanmean(np.abs(off) <= 1.96 * each) for off, each in ((change, sd), (error, whole))]
+    return in_step, flexion
 
 
 def table(preset: str, outcomes: Sequence[Curls]) -> str:
@@ -123,6 +170,13 @@ def table(preset: str, outcomes: Sequence[Curls]) -> str:
         rows.append([f"range of {name}, °", f"{limit:g}", *_errors(stacked("ranges")[:, k], limit)])
         inside, width = stacked("inside")[:, k], np.nanmedian(stacked("width")[:, k])
         rows.append([f"… inside its interval, {width:.1f}° wide", "88–99 %", _share(inside), "", ""])
+    apart, flexion = (np.array([getattr(each, name) for each in own]) for name in ("in_step", "flexion"))
+    rows.append(["axial in step with the flexion, first curl, °", "", "", *_errors(apart[:, 0], np.inf)[1:]])
+    width = np.nanmedian(apart[:, 2])
+    rows.append([f"… inside its interval, {width:.1f}° wide", "88–99 %", _share(apart[:, 1]), "", ""])
+    rows.append(["change of the flexion, rms, °", "", "", *_errors(flexion[:, 0], np.inf)[1:]])
+    for k, name in enumerate(("samples inside 1.96 standard deviations", "of the flexion itself"), start=1):
+        rows.append([f"… {name}", "88–99 %", _share(flexion[:, k]), "", ""])
     for k, name in enumerate(("total torque", "person's torque")):
         errors, within = (np.array([getattr(each, part)[k] for each in own]) for part in ("torque", "within"))
         rows.append([f"{name}, rms, N·m", f"{TORQUE_LIMIT:g}", *_errors(errors, TORQUE_LIMIT)])
@@ -141,7 +195,7 @@ def _share(kept: Any) -> str:
 def _errors(errors: FloatArray, limit: float) -> list[str]:
     """Return the share within the limit, the median and the 80 % quantile of the sizes of the errors."""
     sizes = np.abs(errors[np.isfinite(errors)])
-    form = ".0f" if limit > 10 else ".2f"
+    form = ".0f" if 10 < limit < np.inf else ".2f"
     quantiles = np.quantile(sizes, (0.5, 0.8)) if len(sizes) else (np.nan, np.nan)
     return [_share(sizes <= limit), *(f"{each:{form}}" for each in quantiles)]
 

@@ -76,7 +76,7 @@ class Result:
 
 def run_trial(place: Path, options: Options) -> TrialWithTruth | None:
     """Simulate and run a trial; None if it is refused, has wrong segments, or is not identified."""
-    done = harness.run_simulated(place, options, harness.DYNAMIC)
+    done = harness.run_simulated(place, options, harness.DYNAMIC, settings=f"identify-dim: {{{harness.EXACT}}}")
     return None if done is None else read(done[1], done[0].out)
 
 

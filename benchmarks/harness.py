@@ -36,6 +36,8 @@ SEGMENTS = 4
 KINEMATIC = ("planarise", "segment", "fit-joints", "ukf-smooth")
 DYNAMIC = (*KINEMATIC, "identify-dim")
 SHORT = Options(repetitions=2, analog_rate=100)
+EXACT = "plate_gain_sd: 0, plate_moments_sd: 0, plate_position_sd_m: 0, camera_scale_sd: 0, camera_tilt_sd_deg: 0"
+"""Settings of identify-dim for plate and cameras without errors of scale, as simulated: no interval includes any."""
 QUANTILE = 1.96
 """Half the width of a 95 % interval, in standard deviations."""
 
@@ -71,10 +73,15 @@ def progress(text: object) -> None:
 
 
 def run_simulated(
-    place: Path, options: Options, stages: Sequence[str] = KINEMATIC, kind: Kind = "sit-to-stand"
+    place: Path, options: Options, stages: Sequence[str] = KINEMATIC, kind: Kind = "sit-to-stand", settings: str = ""
 ) -> tuple[Trial, Path] | None:
-    """Simulate a trial in ``place`` and run the stages; return it and its configuration, None if it was refused."""
+    """Simulate a trial in ``place`` and run the stages; return it and its configuration, None if it was refused.
+
+    ``settings`` are lines added to the configuration.
+    """
     configuration = simulate(kind, place, options)
+    if settings:
+        configuration.write_text(f"{configuration.read_text('utf-8')}\n{settings}\n", "utf-8")
     trial = load(configuration)
     if any(run_stage(trial, name).refused is not None for name in stages):
         return None

@@ -31,7 +31,8 @@ ROWS: Mapping[str, PersonOptions] = {
     "hip, lumbar, heel, weight": PersonOptions(lumbar_deg=15, heel_lift_mm=10, held_mass_kg=2),
     "hip, lumbar, heel, weight, arms": PersonOptions(lumbar_deg=15, heel_lift_mm=10, held_mass_kg=2, arm_swing_deg=40),
 }
-PINNED = "\nidentify-dim: {motion: chain}\n"
+MOTIONS = (f"identify-dim: {{{harness.EXACT}}}\n", f"identify-dim: {{{harness.EXACT}, motion: chain}}\n")
+"""The program chooses the motion, or the chain is pinned."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,17 @@ class Result:
 def measure(options: Options) -> tuple[Result, Result] | None:
     """Return the errors with the chosen motion and with the pinned chain; None if the trial is refused."""
     with tempfile.TemporaryDirectory() as place:
-        run = harness.run_simulated(Path(place) / "trial", options, harness.DYNAMIC)
+        run = harness.run_simulated(Path(place) / "trial", options)
         if run is None:
             return None
         configuration = run[1]
-        chosen = compare(configuration, open_identified_trial(configuration))
-        configuration.write_text(configuration.read_text() + PINNED)
-        run_stage(load(configuration), harness.DYNAMIC[-1])
-        return chosen, compare(configuration, open_identified_trial(configuration))
+        plain, found = configuration.read_text(), []
+        for motion in MOTIONS:
+            configuration.write_text(f"{plain}\n{motion}")
+            if run_stage(load(configuration), harness.DYNAMIC[-1]).refused is not None:
+                return None
+            found.append(compare(configuration, open_identified_trial(configuration)))
+        return found[0], found[1]
 
 
 def compare(configuration: Path, done: IdentifiedTrial) -> Result:

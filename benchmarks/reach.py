@@ -6,6 +6,7 @@ trial and core; the cohort has 20 trials by markers and 20 by the camera.
 
 from __future__ import annotations
 
+import itertools
 import json
 import tempfile
 import time
@@ -32,6 +33,8 @@ from mocap_id.workflows.study import run_study
 
 SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Of five trials in a row, which are a cohort."""
+DIFFERENT = 0.1
+"""Least relative difference of the true volumes / (arm length)³ of two people who can be told apart."""
 THESIS = {"–": ".374, .328, .234", "1": ".358", "2": ".270", "3": ".178", "5": ".0015"}
 """Volumes of table 7.1, m³, by Brooke score."""
 
@@ -64,11 +67,23 @@ class Outcome:
     codes: tuple[str, ...]
     seconds: float
     truth: float = nan  # volume, m³
-    arm: float = nan  # length of the arm, m
+    true_arm: float = nan  # length of the arm, m
+    arm: float = nan
     volume: float = nan
     low: float = nan
     high: float = nan
     elevation: float = nan  # error of the range, °
+    held: bool = False  # the range's interval holds the truth
+
+    @property
+    def true_size(self) -> float:
+        """True volume / (arm length)³."""
+        return self.truth / self.true_arm**3
+
+    @property
+    def size(self) -> float:
+        """Volume / (arm length)³."""
+        return self.volume / self.arm**3
 
     @property
     def error(self) -> float:
@@ -105,7 +120,8 @@ def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: floa
     found = summary["workspace"] or {}
     codes = tuple(each["code"] for each in summary["verdict"]["reasons"])
     low, high = found.get("interval_m3") or (nan, nan)
-    elevation = ((found.get("ranges") or {}).get("shoulder_elevation") or {}).get("range_deg")
+    elevation = (found.get("ranges") or {}).get("shoulder_elevation") or {"range_deg": nan, "interval_deg": (nan, nan)}
+    first, last = elevation["interval_deg"]
     true_range = np.degrees(np.ptp(truth["ranges_rad"]["elevation"]))
     return Outcome(
         severity=severity,
@@ -113,11 +129,13 @@ def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: floa
         codes=codes,
         seconds=seconds,
         truth=truth["reach"]["volume_m3"],
+        true_arm=sum(truth["subject"]["segment_lengths_m"].values()),
         arm=found.get("arm_length_m") or nan,
         volume=nan if found.get("volume_m3") is None else found["volume_m3"],
         low=low,
         high=high,
-        elevation=nan if elevation is None else elevation - true_range,
+        elevation=elevation["range_deg"] - true_range,
+        held=bool(first <= true_range <= last),
     )
 
 
@@ -146,8 +164,15 @@ def table(name: str, outcomes: Sequence[Outcome]) -> str:
             _share(np.abs(elevation) <= row.elevation),
             *_quantiles(elevation),
         ],
-        ["five severities in order, by volume / (arm length)³", "all", _ordered(outcomes, 3), "", ""],
-        ["five severities in order, by volume, if the true volumes are", "all", _ordered(outcomes, 0), "", ""],
+        [
+            "range of elevation inside its 95 % interval",
+            "",
+            _share([each.held for each in outcomes if np.isfinite(each.elevation)]),
+            "",
+            "",
+        ],
+        ["five severities in order, if the true ones are", "all", _ordered(outcomes), "", ""],
+        [f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order", "all", _neighbours(outcomes), "", ""],
         [
             "processor time, s",
             "5",
@@ -169,19 +194,23 @@ def _quantiles(errors: Any) -> list[str]:
     return [f"{each:.1f}" for each in np.quantile(sizes, (0.5, 0.8))] if len(sizes) else ["–", "–"]
 
 
-def _ordered(outcomes: Sequence[Outcome], power: int) -> str:
-    """Return how many cohorts are in the order of their severities by volume / (arm length)^power.
+def _cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:
+    size = len(SEVERITIES)
+    return [outcomes[start : start + size] for start in range(0, len(outcomes) - size + 1, size)]
 
-    With power 0, only cohorts whose true volumes are in this order count: the people are not equally tall.
-    """
-    size, right, counted = len(SEVERITIES), 0, 0
-    for start in range(0, len(outcomes) - size + 1, size):
-        cohort = outcomes[start : start + size]
-        if power == 0 and np.any(np.diff([each.truth for each in cohort]) > 0):
-            continue
-        counted += 1
-        right += bool(np.all(np.diff([each.volume / each.arm**power for each in cohort]) < 0))
-    return f"{right} of {counted}"
+
+def _ordered(outcomes: Sequence[Outcome]) -> str:
+    """Return how many cohorts are in the order of their severities, of those whose truth is."""
+    true = [one for one in _cohorts(outcomes) if np.all(np.diff([each.true_size for each in one]) < 0)]
+    right = sum(bool(np.all(np.diff([each.size for each in one]) < 0)) for one in true)
+    return f"{right} of {len(true)}"
+
+
+def _neighbours(outcomes: Sequence[Outcome]) -> str:
+    """Return how many neighbours in severity are in order, of those whose true volumes differ clearly."""
+    pairs = [pair for one in _cohorts(outcomes) for pair in itertools.pairwise(one)]
+    clear = [(more, less) for more, less in pairs if more.true_size > (1 + DIFFERENT) * less.true_size]
+    return f"{sum(more.size > less.size for more, less in clear)} of {len(clear)}"
 
 
 def cohort(jobs: int) -> str:

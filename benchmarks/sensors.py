@@ -15,6 +15,7 @@ from typing import Any
 
 import harness
 import numpy as np
+import sensor_conditions
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
@@ -113,7 +114,8 @@ def table(name: str, outcomes: Sequence[Outcome], limits: Mapping[str, float] = 
         values = np.array([each.errors[quantity] for each in done])
         middle, high = np.quantile(values, (0.5, 0.8))
         share = f"{100 * np.mean(values <= limit):.0f} %"
-        rows.append([quantity, f"{limit:g}", share, f"{middle:.2f}", f"{high:.2f}"])
+        shown = (f"{value:.2f}" if value >= 1 or value == 0 else f"{value:.2g}" for value in (middle, high))
+        rows.append([quantity, f"{limit:g}", share, *shown])
     for quantity in done[0].inside:
         values = np.array([each.inside[quantity] for each in done])
         low, high = np.quantile(values, (0.1, 0.9))
@@ -254,7 +256,47 @@ def inertial(first: int, trials: int, jobs: int | None) -> str:
     return found
 
 
-SECTIONS = {"boards": boards, "wrists": wrists, "inertial": inertial}
+def measure_alone(seed: int) -> Outcome:
+    """Simulate two trials of a person, and run the second one with its inertial sensors alone."""
+    with tempfile.TemporaryDirectory() as place:
+        found = sensor_conditions.run_alone(Path(place), seed)
+    return Outcome(found.codes, found.errors, found.inside)
+
+
+def alone(first: int, trials: int, jobs: int | None) -> str:
+    """Return the table of inertial sensors without markers."""
+    limits = {
+        "joint angles, degrees": 1.5,
+        "largest error of an angle, degrees": 3.0,
+        "joint velocities, rad/s": 0.03,
+        "joint accelerations, rad/s²": 0.15,
+        "clock between sensors, ms": 10.0,
+    }
+    outcomes = harness.run_all(measure_alone, range(first, first + trials), jobs)
+    found = table("sit-to-stand, sensors on shank, thigh and trunk, no markers", outcomes, limits)
+    harness.progress(found)
+    return found
+
+
+def measure_conditions(seed: int) -> dict[str, sensor_conditions.Result]:
+    """Simulate and run the same trial of a person in three conditions."""
+    with tempfile.TemporaryDirectory() as place:
+        return {
+            "cameras and force plate": sensor_conditions.run_cameras(Path(place), seed, board=False),
+            "cameras and balance board": sensor_conditions.run_cameras(Path(place), seed, board=True),
+            "inertial sensors alone": sensor_conditions.run_alone(Path(place), seed),
+        }
+
+
+def conditions(first: int, trials: int, jobs: int | None) -> str:
+    """Return the table of the three conditions."""
+    rows = harness.run_all(measure_conditions, range(first, first + trials), jobs)
+    found = sensor_conditions.conditions_table(rows)
+    harness.progress(found)
+    return found
+
+
+SECTIONS = {"boards": boards, "wrists": wrists, "inertial": inertial, "alone": alone, "conditions": conditions}
 
 
 def main() -> None:

@@ -11,14 +11,20 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.store import Folder
 from mocap_id.workflows.batch import find_trials
-from mocap_id_cli.console import TrialFiles, short
+from mocap_id_cli.console import TrialFiles, one_of, short
 
 
 def clean(
     named: TrialFiles,
     *,
     first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Keep the results of the stages before this one.")
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="STAGE",
+            help="Keep the results of the stages before this one.",
+            autocompletion=one_of(*STAGE_HELP),
+        ),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would be deleted, and delete nothing.")] = False,
 ) -> None:

@@ -41,7 +41,10 @@ def _stage(name: str) -> Any:
     return import_module("mocap_id_cli.run").stage_command(name)
 
 
-_BEFORE_STAGES = {"run": "Run the whole pipeline on a trial."}
+_BEFORE_STAGES = {
+    "run": "Run the whole pipeline on a trial.",
+    "demo": "Simulate a sit-to-stand, run the whole pipeline on it and open its report.",
+}
 _AFTER_STAGES = {
     "init": "Write a study file for a folder of recordings.",
     "study": "Run all trials of a study and write its tables and page.",

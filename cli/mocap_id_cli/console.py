@@ -25,6 +25,11 @@ TrialPath = Annotated[
 ]
 
 
+def one_of(*values: str) -> Callable[[], list[str]]:
+    """Return a completion in the shell by the values of an option."""
+    return lambda: list(values)
+
+
 def log_to_stderr(quiet: bool, verbose: bool) -> None:
     """Log the runner's warnings unless ``quiet``, and the libraries' warnings if ``verbose``."""
     logging.captureWarnings(True)

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 _WIDTH = 100
 
 
+def _codes() -> list[tuple[str, str]]:
+    """Return the codes with their titles, for completion in the shell."""
+    from mocap_id.workflows import code_lookup as workflow  # noqa: PLC0415  only completion needs it
+
+    return [(entry.code, entry.title) for entry in workflow.entries().values()]
+
+
 def explain(
     code: Annotated[
         str | None,
@@ -24,6 +31,7 @@ def explain(
             metavar="[CODE]",
             help="A verdict's code, an exit code or an error's name; all codes are listed if omitted.",
             show_default=False,
+            autocompletion=_codes,
         ),
     ] = None,
     *,

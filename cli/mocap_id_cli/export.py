@@ -16,7 +16,7 @@ def export(
     *,
     to: Annotated[
         list[str],
-        typer.Option("--to", metavar="FORMAT", help="trc, mot, sto, csv or osim; repeatable.", show_default=False),
+        typer.Option("--to", metavar="FORMAT", help="trc, mot, sto, csv, osim or ktk; repeatable.", show_default=False),
     ],
     out: Annotated[
         Path | None,
@@ -28,8 +28,8 @@ def export(
 ) -> None:
     """Write a run as OpenSim files or as tables.
 
-    The formats trc, mot, sto and osim are for OpenSim, csv for tables. With a YAML file, missing or outdated
-    results are computed first; a run folder is read unchanged.
+    The formats trc, mot, sto and osim are for OpenSim, csv for tables, ktk for Kinetics Toolkit. With a YAML file,
+    missing or outdated results are computed first; a run folder is read unchanged.
     """
     from mocap_id.workflows import export as workflow  # noqa: PLC0415  no other command has to wait for it
 

@@ -127,7 +127,7 @@ def _identify(
         ),
     ],
     *,
-    joint: Annotated[int, typer.Option(min=1, help="For a trial: the joint, from 1.")] = 1,
+    joint: Annotated[int, typer.Option(min=1, help="For a trial in the plane: the joint, from 1.")] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Estimate a cylinder's parameters from a log of torque and angle."""

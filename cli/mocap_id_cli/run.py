@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 
@@ -14,9 +14,10 @@ from mocap_id import runner
 from mocap_id.config import load
 from mocap_id.errors import Refused
 from mocap_id.stages import STAGES
+from mocap_id.stages.trial_keys import Protocol
 from mocap_id.verdict import Reason
 from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json, short
+from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, one_of, print_json, short
 
 Source = Annotated[
     Path,
@@ -31,9 +32,17 @@ def run(
     trial: Source,
     *,
     forces: Annotated[Path | None, typer.Option(help="MOT file with the forces of a TRC file.")] = None,
-    protocol: Annotated[str | None, typer.Option(help="free, sit-to-stand, robot-joint, reach or curl.")] = None,
-    space: Annotated[str | None, typer.Option(help="plane or 3d.")] = None,
-    side: Annotated[str | None, typer.Option(help="Side of the arm in space: right or left.")] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(
+            help="free, sit-to-stand, robot-joint, reach or curl.", autocompletion=one_of(*get_args(Protocol))
+        ),
+    ] = None,
+    space: Annotated[str | None, typer.Option(help="plane or 3d.", autocompletion=one_of("plane", "3d"))] = None,
+    side: Annotated[
+        str | None,
+        typer.Option(help="Side of the arm in space: right or left.", autocompletion=one_of("right", "left")),
+    ] = None,
     window: Annotated[
         tuple[float, float] | None, typer.Option(metavar="FIRST LAST", help="First and last time to use, s.")
     ] = None,

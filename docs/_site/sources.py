@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path, PurePosixPath
+from posixpath import normpath
 from typing import Any
 
 from mkdocs.exceptions import PluginError
@@ -84,5 +85,5 @@ def _shown(path: Path, target: str) -> str:
 def _relinked(target: str, link: str) -> str:
     """A link of a Markdown file outside ``docs/``, as its page on the site has to give it."""
     climbs = "../" * (1 + target.count("/"))  # to the top of the site, which is docs/
-    leads = PurePosixPath(target).parent / link
+    leads = PurePosixPath(normpath(PurePosixPath(target).parent / link))
     return climbs + (leads.relative_to("docs").as_posix() if leads.parts[0] == "docs" else f"../{leads.as_posix()}")

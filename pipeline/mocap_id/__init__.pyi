@@ -4,6 +4,7 @@ from mocap_id.errors import NumericalError as NumericalError
 from mocap_id.errors import RecordingError as RecordingError
 from mocap_id.errors import Refused as Refused
 from mocap_id.errors import StoreError as StoreError
+from mocap_id.interface.figures import Figure as Figure
 from mocap_id.interface.run_result import Run as Run
 from mocap_id.interface.run_result import Verdict as Verdict
 from mocap_id.interface.running import open as open

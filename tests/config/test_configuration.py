@@ -200,6 +200,7 @@ def test_models_are_frozen(write) -> None:
 def test_the_schema_knows_every_key_and_both_forms_of_a_recording() -> None:
     found = schema(STAGES)
     assert {"trial", "recording", "out", "segment", "ukf-smooth"} <= set(found["properties"])
-    assert found["required"] == ["trial", "recording"]
+    assert found["required"] == ["trial"]
+    assert found["anyOf"] == [{"required": ["recording"]}, {"required": ["imus", "calibration"]}]
     assert [choice["type"] for choice in found["properties"]["recording"]["anyOf"]] == ["string", "object"]
     assert found["$defs"]["FilterSettings"]["properties"]["cutoff"]["description"] == "low-pass, Hz"

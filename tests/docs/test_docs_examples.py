@@ -29,7 +29,7 @@ from mocap_id_cli.commands import COMMANDS
 
 KEYS = {field.alias or key for key, field in trial_model().model_fields.items()}
 STUDY_KEYS = {"study", "subjects", "defaults", "trials", "out"}
-OTHER_PROGRAMS = ("# .github/", "# .gitlab-ci.yml")
+OTHER_PROGRAMS = ("# .github/", "# .gitlab-ci.yml", "# .pre-commit-config.yaml")
 """First lines of configurations that are not ours."""
 FORMS = {"window: [from, to]"}  # how it is written, with words for the numbers
 by_name = pytest.mark.parametrize("page", PAGES, ids=name)
@@ -47,7 +47,12 @@ def written(shown: dict[str, Any], file: Path) -> Path:
 
 
 def check_trial(shown: dict[str, Any], folder: Path) -> None:
-    whole = {"trial": "shown", "recording": "trial.c3d"} | dict(shown)
+    whole = {"trial": "shown"} | dict(shown)
+    if {"imus", "calibration"} <= whole.keys():
+        written({"trial": "lab", "recording": "lab.c3d", "imus": whole["imus"]}, folder / whole["calibration"])
+        whole["recording"] = whole.get("recording")
+    else:
+        whole = {"recording": "trial.c3d"} | whole
     if isinstance(whole["recording"], dict) and "skeleton" not in whole["recording"]:
         whole["recording"] = {"markers": "trial.c3d"} | whole["recording"]
     load(written(whole, folder / "trial.yaml"))

@@ -22,6 +22,7 @@ from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
+from mocap_id.stages.identify_dim.joint_places import without_previous
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
@@ -96,7 +97,7 @@ def made(recorded: TrialData, poses: Table, **changes: Any) -> Context:
             "centre": CENTRES,
             "covariance": np.tile(1e-6 * np.eye(2), (3, 1, 1)),
         },
-        "markers": {"segment": SEGMENT, "local": LOCAL},
+        "markers": {"segment": SEGMENT, "local": LOCAL, "residual": np.full(len(SEGMENT), CAMERA)},
     }
     inputs = {**plain.inputs, "chain.h5": Tree(CHAIN, chain), "poses.parquet": poses}
     return Context(plain.trial, plain.settings, inputs)
@@ -230,8 +231,13 @@ def test_without_a_table_the_prior_is_an_even_share() -> None:
 
 def test_the_chain_can_be_asked_for() -> None:
     found = run(motion="chain", **SQUATS)
-    assert found.facts["motion"] == {"source": "chain", "why": "asked for"}
+    motion = found.facts["motion"]
+    assert (motion["source"], motion["why"]) == ("chain", "asked for")
+    assert not motion["joints"]["hip"]["pinned"]
     assert "joint-gives-way" not in codes(found.tree)
+    (reason,) = [each for each in found.tree.reasons if each.code == "pinned-joint-gives-way"]
+    assert (reason.level, reason.value) == ("caution", max(gap["gap_m"] for gap in motion["joints"].values()))
+    assert "hip" in reason.message
     assert (found.base["prior_share"] == 0.0).all()
     own, poses = (each.facts["wrench"]["Fy"]["sd"] for each in (found, squats()))
     assert own > 3 * poses
@@ -341,8 +347,12 @@ def test_pelvis_and_trunk_count_as_two_or_as_one(monkeypatch: pytest.MonkeyPatch
     poses = Table(POSES, columns, {"bodies": facts})
     plain = context(recorded, standing=MASS, **SQUATS)
     chain = {
-        "joints": {"centre": centres, "covariance": np.tile(1e-6 * np.eye(2), (4, 1, 1))},
-        "markers": {"segment": np.repeat(range(5), 3), "local": local},
+        "joints": {
+            "name": np.array(["ankle", "knee", "hip", "lumbar"], dtype=object),
+            "centre": centres,
+            "covariance": np.tile(1e-6 * np.eye(2), (4, 1, 1)),
+        },
+        "markers": {"segment": np.repeat(range(5), 3), "local": local, "residual": np.full(15, CAMERA)},
     }
     inputs = {**plain.inputs, "chain.h5": Tree(CHAIN, chain), "poses.parquet": poses}
     _, table, tree, _ = STAGE.function(Context(plain.trial, plain.settings, inputs))
@@ -361,10 +371,16 @@ def test_pelvis_and_trunk_count_as_two_or_as_one(monkeypatch: pytest.MonkeyPatch
     assert m.sum() == pytest.approx(MASS, rel=0.01)
 
 
+def test_a_chain_that_is_asked_for_is_not_doubted_where_every_joint_holds() -> None:
+    found = run(size=0.0, motion="chain", **SQUATS)
+    assert all(gap["pinned"] for gap in found.facts["motion"]["joints"].values())
+    assert "pinned-joint-gives-way" not in codes(found.tree)
+
+
 def facts_of(source: str, offsets: list[float] | None, pinned: bool = False) -> dict[str, Any]:
     gap = {"gap_m": 0.0123, "acceleration_m_s2": 0.3, "pinned": pinned}
     held_out = None if offsets is None else {"clock_offset_s": offsets}
-    return {"motion": {"source": source, "joints": {"hip": gap}}, "held_out": held_out}
+    return {"motion": {"source": source, "why": "measured", "joints": {"hip": gap}}, "held_out": held_out}
 
 
 @pytest.mark.parametrize(
@@ -377,6 +393,14 @@ def test_clocks_that_disagree_are_said(offsets: list[float] | None, said: bool) 
     if said:
         assert found[0].value == pytest.approx(0.0055)
         assert (found[0].level, found[0].limit) == ("caution", 0.005)
+
+
+def test_the_place_of_a_joint_is_without_the_error_of_the_previous_one() -> None:
+    """The distance of two places with independent errors has the sum of their variances."""
+    places = np.random.default_rng(5).normal(size=(200_000, 3)) * [3.0, 2.0, 4.0]
+    relative = np.var(np.diff(places, axis=1, prepend=0.0), axis=0)
+    np.testing.assert_allclose(without_previous(relative), [9.0, 4.0, 16.0], rtol=0.05)
+    np.testing.assert_allclose(without_previous(np.array([9.0, 8.0])), [9.0, 2.0])  # never none
 
 
 @pytest.mark.parametrize(

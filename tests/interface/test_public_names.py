@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -34,6 +35,20 @@ def test_an_unknown_name() -> None:
     with pytest.raises(AttributeError, match="no attribute 'runs'"):
         mocap_id.runs  # noqa: B018
     assert set(mocap_id.__all__) <= set(dir(mocap_id))
+
+
+@pytest.mark.parametrize(("chosen", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_the_linear_algebra_has_one_thread(chosen: dict[str, str], expected: str) -> None:
+    code = "import os, mocap_id; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    call = [sys.executable, "-c", code]
+    found = subprocess.run(call, env=environment | chosen, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == expected
+
+
+def test_the_users_script_has_every_name() -> None:
+    script = (ROOT / "tests" / "interface" / "typed_user_script.py").read_text("utf-8")
+    assert [name for name in mocap_id.__all__ if f"mocap_id.{name}" not in script] == []
 
 
 def test_types_of_users() -> None:

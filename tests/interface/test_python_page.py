@@ -33,9 +33,16 @@ def test_every_public_name_is_described_with_an_example(name: str) -> None:
     assert f"mocap_id.{name}" in "\n".join(re.findall(r"^(?:>>>|\.\.\.) .*$", PAGE, re.MULTILINE))
 
 
-@pytest.mark.parametrize("owner", [mocap_id.Run, mocap_id.Study], ids=lambda owner: owner.__name__)
+@pytest.mark.parametrize("owner", [mocap_id.Run, mocap_id.Study, mocap_id.Figure], ids=lambda owner: owner.__name__)
 def test_every_attribute_of_a_result_is_described(owner: type) -> None:
     public = [name for name in vars(owner) if not name.startswith("_")]
     assert public
     missing = [name for name in public if f"{owner.__name__.lower()}.{name}" not in PAGE]
     assert missing == []
+
+
+@pytest.mark.parametrize("owner", [mocap_id.Recording, mocap_id.Plate], ids=lambda owner: owner.__name__)
+def test_every_attribute_of_a_recording_is_described(owner: type) -> None:
+    table = PAGE.partition(f"| of a `{owner.__name__}` |")[2].partition("\n\n")[0]
+    public = {name for name in (*vars(owner), *owner.__dataclass_fields__) if not name.startswith("_")}
+    assert public == {name.removesuffix("()") for name in re.findall(r"`([^`]+)`", table)}

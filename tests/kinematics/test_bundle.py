@@ -142,3 +142,26 @@ def test_a_segment_that_is_hardly_seen_is_refused(chain) -> None:
     with pytest.raises(Refused, match="20 of 400 frames show at least two markers") as refused:
         fit_chain(points, truth.segment)
     assert refused.value.code == "too-few-frames"
+
+
+def split_tip(truth) -> np.ndarray:
+    """The segment numbers (M,) if half of the last segment's markers count as one more segment."""
+    segment, last = truth.segment.copy(), truth.segment.max()
+    own = np.flatnonzero(segment == last)
+    segment[own[len(own) // 2 :]] = last + 1
+    return segment
+
+
+def test_a_segment_taken_for_two_is_fitted_although_its_joint_is_free(chain) -> None:
+    """The limits of bursts alternate between two values; once they are held, the fit reaches the noise."""
+    truth = chain(24, joints=2, markers=6, frames=120, noise=0.002)
+    fit = fit_chain(truth.points, split_tip(truth))
+    assert fit.residual[truth.segment > 0].max() < 2 * np.sqrt(2) * 0.002
+    assert abs(abs(fit.centres[1]) - abs(truth.centres[1])) < 0.005
+
+
+def test_a_joint_that_does_not_settle_is_named(chain) -> None:
+    truth = chain(3, joints=2, markers=6, frames=120, noise=0.002)
+    with pytest.raises(Refused, match=r"centre of joint \d still moves.*`segment: \{count: …\}`") as caught:
+        fit_chain(truth.points, split_tip(truth))
+    assert caught.value.code == "joint-unsettled"

@@ -84,6 +84,8 @@ def test_what_is_written(advised, tmp_path: Path) -> None:
     told = json.loads(files[0].read_text())
     assert told["helps"] is True
     assert len(told["now"]["parameters"]) == len(told["designed"]["parameters"]) == 5
+    with_sensor = zip(told["now"]["parameters"], told["sensor"]["parameters"], strict=True)
+    assert all(now["name"] == then["name"] and then["sd"] <= now["sd"] for now, then in with_sensor)
     frame = pd.read_csv(files[1])
     assert list(frame.columns) == ["time_s", "joint_rad", "joint_rad_s", "joint_rad_s2"]
     limits = advised.limits

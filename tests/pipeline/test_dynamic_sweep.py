@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-TRIALS = 6
+TRIALS = 4
 
 
 @pytest.fixture(scope="module")

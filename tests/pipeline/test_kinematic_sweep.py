@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-TRIALS = 8
+TRIALS = 5
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mocap_id.config import load
+from mocap_id.recording import read
 from mocap_id.runner import run
 
 pytestmark = pytest.mark.recordings
@@ -25,6 +26,7 @@ segment: {{names: [thorax, girdle, upper_arm, forearm, hand]}}
 pointer: {{P1: 0.4575, P2: 0.369, P3: 0.266, P4: 0.1475}}
 pointers: {{{pointers}}}
 """
+LEFT_FOREARM = ("LLA1", "LLA2", "LLA3")
 THEIRS = {
     "shoulder_plane": "LElevationplaneH1",
     "shoulder_elevation": "LShoulderElevationH1",
@@ -49,8 +51,48 @@ def test_ranges_are_those_of_the_other_program(
     for ours, theirs in THEIRS.items():
         values = printed[theirs]
         assert found["ranges"][ours]["range_deg"] == pytest.approx(values[-5] - values[4], abs=5), ours
+    flexion = found["ranges"]["elbow_flexion"]["range_deg"]
+    printed_range, rigid_range = flexion_ranges(folder / f"{name}.c3d")
+    theirs = printed["LElbowFlExt"]
+    assert theirs[-5] - theirs[4] == pytest.approx(printed_range, abs=0.5)
+    assert flexion == pytest.approx(rigid_range, abs=5)
+    assert flexion - printed_range > 4  # their forearm's axis follows the skin of both segments
     assert volume[0] < found["volume_m3"] < volume[1]  # one movement only, repeated
     assert found["interval_m3"][0] <= found["volume_m3"] <= found["interval_m3"][1]
+
+
+def flexion_ranges(file: Path) -> tuple[float, float]:
+    """Return the range of flexion, °, from the other program's landmarks, and with a forearm that is rigid.
+
+    The other program places both epicondyles by the upper arm's cluster, so that the elbow moves in the forearm. The
+    rigid forearm has the elbow at its mean place between the forearm's markers.
+    """
+    recording = read(file)
+    label = {name: recording.positions[:, recording.labels.index(name)] for name in recording.labels}
+    axes = [label[name] for name in LEFT_FOREARM]
+    elbow, wrist = (label["LEL"] + label["LEM"]) / 2, label["LUS"]
+    found = []
+    for place in (elbow, rigid_place(axes, elbow)):
+        upper, lower = elbow - label["LGH"], wrist - place
+        across = label["LEM"] - label["LEL"]
+        across = across - (across * upper).sum(axis=1, keepdims=True) / (upper**2).sum(axis=1, keepdims=True) * upper
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        angle = np.arctan2((np.cross(upper, lower) * across).sum(axis=1), (upper * lower).sum(axis=1))
+        values = np.sort(np.abs(np.degrees(angle[np.isfinite(angle)])))
+        found.append(float(values[-5] - values[4]))
+    return found[0], found[1]
+
+
+def rigid_place(axes: list[np.ndarray], point: np.ndarray) -> np.ndarray:
+    """Return a point (F, 3) at its mean place in the frame of three markers (F, 3)."""
+    x = axes[1] - axes[0]
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    z = np.cross(x, axes[2] - axes[0])
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    frame = np.stack([x, np.cross(z, x), z], axis=2)
+    middle = np.mean(axes, axis=0)
+    local = np.einsum("fji,fj->fi", frame, point - middle)
+    return np.asarray(middle + np.einsum("fij,j->fi", frame, np.nanmean(local, axis=0)))
 
 
 def _lines(file: Path) -> list[str]:

@@ -155,6 +155,13 @@ def best_match(time: np.ndarray, curve: np.ndarray, other: np.ndarray, rate: flo
     return best, off
 
 
+def assert_within_the_stated_error(columns: dict[str, np.ndarray], off: np.ndarray) -> None:
+    """Check that the stated interval of the elevation holds the mean difference, and most of the differences."""
+    half = 1.96 * np.degrees(np.hypot(columns["sd_shoulder_elevation"], columns["constant_sd_shoulder_elevation"]))
+    assert abs(off.mean()) < np.nanmedian(half)
+    assert np.mean(np.abs(off) < np.nanmedian(half)) > 0.85
+
+
 def angle_from_down(arm: np.ndarray, up: np.ndarray) -> np.ndarray:
     cosine = -np.sum(arm * up, axis=-1) / np.linalg.norm(arm, axis=-1) / np.linalg.norm(up, axis=-1)
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
@@ -194,6 +201,7 @@ def test_a_recorded_depth_camera_follows_optical_bodies(
     r, off = best_match(columns["time"], np.degrees(columns["shoulder_elevation"]), optical, 60.0)
     assert r >= 0.95
     assert abs(off.mean()) < 15
+    assert_within_the_stated_error(columns, off)
 
 
 @pytest.mark.recordings
@@ -229,4 +237,5 @@ def test_a_recorded_abduction_follows_the_optical_system(recordings: Path, tmp_p
     r, off = best_match(columns["time"], np.degrees(columns["shoulder_elevation"]), true, 100.0)
     assert r >= 0.95
     assert abs(off.mean()) < 25
+    assert_within_the_stated_error(columns, off)
     assert np.ptp(np.degrees(columns["shoulder_elevation"])) == pytest.approx(np.ptp(true), abs=30)

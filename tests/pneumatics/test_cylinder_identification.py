@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,6 +36,19 @@ def test_intervals_hold_the_truth() -> None:
         inside += [low <= getattr(true, name) <= high for name, (low, high) in found.interval.items()]
         assert np.sqrt(np.mean((predicted_torque(found.cylinder, log) - predicted_torque(true, log)) ** 2)) < 0.02
     assert 0.88 <= np.mean(inside) <= 0.99
+
+
+def test_an_error_that_lasts_widens_the_intervals() -> None:
+    """A shift of the torque is taken for a parameter only without its column."""
+    inside = {True: [], False: []}
+    for k, (true, log) in enumerate(trials(6, MODES)):
+        shape = np.ones((len(log.angle), 1)) * 0.4
+        shifted = replace(log, torque=log.torque + (-1) ** k * shape[:, 0])
+        for told in inside:
+            found = identify_cylinder(DESCRIBED, replace(shifted, lasting=shape) if told else shifted)
+            inside[told] += [low <= getattr(true, name) <= high for name, (low, high) in found.interval.items()]
+    assert np.mean(inside[True]) >= 0.88
+    assert np.mean(inside[False]) < 0.8
 
 
 def test_what_one_setting_does_not_show() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from mocap_id.config.device import load_device
+from mocap_id.errors import ConfigError
 from mocap_id.store import Table
 from mocap_id.workflows.pneumatic import identify as identification
 from mocap_id_cli.app import build
@@ -81,7 +83,7 @@ def test_a_trial_of_a_relaxed_person(monkeypatch: pytest.MonkeyPatch) -> None:
     torque += 0.02 * np.random.default_rng(0).normal(size=len(time))
     states = Table(None, {"theta_1": angle, "dtheta_1": velocity})  # type: ignore[arg-type]
     artefacts = {"states.parquet": states, "dynamics.parquet": Table(None, {"tau_1": torque})}  # type: ignore[arg-type]
-    run = SimpleNamespace(artefacts=artefacts, why_missing=lambda file: "the plate is missing")
+    run = SimpleNamespace(artefacts=artefacts, in_space=False, why_missing=lambda file: "the plate is missing")
     monkeypatch.setattr(identification, "open_run", lambda source: run)
     found = identification.identify_device(load_device(DEVICE), Path("run"))
     values = {one["name"]: one for one in found["parameters"]}
@@ -90,6 +92,38 @@ def test_a_trial_of_a_relaxed_person(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "does not show" in values["area_extension_m2"]["why"]
     with pytest.raises(Exception, match="no torque of joint 2: the plate is missing"):
         identification.identify_device(load_device(DEVICE), Path("run"), joint=2)
+
+
+def test_a_trial_in_space_of_a_relaxed_person(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Condition and torque are those of the trial; an error of its torque that lasts is inside the intervals."""
+    config = load_device(DEVICE)
+    true = replace(config.keys.cylinder(), area_flexion=3.0e-4, dead_flexion=0.1)
+    time = np.linspace(0, 20, 1000)
+    flexion, rate = 1.2 + 0.9 * np.sin(1.3 * time), 1.17 * np.cos(1.3 * time)
+    wrong = 0.3 * np.ones(len(time))
+    torque = true.torque(flexion, config.condition("5").setting()) + true.friction(rate) + wrong
+    torque += 0.02 * np.random.default_rng(0).normal(size=len(time))
+    angles = {"elbow_flexion": flexion, "delbow_flexion": rate, "constant_sd_elbow_flexion": 0 * time + 0.02}
+    dynamics = {"elbow_torque": torque, "sd_elbow_torque": wrong}
+    tables = {"angles.parquet": angles, "dynamics.parquet": dynamics}
+    curl = {"condition": "5"}
+    run = SimpleNamespace(
+        artefacts={name: Table(None, columns) for name, columns in tables.items()},  # type: ignore[arg-type]
+        in_space=True,
+        facts=lambda file: {"curl": curl},
+        why_missing=lambda file: "no plate",
+    )
+    monkeypatch.setattr(identification, "open_run", lambda source: run)
+    found = {one["name"]: one for one in identification.identify_device(config, Path("run"))["parameters"]}
+    low, high = found["area_flexion_m2"]["interval"]
+    assert low < true.area_flexion < high
+    assert found["coulomb_Nm"]["value"] == pytest.approx(0.2, abs=0.02)
+    curl["condition"] = "C"
+    with pytest.raises(ConfigError, match="not worn in condition `C`"):
+        identification.identify_device(config, Path("run"))
+    del run.artefacts["dynamics.parquet"].columns["elbow_torque"]
+    with pytest.raises(ConfigError, match="no torque of the elbow: give `protocol: curl`"):
+        identification.identify_device(config, Path("run"))
 
 
 @pytest.mark.parametrize(

@@ -87,11 +87,34 @@ def test_devices_on_a_chain_lose_an_area(tmp_path: Path) -> None:
     assert any("less than with linear springs" in line for line in device_lines(found))
 
 
+def test_the_controller_of_a_chain(tmp_path: Path) -> None:
+    """Both tasks are held with pressures of their own; a stronger task without any is said."""
+    tasks = "tasks:\n  - {name: lap, point_m: [0.2, 1.05]}\n  - {name: mouth, point_m: [0.3, 1.45]}\n"
+    shoulder = tmp_path / "shoulder.yaml"
+    text = DEVICE.read_text("utf-8").replace("full_flexion_deg: 140", "full_flexion_deg: 275")
+    shoulder.write_text(text.replace("stroke_m: 0.080", "stroke_m: 0.110"), "utf-8")
+    springs = (
+        f"springs: [{{joints: [1], stiffest: 8, device: {shoulder}}}, {{joints: [2], stiffest: 4, device: DEVICE}}]\n"
+    )
+    strong = CHAIN.replace("-4, 4", "-5, 5").replace("-1.2, 1.2", "-1.7, 1.7")
+    found = prescribe_from(load_prescription(written(tmp_path, strong + springs + tasks + "controller: {}\n")))
+    output = prescription_output(found)
+    controller = json.loads(json.dumps(output.document, allow_nan=False))["controller"]
+    assert [node["name"] for node in controller["nodes"]] == ["lap", "mouth"]
+    assert [one["joints"] for one in controller["nodes"][0]["devices"]] == [[1], [2]]
+    assert [visit["task"] for visit in controller["tour"]["tasks"]] == ["lap", "mouth", "lap"]
+    assert controller["problems"] == []
+    assert any("3 of 3 visits held" in line for line in device_lines(found))
+    assert {"controller.svg", "unsafe_postures.csv"} <= set(output.write(tmp_path / "out"))
+    for visit in found.controlled.tour.visits:  # type: ignore[union-attr]
+        assert found.controlled.tour.excess[visit[1] : visit[2]].max() == 0  # type: ignore[union-attr]
+
+
 def test_mistakes(tmp_path: Path) -> None:
     for text, said in (
         (ARM + "controller: {}\n", "needs `tasks:` and a spring"),
         (ARM + "springs: [{joints: [1], device: nowhere.yaml}]\n", "no such file"),
-        (CHAIN + "controller: {}\n", "`controller` is for one joint"),
+        (CHAIN + "controller: {}\n", "needs `tasks:` and a spring"),
     ):
         with pytest.raises(ConfigError, match=said):
             prescribe_from(load_prescription(written(tmp_path, text)))

@@ -8,6 +8,7 @@ import pytest
 from mocap_id.protocols.curl.compensation import compensation
 from mocap_id.protocols.curl.elbow_torque import Mass, SegmentMotion, elbow_torque
 from mocap_id.protocols.curl.fatigue import trend
+from mocap_id.protocols.curl.in_step import part_in_step
 from mocap_id.protocols.curl.repetitions import Curl, find_curls
 from mocap_id.protocols.curl.rules import CurlRules
 from mocap_id.protocols.curl.trial_end import find_end
@@ -92,14 +93,29 @@ def test_compensation_has_range_offset_and_floor() -> None:
     assert still.sustained == 0
 
 
-def test_an_error_that_returns_in_every_curl_widens_the_interval() -> None:
-    curls, still = found([1.9] * 3), np.zeros(len(TIME))
-    leak = 0.05 * flexion([1.9] * 3)
-    plain, wider = (compensation(TIME, still, still + 0.01, curls, RULES, leak=each)[0] for each in (None, leak))
-    assert plain is not None
-    assert wider is not None
-    assert wider.floor == pytest.approx(np.hypot(plain.floor, 1.96 * leak.max()), rel=1e-3)
-    assert wider.offset_sd == plain.offset_sd
+def test_a_part_in_step_with_the_flexion_is_stated_apart() -> None:
+    """An axis that errs turns the upper arm in step with the flexion; what a curl adds to it is left."""
+    curls, q = found([1.9] * 4), flexion([1.9] * 4)
+    added = np.radians(4) * (step((TIME - 7) / 0.5) - step((TIME - 8.4) / 0.5))
+    spread = np.diag([0.0, 0.05**2])
+    sd = np.full(len(TIME), 0.02)
+    apart = part_in_step(TIME, 0.06 * np.sin(q) - 0.02 * np.cos(q) + added, sd, q, spread, curls)
+    assert apart is not None
+    np.testing.assert_allclose(np.ptp(apart.curve - 0.06 * np.sin(q) + 0.02 * np.cos(q)), 0, atol=1e-9)
+    inside = slice(*np.searchsorted(TIME, [curls[0].start, curls[0].end]))
+    turned = np.sin(q[inside]) - np.sin(q[inside].min())
+    assert apart.interval[1] - apart.range == pytest.approx(1.96 * 0.05 * np.abs(turned).max(), rel=1e-6)
+    assert apart.interval[0] == max(0.0, 2 * apart.range - apart.interval[1])
+    measured = compensation(TIME, added, apart.rest_sd, curls, RULES)
+    assert measured[2] is not None
+    assert np.degrees(measured[2].range) == pytest.approx(4, abs=0.1)
+    assert measured[2].range_interval[0] > 0
+
+
+def test_no_part_in_step_without_a_curl() -> None:
+    nothing = np.full(len(TIME), np.nan)
+    assert part_in_step(TIME, nothing, nothing, flexion([1.9] * 3), None, found([1.9] * 3)) is None
+    assert part_in_step(TIME, TIME, TIME, TIME, None, ()) is None
 
 
 def test_compensation_of_an_unknown_angle_is_none() -> None:

@@ -26,6 +26,34 @@ def views(trial: SpatialTrial) -> tuple[SpatialAngles, SegmentPoses, SpatialSkel
     return SpatialAngles.from_table(angles), SegmentPoses.from_table(poses), SpatialSkeleton.from_tree(chain)
 
 
+def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
+    angles, poses, _ = views(SpatialTrial())
+    flexion, rng, noise = angles.names.index("elbow_flexion"), np.random.default_rng(0), np.radians(5.0)
+    true = joint_ranges(angles, poses)["elbow_flexion"]
+    sd = angles.sd.copy()
+    sd[:, flexion, 0] = noise
+    plain, corrected = [], []
+    for _ in range(20):  # noise that lasts as long as a held posture
+        held = np.repeat(rng.normal(0, noise, len(angles.time) // 30 + 1), 30)[: len(angles.time)]
+        mean = angles.mean.copy()
+        mean[:, flexion, 0] += held
+        noisy = replace(angles, mean=mean, sd=sd)
+        for widths, skeleton in ((plain, False), (corrected, True)):
+            found = joint_ranges(noisy, poses, skeleton=skeleton)["elbow_flexion"]
+            widths.append(found.high - found.low - (true.high - true.low))
+    assert np.mean(plain) > 0.5 * noise
+    assert abs(np.mean(corrected)) < 0.5 * np.mean(plain)
+    elevation = joint_ranges(angles, poses, skeleton=True)["shoulder_elevation"]
+    assert elevation.low_sd > np.radians(7), "recorded cameras show raised arms up to 20° too high"
+
+
+def test_a_range_smaller_than_the_noise_is_empty() -> None:
+    angles, poses, _ = views(SpatialTrial())
+    sd = np.full_like(angles.sd, 3.0)
+    found = joint_ranges(replace(angles, sd=sd), poses, skeleton=True)["elbow_flexion"]
+    assert found.low == found.high
+
+
 def test_single_samples_and_the_gimbal_move_no_end() -> None:
     angles, poses, _ = views(SpatialTrial())
     before = joint_ranges(angles, poses)

@@ -53,6 +53,21 @@ def test_lost_joints_are_missing_and_guessed_ones_are_marked(tmp_path: Path) -> 
     assert not found.inferred[:, found.recording.labels.index("Neck")].any()
 
 
+def test_capital_letters_in_the_header_change_nothing(tmp_path: Path) -> None:
+    time = np.arange(60) / 30
+    state = np.where(time > 1, 1, 2)
+    small = read_skeleton(write_log(tmp_path / "a.csv", time, time, state))
+    head, rows = (tmp_path / "a.csv").read_text().split("\n", 1)
+    for small_name, capital in (("_x", "_X"), ("_y", "_Y"), ("_z", "_Z"), ("_state", "_State"), ("time_s", "Time_s")):
+        head = head.replace(small_name, capital)
+    (tmp_path / "b.csv").write_text(f"{head}\n{rows}")
+    capitals = read_skeleton(tmp_path / "b.csv")
+    assert capitals.recording.labels == small.recording.labels == ("Hand", "Neck")
+    assert np.array_equal(capitals.recording.positions, small.recording.positions, equal_nan=True)
+    assert np.array_equal(capitals.inferred, small.inferred)
+    assert capitals.inferred.any()
+
+
 @pytest.mark.parametrize("width", [3, 7])
 def test_rows_of_a_kinect_without_header_have_its_joints_at_30_hz(tmp_path: Path, width: int) -> None:
     values = np.random.default_rng(0).normal(0, 1, (40, 25, width))

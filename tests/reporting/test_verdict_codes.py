@@ -8,6 +8,7 @@ from pathlib import Path
 import mocap_id
 from mocap_id.reporting.explanations import EXPLANATIONS, as_markdown
 from mocap_id.reporting.explanations.contact import CONTACT
+from mocap_id.reporting.explanations.inertial import INERTIAL
 from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
@@ -15,6 +16,7 @@ from mocap_id.reporting.explanations.skeleton import SKELETON
 from mocap_id.reporting.explanations.space import SPACE
 from mocap_id.reporting.explanations.transfer import TRANSFER
 
+PARTS = (CONTACT, INERTIAL, LANDMARKS, PARAMETERS, RECORDING, SKELETON, SPACE, TRANSFER)
 PACKAGE = Path(mocap_id.__file__).parent
 DOCUMENT = PACKAGE.parent.parent / "docs" / "verdict.md"
 
@@ -49,7 +51,7 @@ def raised_codes() -> set[str]:
 
 
 def test_no_code_is_explained_twice() -> None:
-    assert len(EXPLANATIONS) == sum(map(len, (CONTACT, LANDMARKS, PARAMETERS, RECORDING, SKELETON, SPACE, TRANSFER)))
+    assert len(EXPLANATIONS) == sum(map(len, PARTS))
 
 
 def test_every_code_is_explained_and_no_other() -> None:

@@ -168,3 +168,15 @@ def test_continuous_integration_does_not_pass_by_skipping(tmp_path: Path, withou
     assert said.returncode == code
     assert said.stdout == ("make opensim\nmake test\n" if code == 0 else "")
     assert ("no recordings at" in said.stderr) is (code != 0)
+
+
+def test_a_calibration_is_made_by_its_own_rule(tmp_path: Path) -> None:
+    """Its chain, named from the folder of another trial, is the target of the calibration's rule."""
+    samples = Path(__file__).resolve().parents[2] / "sample_trials"
+    for name in ("arm-reach", "curl"):
+        shutil.copytree(samples / name, tmp_path / name, ignore=shutil.ignore_patterns("runs"))
+    rules = make_rules([load(tmp_path / name / "trial.yaml") for name in ("arm-reach", "curl")], "mocap-id")
+    chain = str(tmp_path / "arm-reach" / "runs" / "arm-reach" / "chain")
+    assert f"{chain}%h5:" in rules
+    assert f"{chain}.h5" in rules
+    assert "/../" not in rules

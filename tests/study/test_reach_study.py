@@ -12,8 +12,11 @@ from reach_cases import THESIS, Reach, results
 from scipy.stats import spearmanr
 
 from mocap_id.reporting.cohort.page_data import CohortData
+from mocap_id.reporting.figure import Figure, Line, Panel
+from mocap_id.reporting.reach_cohort.figures import reach_figures
 from mocap_id.workflows import reach_study
 from mocap_id.workflows.reach_study.correlation import spearman
+from mocap_id.workflows.reach_study.page import shape
 from mocap_id.workflows.study.estimates import Estimate
 
 
@@ -91,11 +94,47 @@ def test_an_unknown_volume_and_a_failure_are_rows_with_a_reason() -> None:
 
 def test_the_page_shows_table_and_shapes() -> None:
     text = page(THESIS)
-    for words in ("thesis table 7.1", "0.358 (0.338 … 0.378)", "patient4 (5)", "Reachable volumes, seen from above"):
+    for words in ("thesis table 7.1", "0.358 (0.338 … 0.378)", "patient4 (5)", "Reachable volumes, left and right"):
         assert words in text
     empty = page([Reach(volume=None), Reach("p2", failed="gone")])
     assert "No reachable volume: no trial has one." in empty
     assert "Correlation with" not in empty
+
+
+def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
+    reaches = [
+        Reach(name, side, session, volume=volume * scale)
+        for name, volume in (("p1", 0.3), ("p2", 0.1))
+        for side, scale in (("right", 1.0), ("left", 0.9))
+        for session in ("a", "b")
+    ]
+    reaches.append(Reach("p3", volume=0.2))
+    trials = results(reaches)
+    data = CohortData("a study", (), frames(reaches))
+    drawn = {one.name: one.figure for one in reach_figures(data, tuple(map(shape, trials))).all}
+    sides, sessions = drawn["reach-sides"], drawn["reach-sessions"]
+    assert isinstance(sides, Figure)
+    assert isinstance(sessions, Figure)
+    assert [panel.title for panel in sides.panels] == ["p1 (1)", "p2 (1)", "p3 (1)"]
+    assert [panel.title for panel in sessions.panels] == [
+        *("p1 (1), right", "p1 (1), left", "p2 (1), right", "p2 (1), left", "p3 (1), right")
+    ]
+    assert len({panel.x_range for panel in (*sides.panels, *sessions.panels)}) == 1
+    for panel in (*sides.panels, *sessions.panels):
+        assert panel.view is not None
+        assert panel.x_range == panel.y_range
+        ends = np.array([[item.x, item.y, item.z] for item in panel.items if isinstance(item, Line)], dtype=object)
+        assert all(np.nanmax(np.abs(each)) < panel.x_range[1] for row in ends for each in row)
+    assert labels(sides.panels[0]) == ["right", "left"]
+    assert labels(sides.panels[2]) == ["right"]
+    assert labels(sessions.panels[0]) == ["a", "b"]
+    assert reach_figures(CohortData("s", (), frames(THESIS)), tuple(map(shape, results(THESIS)))).all[2].figure == (
+        "Every trial belongs to the same session."
+    )
+
+
+def labels(panel: Panel) -> list[str]:
+    return [item.label for item in panel.items if isinstance(item, Line) and item.label]
 
 
 @pytest.mark.parametrize("n", [5, 6])

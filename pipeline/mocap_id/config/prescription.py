@@ -105,7 +105,7 @@ class ControllerRules(Settings):
     hysteresis_deg: float = Field(3.0, gt=0, description="movement before it may change back")
     speed_deg_s: float = Field(60.0, gt=0, le=1000, description="largest speed of the tour")
     hold_s: float = Field(1.0, ge=0, le=60, description="time for which the ends of a task are held, s")
-    tremor_deg: float = Field(0.2, ge=0, le=10, description="amplitude of the person's tremor, at 5 Hz")
+    tremor_deg: float = Field(0.2, ge=0, le=10, description="for one joint: amplitude of the person's tremor, at 5 Hz")
 
 
 class PrescriptionFile(Settings):
@@ -134,9 +134,7 @@ class PrescriptionFile(Settings):
     level_set: LevelSet | None = Field(None, description="for one joint: the reachable set over time")
     search: SearchGrid | None = Field(None, description="for one joint: a map of springs by level sets")
     tasks: tuple[Task, ...] = Field((), max_length=50, description="tasks for a graph of sub-workspaces")
-    controller: ControllerRules | None = Field(
-        None, description="for one joint with a device and tasks: simulate the controller"
-    )
+    controller: ControllerRules | None = Field(None, description="with a device and tasks: simulate the controller")
     postures: int = Field(4096, ge=256, le=1 << 17, description="for several joints: number of sampled postures")
     boxes: int = Field(20_000, ge=1, description="for several joints: largest number of boxes of springs in the search")
     seed: int = Field(0, ge=0, description="seed of the sampled postures")
@@ -211,7 +209,6 @@ def _contradictions(wishes: PrescriptionFile, source: Source) -> list[str]:
         ("required_m", wishes.required_m, True),
         ("level_set", wishes.level_set, False),
         ("search", wishes.search, False),
-        ("controller", wishes.controller, False),
     ):
         if given and one == several:
             use = "several joints" if several else "one joint"

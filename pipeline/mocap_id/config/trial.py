@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -59,14 +60,16 @@ def _inlined(schema: Any, parts: Mapping[str, Any]) -> Any:
     return {key: _inlined(value, parts) for key, value in schema.items() if key != "$defs"}
 
 
-_FILES = Files.model_json_schema()
-_RECORDING_SCHEMA = {
-    "anyOf": [
-        {"type": "string", "description": "C3D file, or TRC file or export of QTM, Motive or Nexus without forces"},
-        _inlined(_FILES, _FILES["$defs"]),
-    ]
-}
-_Recording = Annotated[Files, WithJsonSchema(_RECORDING_SCHEMA)]
+class _RecordingSchema:
+    """JSON Schema of ``recording``, which may also be one file; a run does not need it."""
+
+    def __get_pydantic_json_schema__(self, core_schema: object, handler: object) -> dict[str, Any]:
+        files = Files.model_json_schema()
+        short = "C3D file, or TRC file or export of QTM, Motive or Nexus without forces"
+        return {"anyOf": [{"type": "string", "description": short}, _inlined(files, files["$defs"])]}
+
+
+_Recording = Annotated[Files | None, _RecordingSchema()]
 _Calibration = Annotated[Calibration, WithJsonSchema({"type": "string", "description": "YAML file of a trial"})]
 
 
@@ -78,6 +81,11 @@ class _TopLevel(TrialKeys):
 
 def trial_model(stages: Sequence[Stage] = STAGES) -> type[BaseModel]:
     """Return the model of a whole YAML file: the trial's keys and an optional section for each stage."""
+    return _trial_model(tuple(stages))
+
+
+@cache  # making the model takes 20 ms
+def _trial_model(stages: tuple[Stage, ...]) -> type[BaseModel]:
     sections: dict[str, Any] = {
         stage.name.replace("-", "_"): (
             stage.settings,
@@ -174,8 +182,11 @@ def _completed(data: dict[str, Any], stages: Sequence[Stage], source: Source) ->
     data = dict(data)
     if isinstance(data.get("recording"), str):
         data["recording"] = {"markers": data["recording"]}
+    alone = data.get("recording") is None and {"imus", "calibration"} <= data.keys()
+    if alone:
+        data["recording"] = None
     if isinstance(data.get("calibration"), str):
-        data["calibration"] = _calibration(source, data["calibration"], stages)
+        data["calibration"] = _calibration(source, data["calibration"], stages, alone=alone)
     curl = data.get("curl")
     if isinstance(curl, dict) and isinstance(curl.get("device"), str):
         data["curl"] = curl | {"device": _device(source, curl["device"], curl.get("condition"))}
@@ -197,8 +208,8 @@ def _device(source: Source, given: str, condition: object) -> dict[str, Any]:
     return keys.model_dump(mode="json")
 
 
-def _calibration(source: Source, given: str, stages: Sequence[Stage]) -> dict[str, str]:
-    """Return the files of the trial whose chain is used."""
+def _calibration(source: Source, given: str, stages: Sequence[Stage], *, alone: bool) -> dict[str, Any]:
+    """Return the files of the trial whose chain is used; ``alone``: by a trial of inertial sensors without markers."""
     where = source.where(("calibration",))
     file = (source.file.parent / _expanded(Path(given))).absolute()
     if not file.exists():
@@ -207,14 +218,26 @@ def _calibration(source: Source, given: str, stages: Sequence[Stage]) -> dict[st
     if isinstance(other.data, dict) and other.data.get("calibration") is not None:
         raise ConfigError(f"{where}: calibration: {file} itself has a `calibration:`; name that trial here")
     trial = compose(other, stages)
+    files = {"trial": str(file), "chain": str(trial.out / "chain.h5")}
+    if alone:
+        if not trial.keys.imus:
+            raise ConfigError(
+                f"{where}: calibration: {file} has no `imus`; a trial without markers needs one with markers and the "
+                "same sensors, worn in the same way"
+            )
+        imus = {segment: str(path) for segment, path in trial.keys.imus.items()}
+        return files | {"states": str(trial.out / "states.parquet"), "imus": imus}
     if trial.keys.space != "3d":
         raise ConfigError(f"{where}: calibration: {file} is a trial in the plane; expected `space: 3d`")
-    return {"trial": str(file), "chain": str(trial.out / "chain.h5")}
+    return files
 
 
 def schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
     """Return the JSON Schema of a trial's YAML file, for editors."""
-    return json_schema(trial_model(stages))
+    found = json_schema(trial_model(stages))
+    needed = [["recording"], ["imus", "calibration"]]
+    required = [key for key in found["required"] if key != "recording"]
+    return found | {"required": required, "anyOf": [{"required": keys} for keys in needed]}
 
 
 def absolute(value: Any, folder: Path) -> Any:

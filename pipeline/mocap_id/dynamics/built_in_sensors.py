@@ -7,6 +7,7 @@ with that of the ground by their covariances.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,14 +23,16 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+from mocap_id.geometry.planar import marker_positions
 
 _ZEROS = (0, 2)  # components whose constant error is fitted too; that of Fy is the weight
 _ROUNDS = 2  # weights from the residuals of the round before
 _LEAST_SAMPLES = 50
 _COMMON = 1e-6  # a parameter of the sensor that the ground's base parameters determine
 _GAIN_SD = 0.005  # relative error of the sensor's scale
+_SEED = 1  # of the noise of a sensor that is foreseen
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,22 @@ class SensorFit:
     covariance: FloatArray
 
 
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of a wrench sensor's samples at the frames.
+
+    Parameters
+    ----------
+    force : float
+        N.
+    moment : float
+        About the joint, N·m.
+    """
+
+    force: float = 0.1
+    moment: float = 0.002
+
+
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
     """Fit the part of the body beyond a joint to the wrench through the joint; None with too few samples.
 
@@ -64,11 +83,13 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
         Its wrench on the segment, about the plane's origin.
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
-    wrench = prepared.lowpass(np.where(known(sensor.wrench)[:, None], sensor.wrench, np.nan))
+    to_joint = _to_joint(prepared, sensor.segment)
+    given = np.where(known(sensor.wrench)[:, None], sensor.wrench, np.nan)
+    wrench = prepared.lowpass(np.einsum("tij,tj->ti", to_joint, given))
     samples = np.flatnonzero(select(prepared, gate) & known(wrench))[:: prepared.step]
     if len(samples) < _LEAST_SAMPLES:
         return None
-    rows = prepared.lowpass(prepared.regressor[:, :, first:])[samples]
+    rows = prepared.lowpass(to_joint @ prepared.regressor[:, :, first:])[samples]
     base = base_set(rows.reshape(-1, size - first))
     zero = np.broadcast_to(np.eye(3)[:, list(_ZEROS)], (len(samples), 3, len(_ZEROS)))
     design, target, weights = np.concatenate([rows[..., base.kept], zero], axis=-1), wrench[samples], np.ones(3)
@@ -84,6 +105,18 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     whole = np.zeros((len(base.kept), size))
     whole[:, first:] = base.regrouping
     return SensorFit(sensor.name, whole, values[own], covariance[own, own])
+
+
+def _to_joint(prepared: PreparedTrial, segment: int) -> FloatArray:
+    """Return the matrices (T, 3, 3) that take wrenches about the plane's origin to the joint before a segment.
+
+    There the moment has no part of the force's noise, whose lever about the origin is the height of the joint.
+    """
+    recorded, before = prepared.recorded, np.array([segment - 1])
+    place = marker_positions(recorded.q, recorded.centres, before, recorded.centres[before])[:, 0]
+    found = np.tile(np.eye(3), (len(place), 1, 1))
+    found[:, 2, 0], found[:, 2, 1] = place[:, 1], -place[:, 0]
+    return found
 
 
 def with_sensors(
@@ -109,13 +142,7 @@ def with_sensors(
     if not sensors:
         return alone
     own = alone.covariance + sum(_disagreement(alone, regrouping, one) for one in sensors)
-    parts = [(regrouping, alone.base, own)] + [(one.rows, one.values, one.covariance) for one in sensors]
-    whitened = [(_half(covariance), rows, values) for rows, values, covariance in parts]
-    rows = np.concatenate([solve_triangular(half, each, lower=True) for half, each, _ in whitened])
-    target = np.concatenate([solve_triangular(half, values, lower=True) for half, _, values in whitened])
-    inverse = np.linalg.pinv(rows)
-    spread, base = regrouping @ inverse, regrouping @ (inverse @ target)
-    covariance = spread @ spread.T
+    base, covariance = _together([SensorFit("ground", regrouping, alone.base, own), *sensors])
     half = _half(covariance)
     problem = CompressedProblem.of(
         solve_triangular(half, np.eye(len(base)), lower=True), solve_triangular(half, base, lower=True)
@@ -133,6 +160,52 @@ def with_sensors(
         masses=solution.masses,
         full=solution.full,
     )
+
+
+def _together(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
+    """Return the first part's base parameters (b,) and their covariance (b, b) by all parts together."""
+    halves = [_half(each.covariance) for each in parts]
+    rows = [solve_triangular(half, each.rows, lower=True) for half, each in zip(halves, parts, strict=True)]
+    target = [solve_triangular(half, each.values, lower=True) for half, each in zip(halves, parts, strict=True)]
+    spread = parts[0].rows @ np.linalg.pinv(np.concatenate(rows))
+    return spread @ np.concatenate(target), spread @ spread.T
+
+
+def foresee_sensor(
+    alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int, noise: SensorNoise
+) -> FloatArray | None:
+    """Return the covariance (b, b) that the base parameters would have with a sensor that the trial has not.
+
+    The sensor's wrench is that of the identified body, with noise and with the torque of wrong accelerations. Errors
+    that do not show in residuals, such as a plate's zero, cannot be foreseen: with them, the real gain is larger.
+
+    Parameters
+    ----------
+    alone : Identification
+        By the ground's wrench.
+    prepared, gate
+        As for :func:`fit_sensor`.
+    segment : int
+        The sensor is in the joint before it.
+    noise : SensorNoise
+
+    Returns
+    -------
+    array or None
+        None with too few samples.
+    """
+    recorded, rng = prepared.recorded, np.random.default_rng(_SEED)
+    ddq = prepared.lowpass(rng.standard_normal(recorded.ddq.shape))
+    moved = recorded.ddq + ddq * recorded.ddq_sd / np.nanstd(ddq, axis=0)
+    rows = planar_regressor(recorded.centres, recorded.q, recorded.dq, moved, prepared.settings.gravity)
+    first = len(PLANAR_PARAMETERS) * segment
+    errors = rng.standard_normal((len(rows), 3)) * [noise.force, noise.force, noise.moment]
+    about_origin = np.linalg.solve(_to_joint(prepared, segment), errors[..., None])[..., 0]
+    wrench = rows[:, :, first:] @ alone.full[first:] + about_origin
+    found = fit_sensor(prepared, gate, ExternalWrench("foreseen", segment, wrench, by_plates=False))
+    if found is None:
+        return None
+    return _together([SensorFit("ground", prepared.base.regrouping, alone.base, alone.covariance), found])[1]
 
 
 def _disagreement(alone: Identification, regrouping: FloatArray, sensor: SensorFit) -> FloatArray:

@@ -52,6 +52,9 @@ class BodyPoses:
         The body of each segment of the chain.
     centres : (n, 2) array
         Centre of joint j in the frame of segment j - 1, m.
+    shift : (n, 2) array, optional
+        What the body beyond joint j shows of an error of the joint fit: added to the place of the joint for the
+        torques, in the frame of segment j - 1, m. Gaps and pins are those of the joint fit.
     """
 
     time: FloatArray
@@ -61,6 +64,7 @@ class BodyPoses:
     information: FloatArray
     body: IntArray
     centres: FloatArray
+    shift: FloatArray | None = None
 
     @property
     def rate(self) -> float:
@@ -281,7 +285,7 @@ class PoseFilter:
 
 
 def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the joints' positions (T, n, 2) as means of their two sides, m; NaN where both sides are one body.
+    """Return the joints' positions (T, n, 2), m: shifted means of their two sides; NaN where both sides are one body.
 
     Parameters
     ----------
@@ -295,6 +299,8 @@ def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> Fl
         before, after = int(poses.body[j]), int(poses.body[j + 1])
         near = origin[:, before] + planar.rotate(angle[:, before], poses.centres[j])
         joint[:, j] = (near + origin[:, after]) / 2
+        if poses.shift is not None:
+            joint[:, j] += planar.rotate(angle[:, before], poses.shift[j])
     return joint
 
 

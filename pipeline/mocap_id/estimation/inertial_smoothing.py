@@ -30,7 +30,7 @@ from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.smoothing import FilterSettings, States, smooth
 from mocap_id.geometry import so3
 
-_SHARES = (1.5, 1.5)  # of the residuals, which last: more than for balls, since a hinge can follow turning skin
+SHARES = (1.5, 1.5)  # of the residuals, which last: more than for balls, since a hinge can follow turning skin
 _SHARE_SD = 0.05  # of a joint's turn, by which the skin under a sensor turns
 _COVERED, _QUANTILE = 0.95, 1.645  # share of stretches, in movement and rest, whose drift is covered
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
@@ -79,7 +79,7 @@ def smooth_with_sensors(
     kept = {s: each.found for s, each in results.items() if each.found is not None and each.why is None and s > 0}
     if not kept:
         return alone, results
-    carried = {s: _carry(sensors[s], s, found, motions[s], alone, times) for s, found in kept.items()}
+    carried = {s: carry_sensor(sensors[s], s, found, motions[s], alone, times) for s, found in kept.items()}
     results |= {s: replace(results[s], found=each.found) for s, each in carried.items()}
     inertial = _as_arrays(alone, carried)
     try:
@@ -118,7 +118,7 @@ def _seen(states: States) -> BoolArray:
 
 
 @dataclass(frozen=True)
-class _Carried:
+class CarriedSensor:
     """A sensor, the turn of the skin under it for the turn of each joint (n,), and the angular velocity left (F,)."""
 
     found: Calibrated
@@ -127,12 +127,12 @@ class _Carried:
     left: FloatArray
 
 
-def _carry(  # noqa: PLR0917
+def carry_sensor(  # noqa: PLR0917
     signals: SensorSignals, s: int, found: Calibrated, motion: SegmentMotion, states: States, time: FloatArray
-) -> _Carried:
+) -> CarriedSensor:
     """Estimate the turn of the skin under a sensor with the joints beside it, and calibrate the sensor again."""
     seen, rest = _seen(states)[:, s], np.nanmean(states.mean[..., 0], axis=0)
-    first = prepare_sensor(signals, found, motion, time, seen, _SHARES)
+    first = prepare_sensor(signals, found, motion, time, seen, SHARES)
     beside = [j for j in (s - 1, s) if j < len(rest)]
     share = np.zeros(len(rest))
     share[beside] = _fit_share(first.gyro[:, 2] - motion.omega[:, 2], states.mean[:, beside, 1], found)
@@ -146,8 +146,8 @@ def _carry(  # noqa: PLR0917
     )
     clock = replace(found.clock, sd=np.inf) if found.clock.observable else found.clock
     again = calibrate_sensor(signals, skin, time, clock, follows=False) or found
-    ready = prepare_sensor(signals, again, skin, time, seen, _SHARES)
-    return _Carried(again, ready, share, ready.gyro[:, 2] - skin.omega[:, 2])
+    ready = prepare_sensor(signals, again, skin, time, seen, SHARES)
+    return CarriedSensor(again, ready, share, ready.gyro[:, 2] - skin.omega[:, 2])
 
 
 def _fit_share(off: FloatArray, rates: FloatArray, found: Calibrated) -> FloatArray:
@@ -158,7 +158,7 @@ def _fit_share(off: FloatArray, rates: FloatArray, found: Calibrated) -> FloatAr
     return np.asarray(np.linalg.solve(normal, weight * rates[known].T @ off[known]))
 
 
-def _as_arrays(states: States, carried: Mapping[int, _Carried]) -> InertialSignals:
+def _as_arrays(states: States, carried: Mapping[int, CarriedSensor]) -> InertialSignals:
     every = list(carried.values())
     signal = [np.column_stack([each.ready.gyro[:, 2], each.ready.force[:, :2]]) for each in every]
     return InertialSignals(
@@ -172,7 +172,7 @@ def _as_arrays(states: States, carried: Mapping[int, _Carried]) -> InertialSigna
     )
 
 
-def _with_drift(states: States, carried: Mapping[int, _Carried], dt: float) -> FloatArray:
+def _with_drift(states: States, carried: Mapping[int, CarriedSensor], dt: float) -> FloatArray:
     """Return the standard deviations with what the differences of sensors and markers add up to in a gap."""
     sd = states.sd.copy()
     for j in range(sd.shape[1]):

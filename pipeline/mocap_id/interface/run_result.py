@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mocap_id import __version__
 from mocap_id.errors import StoreError
 from mocap_id.runner import Step
-from mocap_id.store import LongTable, Table
 from mocap_id.verdict import Level, Reason
 from mocap_id.workflows.run_folder import SUMMARY, RunFolder
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from mocap_id.interface.figures import Figure, PageFigures
 
 
 @dataclass(frozen=True)
@@ -57,10 +61,20 @@ class Run:
         return f"<Run {self.name}: {self.verdict.level if self.summary else 'incomplete'}, {self.folder}>"
 
     def _repr_html_(self) -> str:
-        """Return verdict and main numbers for a notebook."""
+        """Return verdict, main numbers and player for a notebook."""
         from mocap_id.reporting.notebook_view import notebook_view  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.page import trial_player  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  needs the page's templates
 
-        return notebook_view(self.summary) if self.summary else f"<p>{self.name}: no {SUMMARY}</p>"
+        if not self.summary:
+            return f"<p>{escape(self.name)}: no {SUMMARY}</p>"
+        settings = {"space": str(self.summary.get("space"))}
+        data = ReportData(self.name, __version__, self._files.artefacts, settings=settings)
+        try:
+            player = trial_player(data)
+        except StoreError as error:  # the numbers are shown even if a table is damaged
+            return f"{notebook_view(self.summary)}<p>{escape(str(error))}</p>"
+        return notebook_view(self.summary, player)
 
     @property
     def name(self) -> str:
@@ -82,6 +96,21 @@ class Run:
         import webbrowser  # noqa: PLC0415  takes 5 ms
 
         return webbrowser.open(self.report.resolve().as_uri())
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the figures of the report, for :meth:`figure`."""
+        return self._page_figures.names
+
+    def figure(self, name: str) -> Figure:
+        """Return a figure of the report; StoreError where the trial does not have it, which says why."""
+        return self._page_figures.find(name)
+
+    @cached_property
+    def _page_figures(self) -> PageFigures:
+        from mocap_id.interface.figures import PageFigures  # noqa: PLC0415  a run that is only printed draws nothing
+
+        return PageFigures(self.report)
 
     @property
     def summary(self) -> Mapping[str, Any]:
@@ -169,9 +198,34 @@ class Run:
             raise StoreError(self._files.why_missing("dynamics.h5"))
         return found
 
+    def export(self, *formats: str, out: str | PathLike[str] | None = None, force: bool = False) -> tuple[Path, ...]:
+        """Write the run in the formats of other programs, as ``mocap-id export``, and return the files.
+
+        Parameters
+        ----------
+        *formats : str
+            ``"trc"``, ``"mot"``, ``"sto"`` and ``"osim"`` for OpenSim, ``"csv"`` for tables, ``"ktk"`` for Kinetics
+            Toolkit.
+        out : path, optional
+            Output folder; by default ``export`` in the run folder.
+        force : bool
+            Overwrite existing files.
+
+        Raises
+        ------
+        ConfigError
+            A format is unknown.
+        StoreError
+            A file exists already, the folder cannot be written, or the run has no content for these formats.
+        """
+        from mocap_id.workflows.export import export  # noqa: PLC0415  only an export needs it
+
+        return export(self.folder, formats, None if out is None else Path(out), force=force).files
+
     def _frame(self, file: str) -> pd.DataFrame:
         """Return an artefact as a data frame with its units."""
-        from mocap_id.store.parquet import columns_of  # noqa: PLC0415  a run that is only printed reads no table
+        from mocap_id.store import LongTable, Table  # noqa: PLC0415  a run that is only printed reads no table
+        from mocap_id.store.parquet import columns_of  # noqa: PLC0415
 
         table = self._files.artefacts.get(file)
         if not isinstance(table, Table | LongTable) or not table.length or table.names == ["time"]:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mocap_id import runner
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.interface.run_result import Run
-from mocap_id.recording.model import Recording
 from mocap_id.workflows.run_folder import open_lazily
 
-RECORDINGS = (".c3d", ".trc", ".tsv", ".csv", ".txt")
+if TYPE_CHECKING:
+    from mocap_id.recording.model import Recording
+
+RECORDINGS = (".c3d", ".trc", ".tsv", ".csv", ".txt", ".zip")
 """Endings of recordings; any other file is a trial's YAML file."""
 
 
@@ -49,16 +51,16 @@ def run(
     ConfigError, RecordingError, NumericalError, StoreError
         As in :mod:`mocap_id.errors`. A refusal raises nothing: the verdict of the run describes it.
     """
-    if isinstance(source, Recording) or Path(source).suffix.lower() in RECORDINGS:
+    given = Path(source) if isinstance(source, str | PathLike) else source
+    if not isinstance(given, Path) or given.suffix.lower() in RECORDINGS:
         from mocap_id.workflows.recording_trial import make_trial  # noqa: PLC0415  a YAML file does not need it
 
         keys = settings if forces is None else {"forces": forces, **settings}
-        recording = source if isinstance(source, Recording) else Path(source)
-        trial = make_trial(recording, keys, None if save is None else Path(save))
+        trial = make_trial(given, keys, None if save is None else Path(save))
     elif settings or forces is not None or save is not None:
         raise ConfigError(f"{source} holds the settings of its trial: change them there, or give the recording itself")
     else:
-        trial = load(Path(source))
+        trial = load(given)
     outcome = runner.run(trial, progress=progress)
     return Run(open_lazily(outcome.folder), outcome.steps)
 

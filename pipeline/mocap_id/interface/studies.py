@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mocap_id.interface.figures import Figure, PageFigures
 from mocap_id.interface.run_result import Run
 from mocap_id.interface.running import open as open_folder
 from mocap_id.workflows.study import StudyResult, run_study
@@ -37,6 +38,19 @@ class Study:
     def page(self) -> Path:
         """The page about all trials."""
         return self._result.page
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the figures of the page, for :meth:`figure`."""
+        return self._page_figures.names
+
+    def figure(self, name: str) -> Figure:
+        """Return a figure of the page; StoreError where the study does not have it, which says why."""
+        return self._page_figures.find(name)
+
+    @cached_property
+    def _page_figures(self) -> PageFigures:
+        return PageFigures(self.page)
 
     @property
     def document(self) -> Mapping[str, Any]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.errors import NumericalError
+from mocap_id.errors import Refused
 from mocap_id.kinematics.centre_covariance import centre_covariance
 from mocap_id.kinematics.chain_equations import (
     ChainProblem,
@@ -29,7 +29,8 @@ from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.links import frames_used, rigid_body_links
 from mocap_id.kinematics.rigid_body import still_body
 
-_ITERATIONS = 200
+_ITERATIONS = 300
+_ADAPTED = 100  # iterations in which the limits of bursts follow the residuals; held later, as they may alternate
 _CONVERGED = 1e-7  # relative decrease of the cost
 _NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
 _WEIGHINGS = 2
@@ -65,9 +66,7 @@ def fit_chain(
     Raises
     ------
     Refused
-        ``too-few-frames`` show every segment.
-    NumericalError
-        The iteration does not converge.
+        ``too-few-frames`` show every segment; ``joint-unsettled`` if the iteration does not converge.
     """
     moving = np.flatnonzero(segment > 0)
     joints = int(segment.max())
@@ -98,9 +97,13 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     """Run reweighted Gauss-Newton: a burst beyond a few scales of its segment's residual loses weight."""
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
+    limits, moved = np.zeros(problem.joints), np.zeros(problem.joints)
     for iteration in range(1, _ITERATIONS + 1):
-        problem = _reweighted(problem, state, scale)
-        state = _stepped(problem, state)
+        if iteration <= _ADAPTED:
+            limits = _burst_limits(problem, state)
+        problem = _reweighted(problem, state, scale, limits)
+        before, state = state, _stepped(problem, state)
+        moved = np.abs(state.centres - before.centres)
         previous, cost = cost, _cost(problem, state)
         fall = abs(previous - cost)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
@@ -108,7 +111,14 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
             cost, weighings = np.inf, weighings + 1
         elif fall <= _CONVERGED * cost + 1e-18:
             return state, problem, iteration
-    raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
+    raise Refused(
+        "joint-unsettled",
+        f"the centre of joint {np.argmax(moved) + 1} still moves after {_ITERATIONS} iterations of the joint fit: the "
+        "two segments beside it hardly turn relative to each other, or a marker is on the wrong segment. Check their "
+        "markers in the section on segments of the report; then set `segment: {count: …}`, name markers that are "
+        "`together` or `apart`, or markers to `ignore`",
+        float(moved.max()),
+    )
 
 
 def _stepped(problem: ChainProblem, state: ChainState) -> ChainState:
@@ -128,19 +138,25 @@ def _cost(problem: ChainProblem, state: ChainState) -> float:
     return float(np.sum(problem.weights * np.abs(off) ** 2))
 
 
-def _reweighted(problem: ChainProblem, state: ChainState, scale: FloatArray) -> ChainProblem:
-    """Return the problem with Huber weights on each segment's own scale."""
-    seen = problem.weights > 0
-    off = np.abs(residuals(problem, state))
-    weights = np.where(seen, scale, 0.0)
+def _burst_limits(problem: ChainProblem, state: ChainState) -> FloatArray:
+    """Return for each segment (n,) the distance, m, from which a residual is a burst."""
+    seen, off = problem.weights > 0, np.abs(residuals(problem, state))
+    limits = np.zeros(problem.joints)
     for k in range(1, problem.joints + 1):
         members = (problem.segment == k) & ~problem.pinned
         rayleigh = (
             np.median(off[:, members][seen[:, members]]) / 1.1774
         )  # scale of a Rayleigh distribution from its median
-        limit = _HUBER * max(rayleigh, 1e-9)
-        weights[:, members] *= np.minimum(1, limit / np.maximum(off[:, members], limit))
-    return replace(problem, weights=weights)
+        limits[k - 1] = _HUBER * max(rayleigh, 1e-9)
+    return limits
+
+
+def _reweighted(problem: ChainProblem, state: ChainState, scale: FloatArray, limits: FloatArray) -> ChainProblem:
+    """Return the problem with Huber weights by the limit of each segment."""
+    off = np.abs(residuals(problem, state))
+    limit = limits[problem.segment - 1]
+    bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))
+    return replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
 
 
 def _marker_weights(problem: ChainProblem, state: ChainState) -> FloatArray:

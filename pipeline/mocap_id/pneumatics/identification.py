@@ -8,7 +8,7 @@ radius.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +51,9 @@ class TorqueLog:
     settings : tuple of Setting
     which : (N,) int array
         Index of the setting of each sample.
+    lasting : (N, m) array or None
+        Errors of the torque that last for the whole log, N·m: the torque errs by each column times an unknown factor of
+        standard deviation 1.
     """
 
     angle: FloatArray
@@ -58,6 +61,7 @@ class TorqueLog:
     velocity: FloatArray | None
     settings: tuple[Setting, ...]
     which: IntArray
+    lasting: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -96,16 +100,18 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> Identified:
         dead_flexion=max(described.dead_flexion, _LEAST_DEAD),
         dead_extension=max(described.dead_extension, _LEAST_DEAD),
     )
-    prior = np.array([_coded(name, getattr(described, name)) for name in names])
-    scale = np.array([_PRIORS[name][0] for name in names])
-    bounds = np.array([[_coded(name, _PRIORS[name][k]) for name in names] for k in (2, 3)])
+    count, lasting = len(names), np.zeros((len(log.angle), 0)) if log.lasting is None else log.lasting
+    prior, scale, bounds = _priors(described, names, lasting.shape[1])
 
     def cylinder(code: FloatArray) -> Cylinder:
-        fields = {name: float(np.exp(c)) if _PRIORS[name][1] else float(c) for name, c in zip(names, code, strict=True)}
+        fields = {
+            name: float(np.exp(c)) if _PRIORS[name][1] else float(c)
+            for name, c in zip(names, code[:count], strict=True)
+        }
         return replace(described, **fields)
 
     def residual(code: FloatArray) -> FloatArray:
-        return np.nan_to_num(predicted_torque(cylinder(code), log), nan=1e3) - log.torque
+        return np.nan_to_num(predicted_torque(cylinder(code), log), nan=1e3) - log.torque + lasting @ code[count:]
 
     def scaled(code: FloatArray, sigma: float) -> FloatArray:
         return np.concatenate([residual(code) / sigma, (code - prior) / scale])
@@ -115,20 +121,29 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> Identified:
         found = least_squares(
             scaled, code, bounds=(bounds[0], bounds[1]), x_scale=scale, args=(sigma,), max_nfev=_ROUNDS
         )
-        code, sigma = found.x, _deviation(residual(found.x), len(names))
+        code, sigma = found.x, _deviation(residual(found.x), len(code))
     rms = float(np.sqrt(np.mean(residual(code) ** 2)))
     if not found.success or rms > _MISFIT * float(np.sqrt(np.mean(log.torque**2))):
         raise NumericalError(
             f"the log does not fit a cylinder near the described one (residual {rms:.2f} N·m): check its signs, units, "
-            "pressures and the angle of full flexion"
+            "pressures, the angle of full flexion, and that the person of a trial was relaxed"
         )
     jacobian = np.asarray(found.jac, dtype=np.float64)
     deviation = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    ends = np.clip(code + np.array([[-_Z], [_Z]]) * deviation, *bounds)
+    ends = np.clip(code + np.array([[-_Z], [_Z]]) * deviation, *bounds)[:, :count]
     values = np.where([_PRIORS[name][1] for name in names], np.exp(ends), ends)
     interval = {name: (float(low), float(high)) for name, low, high in zip(names, *values, strict=True)}
     shown = {name: bool(deviation[k] < _SHOWN * scale[k]) for k, name in enumerate(names)}
     return Identified(cylinder(code), interval, shown, rms)
+
+
+def _priors(described: Cylinder, names: Sequence[str], factors: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return means, standard deviations (k,) and bounds (2, k) of the coded parameters, then of factors of errors."""
+    mean = np.array([_coded(name, getattr(described, name)) for name in names])
+    scale = np.array([_PRIORS[name][0] for name in names])
+    bounds = np.array([[_coded(name, _PRIORS[name][k]) for name in names] for k in (2, 3)])
+    free = np.full((2, factors), [[-np.inf], [np.inf]])
+    return np.append(mean, np.zeros(factors)), np.append(scale, np.ones(factors)), np.hstack([bounds, free])
 
 
 def predicted_torque(cylinder: Cylinder, log: TorqueLog) -> FloatArray:

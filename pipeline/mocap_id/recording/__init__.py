@@ -11,7 +11,7 @@ from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reader import is_marker_text, read
 from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, averaging_width, decimate
 from mocap_id.recording.text_tables import read_table
-from mocap_id.recording.writer import write_c3d, write_recording, write_trc
+from mocap_id.recording.writer import write_c3d, write_recording, write_recording_as_text, write_trc
 
 __all__ = [
     "CELLS_BELOW_SURFACE_M",
@@ -35,5 +35,6 @@ __all__ = [
     "to_z_up",
     "write_c3d",
     "write_recording",
+    "write_recording_as_text",
     "write_trc",
 ]

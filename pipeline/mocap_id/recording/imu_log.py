@@ -79,6 +79,13 @@ def read_imu(path: Path) -> ImuLog:
     return log
 
 
+def imu_csv(log: ImuLog) -> bytes:
+    """Return a log as the program's own CSV."""
+    rows = np.column_stack([log.time, log.gyro, log.acc])
+    lines = [",".join(_OWN), *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist())]
+    return ("\n".join(lines) + "\n").encode()
+
+
 def _is_head(line: str) -> bool:
     return all(name in line for name in _OWN) or all(name in line for name in _XSENS) or bool(_delsys(line))
 

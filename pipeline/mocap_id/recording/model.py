@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.errors import RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,52 @@ class Plate:
     def usable(self) -> bool:
         """Whether the plate can be used."""
         return not self.problem
+
+    @classmethod
+    def from_arrays(
+        cls,
+        force: ArrayLike,
+        rate: float,
+        *,
+        moment: ArrayLike | None = None,
+        cop: ArrayLike | None = None,
+        free_moment: ArrayLike | None = None,
+        corners: ArrayLike | None = None,
+        units: str = "m",
+        start: float = 0.0,
+    ) -> Plate:
+        """Return the plate of arrays in memory, from its wrench or from force and centre of pressure.
+
+        Parameters
+        ----------
+        force : (K, 3) array
+            Force of the ground on the body in the lab, N. NaN marks an invalid sample, here and below.
+        rate : float
+            Samples per second.
+        moment : (K, 3) array, optional
+            Moment of the ground on the body about the lab's origin.
+        cop : (K, 3) array, optional
+            Point of application of the force in the lab, instead of ``moment``. It may be NaN where the force is 0.
+        free_moment : (K, 3) array, optional
+            Moment about that point; 0 by default.
+        corners : (4, 3) array, optional
+            Corners of the surface in the lab. Without them, nothing can check whether the force is on the plate.
+        units : str
+            Length unit of ``cop`` and ``corners``; moments are in newtons times this unit.
+        start : float
+            Time of the first sample, s.
+
+        Raises
+        ------
+        RecordingError
+            The arrays do not fit together, or both or none of ``moment`` and ``cop`` are given.
+        ConfigError
+            The unit is unknown.
+        """
+        from mocap_id.recording.in_memory import plate_from_arrays  # noqa: PLC0415  it imports this module
+
+        options = {"moment": moment, "cop": cop, "free_moment": free_moment, "corners": corners}
+        return plate_from_arrays(force, rate, **options, units=units, start=start)
 
     def mean_vertical(self) -> float:
         """Return the mean upward force of the valid samples, N; NaN if there are none."""
@@ -133,7 +180,15 @@ class Recording:
 
     @classmethod
     def from_arrays(
-        cls, labels: Sequence[str], positions: FloatArray, rate: float, plates: Sequence[Plate] = ()
+        cls,
+        labels: Sequence[str],
+        positions: ArrayLike,
+        rate: float,
+        plates: Sequence[Plate] = (),
+        *,
+        units: str = "m",
+        vertical: str = "Z",
+        start: float = 0.0,
     ) -> Recording:
         """Return the recording of arrays in memory.
 
@@ -142,32 +197,50 @@ class Recording:
         labels : sequence of str, length M
             Unique marker names.
         positions : (F, M, 3) array
-            Marker positions, lab axes with Z up, m; NaN where a marker was not seen.
+            Marker positions in the lab; NaN where a marker was not seen.
         rate : float
             Frames per second.
         plates : sequence of Plate, optional
-            Their samples begin with the first frame.
+            Their samples begin with the first frame. They are numbered from 1 in this order.
+        units : str
+            Length unit of the positions: ``"m"``, ``"cm"``, ``"mm"`` or ``"in"``.
+        vertical : str
+            Axis of positions and plates that points up: ``"X"``, ``"Y"`` or ``"Z"``, with a minus if it points down.
+        start : float
+            Time of the first frame, s.
 
         Raises
         ------
         RecordingError
             The arrays do not fit together.
+        ConfigError
+            A unit or an axis is unknown.
         """
-        found = np.array(positions, np.float64)
-        if found.ndim != 3 or not len(found) or found.shape[1:] != (len(labels), 3):
-            raise RecordingError(
-                f"positions: an array of shape {found.shape}; expected (frames, {len(labels)}, 3) for {len(labels)} "
-                "labels, in m"
-            )
-        if len(set(labels)) < len(labels):
-            raise RecordingError("labels: a name occurs twice; expected a name of its own for each marker")
-        if not (np.isfinite(rate) and rate > 0):
-            raise RecordingError(f"rate: {rate}; expected frames per second")
-        frames = np.arange(1, len(found) + 1)
-        time, analog = (frames - 1) / rate, plates[0].rate if plates else None
-        return cls(
-            (), "arrays", tuple(map(str, labels)), found, frames, time, rate, "m", "Z", analog, tuple(plates), ()
-        )
+        from mocap_id.recording.in_memory import recording_from_arrays  # noqa: PLC0415  it imports this module
+
+        return recording_from_arrays(labels, positions, rate, plates, units=units, vertical=vertical, start=start)
+
+    @classmethod
+    def from_frame(
+        cls, frame: pd.DataFrame, plates: Sequence[Plate] = (), *, units: str = "m", vertical: str = "Z"
+    ) -> Recording:
+        """Return the recording of a data frame like that of :meth:`to_frame`.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            A row for each frame, with its time in s as index; columns are pairs of marker and ``x``, ``y`` or ``z``.
+        plates, units, vertical
+            As for :meth:`from_arrays`.
+
+        Raises
+        ------
+        RecordingError, ConfigError
+            As for :meth:`from_arrays`; or the frames are not evenly spaced in time.
+        """
+        from mocap_id.recording.in_memory import from_frame  # noqa: PLC0415  it imports this module
+
+        return from_frame(frame, plates, units=units, vertical=vertical)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the markers as a data frame.
@@ -177,10 +250,39 @@ class Recording:
         DataFrame
             A row for each frame, with its time in s as index; columns are marker and axis (``x``, ``y``, ``z``), m.
         """
-        import pandas as pd  # noqa: PLC0415  a run needs no data frames
+        from mocap_id.recording.in_memory import to_frame  # noqa: PLC0415  it imports this module
 
-        columns = pd.MultiIndex.from_product([self.labels, tuple("xyz")], names=["marker", "axis"])
-        index = pd.Index(self.time, name="time")
-        frame = pd.DataFrame(self.positions.reshape(len(self.time), -1), index=index, columns=columns)
-        frame.attrs["units"] = {"time": "s", "x": "m", "y": "m", "z": "m"}
-        return frame
+        return to_frame(self)
+
+    @classmethod
+    def from_xarray(cls, dataset: xr.Dataset, *, units: str = "m", vertical: str = "Z") -> Recording:
+        """Return the recording of a dataset like that of :meth:`to_xarray`; xarray itself is not needed.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            ``position`` by time, marker and axis. Optionally, for each plate k, ``force_k`` and ``moment_k`` by
+            ``time_k`` and axis, ``ok_k`` by ``time_k``, and ``corners_k`` by corner and axis.
+        units, vertical
+            As for :meth:`from_arrays`; moments are in newtons times this unit.
+
+        Raises
+        ------
+        RecordingError, ConfigError
+            As for :meth:`from_arrays`; or a variable is missing, or times are not evenly spaced.
+        """
+        from mocap_id.recording.in_memory import from_dataset  # noqa: PLC0415  it imports this module
+
+        return from_dataset(dataset, units=units, vertical=vertical)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return markers and plates as a dataset of xarray, in SI units with z up.
+
+        Raises
+        ------
+        ConfigError
+            xarray is not installed.
+        """
+        from mocap_id.recording.in_memory import to_dataset  # noqa: PLC0415  it imports this module
+
+        return to_dataset(self)

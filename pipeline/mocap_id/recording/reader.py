@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import BinaryIO
 
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import parse_axis
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.channel_units import ForceUnits
+from mocap_id.recording.ktk_file import MAGIC, read_ktk
 from mocap_id.recording.model import Recording
 from mocap_id.recording.text_reader import HEAD_BYTES, Parser, find_parser, read_text_markers
 from mocap_id.recording.text_tables import open_recording
@@ -33,7 +33,7 @@ def read(
     Parameters
     ----------
     markers : Path
-        C3D or TRC file, or a text export of QTM (TSV), Motive (CSV) or Nexus (CSV).
+        C3D, TRC, a text export of QTM (TSV), Motive or Nexus (CSV), or ``.ktk.zip`` of Kinetics Toolkit.
     forces : Path, optional
         MOT file with the ground forces; not with a C3D file.
     units : str, optional
@@ -58,8 +58,7 @@ def read(
     RecordingError
         A file is missing, unreadable, truncated, without units or markers, or contradicts itself.
     ConfigError
-        A unit is unknown, ``vertical`` is not an axis, ``forces`` is given with a C3D file, or a file has the format
-        expected of the other one.
+        A unit or an axis is unknown, or a file has the format expected of the other one.
     """
     axis = None if vertical is None else parse_axis(vertical)
     if vertical is not None and axis is None:
@@ -68,11 +67,13 @@ def read(
     markers, forces = Path(markers), None if forces is None else Path(forces)
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
-        parse = _parser(markers, stream)
+        start = stream.read(HEAD_BYTES)
+        parse = None if start.startswith(MAGIC) else _parser(markers, start)
         if parse is None:
             if forces is not None:
-                raise ConfigError(f"{forces}: a C3D file contains its own force plates; `forces` belongs to a TRC file")
-            return read_c3d(markers, stream, units, axis, plate_units, unit_required=unit_required)
+                raise ConfigError(f"{forces}: {markers} contains its own force plates; `forces` belongs to a TRC file")
+            read_binary = read_ktk if start.startswith(MAGIC) else read_c3d
+            return read_binary(markers, stream, units, axis, plate_units, unit_required=unit_required)
     return read_text_markers(
         markers, parse, forces, units=units, vertical=axis, force_units=plate_units, unit_required=unit_required
     )
@@ -90,9 +91,9 @@ def is_marker_text(path: Path) -> bool:
         return find_parser(stream.read(HEAD_BYTES)) is not None
 
 
-def _parser(path: Path, stream: BinaryIO) -> Parser | None:
+def _parser(path: Path, start: bytes) -> Parser | None:
     """Return the parser of a text file from its first bytes; None for a C3D file."""
-    parse = find_parser(stream.read(HEAD_BYTES))
+    parse = find_parser(start)
     if parse is None and path.suffix.lower() == ".trc":
         return parse_trc  # it says what is wrong
     if parse is None and path.suffix.lower() in _TEXTS:

@@ -68,8 +68,8 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
     ----------
     path : Path
         CSV with ``time_s`` (or ``time``) and ``JOINT_x``, ``JOINT_y``, ``JOINT_z``, optionally ``JOINT_state`` (2
-        tracked, 1 inferred, 0 lost), in m; TRC; or rows of 75 or 175 numbers: the 25 joints of a Kinect v2, each as
-        x y z or as x y z and a quaternion, in m at 30 Hz.
+        tracked, 1 inferred, 0 lost), in m, in small or capital letters; TRC; or rows of 75 or 175 numbers: the 25
+        joints of a Kinect v2, each as x y z or as x y z and a quaternion, in m at 30 Hz.
     units : str, optional
         Length unit, if it is not the usual or declared one.
     vertical : str, optional
@@ -143,13 +143,15 @@ def _kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
 
 def _csv_rows(path: Path) -> _Rows:
     table = read_csv(path)
-    names = [name.strip() for name in table.names]
+    spelled = [name.strip() for name in table.names]
+    names = [name.lower() for name in spelled]
     time = next((names.index(name) for name in _TIMES if name in names), None)
-    joints = [name[:-2] for name in names if name.endswith("_x")]
-    joints = [joint for joint in joints if {f"{joint}_y", f"{joint}_z"} <= set(names)]
+    labels = [name[:-2] for name, lower in zip(spelled, names, strict=True) if lower.endswith("_x")]
+    labels = [label for label in labels if {f"{label}_y".lower(), f"{label}_z".lower()} <= set(names)]
+    joints = [label.lower() for label in labels]
     if time is None or not joints:
         raise RecordingError(
-            f"{path}: has the columns {', '.join(names)[:120]}; expected time_s, and JOINT_x, JOINT_y, JOINT_z in m "
+            f"{path}: has the columns {', '.join(spelled)[:120]}; expected time_s, and JOINT_x, JOINT_y, JOINT_z in m "
             "for every joint, optionally JOINT_state"
         )
     values = table.numbers()
@@ -161,7 +163,7 @@ def _csv_rows(path: Path) -> _Rows:
             state = values[:, names.index(f"{joint}_state")]
             inferred[:, k] = state == _INFERRED
             positions[(state < _INFERRED) | ~np.isfinite(state), k] = np.nan
-    return _Rows("skeleton (CSV)", tuple(joints), values[:, time].copy(), positions, inferred, "m")
+    return _Rows("skeleton (CSV)", tuple(labels), values[:, time].copy(), positions, inferred, "m")
 
 
 def _evenly(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -11,8 +11,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.opensim_text import format_trc
+from mocap_id.recording.opensim_text import format_motion_table, format_trc
 from mocap_id.recording.plate_types import PlateSignals, plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -71,14 +72,49 @@ def write_recording(path: Path, recording: Recording) -> None:
         A C3D file cannot hold it: the frames are not evenly spaced, or a plate has no corners, or does not cover every
         frame at a common rate that is a multiple of the frame rate.
     """
-    if not np.allclose(np.diff(recording.time) * recording.rate, 1.0, atol=1e-3):
-        raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
+    _check_even(recording)
     plates = [_signals(plate, recording) for plate in recording.plates if plate.usable]
     first = max(int(recording.frames[0]), 1)
     try:
         write_c3d(path, recording.labels, recording.positions, recording.rate, first_frame=first, plates=plates)
     except ValueError as error:
         raise RecordingError(f"the recording cannot be written as C3D: {error}") from error
+
+
+def write_recording_as_text(path: Path, recording: Recording) -> None:
+    """Write a recording as a TRC file, and its plates as a MOT file beside it, which needs no corners of plates.
+
+    The MOT file has each wrench as force and moment at the lab's origin; both files have Y up, as in OpenSim.
+
+    Raises
+    ------
+    RecordingError
+        The frames are not evenly spaced, or the plates do not have the same samples.
+    """
+    _check_even(recording)
+    plates = [plate for plate in recording.plates if plate.usable]
+    first = max(int(recording.frames[0]), 1)
+    write_trc(path, recording.labels, recording.positions, recording.rate, first_frame=first)
+    if not plates:
+        return
+    clocks = {(plate.rate, plate.start, len(plate.force)) for plate in plates}
+    if len(clocks) > 1:
+        raise RecordingError("the plates have different rates, starts or numbers of samples; expected the same")
+    rate, start, count = clocks.pop()
+    turn = to_z_up("Y").T
+    kinds = ("v", "p", "m")
+    names = [f"ground_force_{k}_{kind}{axis}" for k in range(1, len(plates) + 1) for kind in kinds for axis in "xyz"]
+    values = []
+    for plate in plates:
+        known = np.where(plate.ok[:, None], 1.0, np.nan)
+        values += [known * plate.force @ turn.T, np.zeros((count, 3)), known * plate.moment @ turn.T]
+    text = format_motion_table(path.stem, names, np.concatenate(values, axis=1), time=start + np.arange(count) / rate)
+    _write_atomically(path.with_suffix(".mot"), lambda partial: partial.write_text(text, encoding="utf-8"))
+
+
+def _check_even(recording: Recording) -> None:
+    if not np.allclose(np.diff(recording.time) * recording.rate, 1.0, atol=1e-3):
+        raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
 
 
 def _signals(plate: Plate, recording: Recording) -> PlateSignals:

@@ -11,7 +11,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.embedding import embed
 from mocap_id.reporting.explanations import EXPLANATIONS, LEVELS
 from mocap_id.reporting.figure import Drawings
-from mocap_id.reporting.player import player
+from mocap_id.reporting.player import Player, player
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.sections import key_numbers, sections
 from mocap_id.reporting.space.player import spatial_player
@@ -47,7 +47,7 @@ def page(data: ReportData, summary: Summary, figures: Drawings) -> bytes:
         All figures of :data:`mocap_id.reporting.contents.FIGURES`.
     """
     headline, lead = LEVELS[summary.verdict.level]
-    motion_player = spatial_player(data) if data.in_space else player(data)
+    motion_player = trial_player(data)
     html = (
         environment()
         .get_template("report.html.j2")
@@ -68,6 +68,11 @@ def page(data: ReportData, summary: Summary, figures: Drawings) -> bytes:
         )
     )
     return html.encode("utf-8")
+
+
+def trial_player(data: ReportData) -> Player | None:
+    """Return the player of a trial in the plane or in space; None if there are no moving markers."""
+    return spatial_player(data) if data.in_space else player(data)
 
 
 def environment() -> Environment:

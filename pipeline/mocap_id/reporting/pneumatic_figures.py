@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
+from mocap_id.pneumatics.chain_tour import ChainTour
 from mocap_id.pneumatics.switching import Controller, SwitchedMotion
 from mocap_id.pneumatics.unsafe_states import TransitionMap
 from mocap_id.reporting import paper_figures, style
@@ -98,4 +99,34 @@ def draw_switching(
             axes.axvspan(*ends, color=style.INK, alpha=0.12, lw=0, label="the controller changes here")
         axes.set(title=f"{names[0]} → {names[1]}", xlabel="angle (°)", ylabel="" if column else "velocity (°/s)")
     paper_figures.legend_above(figure, figure.axes)
+    return figure
+
+
+def draw_chain_tour(tour: ChainTour, names: Sequence[str]) -> Figure:
+    """Draw a tour of a chain: angles with the node of each moment, pressures, and torque that is missing.
+
+    Parameters
+    ----------
+    tour : ChainTour
+    names : sequence of str
+        Names of the nodes.
+    """
+    figure = paper_figures.new_figure(5.2)
+    angles, gas, missing = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.4, 0.8))
+    for k, name in enumerate(names):
+        active = (tour.node == k).tolist()
+        band: dict[str, Any] = {"color": style.colour(k + 1), "alpha": 0.2, "lw": 0, "label": f"node {name}"}
+        angles.fill_between(tour.time, 0, 1, where=active, transform=angles.get_xaxis_transform(), **band)
+    dashes = ("-", "--", ":")
+    for j in range(tour.q.shape[1]):
+        angles.plot(tour.time, np.degrees(tour.q[:, j]), dashes[j], color=style.INK, label=f"joint {j + 1}")
+    for d in range(tour.pressures.shape[1]):
+        for side, colour in enumerate((style.BLUE, style.VERMILLION)):
+            label = f"{('flexion', 'extension')[side]} side of device {d + 1}"
+            gas.plot(tour.time, 1e-5 * tour.pressures[:, d, side], dashes[d], color=colour, label=label)
+    missing.plot(tour.time, tour.excess, color=style.VERMILLION, label="missing torque")
+    angles.set(ylabel="angle (°)", title="a tour through all tasks")
+    gas.set(ylabel="sealed (bar)")
+    missing.set(ylabel="torque (N·m)", xlabel="time (s)")
+    paper_figures.legend_above(figure, [angles, gas, missing])
     return figure

@@ -44,6 +44,8 @@ def against(data: ReportData) -> Grid:
 def joints(data: ReportData) -> Grid:
     """Return the confidence in each joint: how much worse the fit is without the segment beyond it."""
     facts = data.facts("segments.parquet")
+    if not facts.get("joint_confidences"):  # segments of a calibration are not searched for
+        return grid("", (), ())
     keys = ("joint_names", "joint_confidences", "joint_ratios")
     rows = [
         (str(name), show_fixed(confidence, 2), show(ratio))

@@ -16,7 +16,7 @@ _LONGEST = 600.0  # s, until another trial has brought the calibration up to dat
 
 
 def update_calibration(trial: Trial, stages: Sequence[Stage], run_to: Callable[..., Outcome]) -> None:
-    """Run the stages of a trial's calibration up to `fit-joints`, unless they are up to date.
+    """Run the stages of a trial's calibration up to those that it needs, unless they are up to date.
 
     Several trials may do so at the same time: all but one wait.
 
@@ -30,7 +30,8 @@ def update_calibration(trial: Trial, stages: Sequence[Stage], run_to: Callable[.
     if trial.keys.calibration is None:
         return
     other = load(trial.keys.calibration.trial, stages)
-    refused = run_to(other, "fit-joints", stages, wait=_LONGEST).refused
+    last = "fit-joints" if trial.keys.calibration.states is None else "ukf-smooth"
+    refused = run_to(other, last, stages, wait=_LONGEST).refused
     if refused is not None:
         raise RecordingError(
             f"{other.file}: the calibration of {trial.file} was refused ({refused}); choose a trial in which every "

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from mocap_id import store
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.background_writer import BackgroundWriter
@@ -27,7 +28,7 @@ from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
 from mocap_id.runner.refusals import store_refusal, stored_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.store import Artefact, Document, Folder, Origin
+from mocap_id.store import Document, Folder, Origin
 from mocap_id.store.atomic import replace_together
 
 LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
@@ -222,7 +223,7 @@ class _Run:
         inputs = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
         self.folder.freshen(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
-    def write(self, stage: Stage, outputs: Sequence[Artefact | Document], origin: Origin) -> None:
+    def write(self, stage: Stage, outputs: Sequence[store.Artefact | Document], origin: Origin) -> None:
         """Write a stage's outputs."""
         with _named(self.trial, stage), self.unexpected_as_error():
             self.folder.store(outputs, origin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -58,7 +59,8 @@ def _rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
 
 def _path(path: Path, *, pattern: bool = False) -> str:
     """Return a path for a Makefile, relative to the working folder if it is inside."""
-    here = Path.cwd()
+    here, plain = Path.cwd(), Path(os.path.normpath(path))  # make compares names: a/../b is not b
+    path = plain if plain.resolve() == path.resolve() else path
     text = str(path.relative_to(here) if path.is_relative_to(here) else path)
     if re.search(r"[\s%:#$*?\[\]\\;|&<>()'\"`~=!{}]", text):
         raise ConfigError(f"{text}: make cannot handle blanks or special characters in a path: rename it")

@@ -11,6 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
+from mocap_id.recording.imu_log import ImuLog, imu_csv
 from mocap_id.simulation.body import GRAVITY
 from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.scene import Scene
@@ -28,6 +29,7 @@ _SCALE = 0.004
 _OFFSET = 0.05  # s
 _PPM = 30.0
 _TURN = 0.03  # rad, by which the skin turns at the ends of the motion, in any direction
+_SWITCHED_ON = 0.3  # of a bias changes from one recording to the next
 _FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, share of the length, m: mean distance from the segment's origin
 
 
@@ -51,7 +53,9 @@ class SimulatedSensor:
     truth: Mapping[str, Any]
 
 
-def sensors_in_plane(seed: int, scene: Scene, state: TrueState, softness: float) -> dict[str, SimulatedSensor]:
+def sensors_in_plane(
+    seed: int, scene: Scene, state: TrueState, softness: float, person: int | None = None
+) -> dict[str, SimulatedSensor]:
     """Return a sensor on every moving segment of a simulated person without separate bodies.
 
     Parameters
@@ -62,18 +66,21 @@ def sensors_in_plane(seed: int, scene: Scene, state: TrueState, softness: float)
         At the frames.
     softness : float
         Factor on the turn of the skin, which follows the joints above and below the segment.
+    person : int, optional
+        Seed of a person who wears the same sensors at the same places in all trials.
     """
     found = {}
     axes = scene.plane.axes.T
     for s, link in enumerate(scene.body.links[1:]):
         rng = np.random.default_rng([seed, SEED, s])
-        place = np.array([-_FORWARDS, _ALONG * link.length, _ACROSS]) * rng.uniform(0.6, 1.4, 3)
-        skin = turning(rng, s + 1, softness * _TURN, state.q, state.time)
+        worn = None if person is None else np.random.default_rng([person, SEED, s])
+        place = np.array([-_FORWARDS, _ALONG * link.length, _ACROSS]) * (worn or rng).uniform(0.6, 1.4, 3)
+        skin = turning(rng, s + 1, softness * _TURN, state.q, state.time, worn)
         own = so3.exp(state.seg_angle[:, s, None] * np.array([0.0, 0.0, 1.0]))
         at = np.column_stack([state.joint_xy[:, s], np.full(len(own), scene.offset)]) + own @ place
         truth = {"position_in_segment_m": place.tolist(), "skin_turn_rad": float(np.ptp(skin[:, 2]))}
         found[link.name] = measure_motion(
-            rng, state.time, axes @ own @ so3.exp(skin), scene.plane.from_plane(at), worse=1.0, truth=truth
+            rng, state.time, axes @ own @ so3.exp(skin), scene.plane.from_plane(at), worse=1.0, truth=truth, worn=worn
         )
     return found
 
@@ -86,6 +93,7 @@ def measure_motion(
     *,
     worse: float,
     truth: Mapping[str, Any],
+    worn: np.random.Generator | None = None,
 ) -> SimulatedSensor:
     """Return what a sensor with its own clock, mounting and errors measures of a motion.
 
@@ -102,8 +110,11 @@ def measure_motion(
         Factor on all errors.
     truth : mapping
         More entries for the truth.
+    worn : Generator, optional
+        Generator of what the sensor keeps in all trials: mounting, scale and most of its biases.
     """
-    mount = so3.exp(rng.uniform(0, np.pi) * _direction(rng))
+    kept = worn or rng
+    mount = so3.exp(kept.uniform(0, np.pi) * _direction(kept))
     offset, ppm = worse * _OFFSET * rng.standard_normal(), worse * _PPM * rng.standard_normal()
     first = np.ceil((time[0] - offset) * RATE)
     stamps = np.arange(first, (time[-1] - offset) / (1 + 1e-6 * ppm) * RATE) / RATE
@@ -118,9 +129,11 @@ def measure_motion(
     for k, (name, pure) in enumerate(
         (("gyro", omega / 2 @ mount), ("acc", np.einsum("fji,fj->fi", turn, force) @ mount))
     ):
-        scale = 1 + worse * _SCALE * rng.standard_normal(3)
+        scale = 1 + worse * _SCALE * kept.standard_normal(3)
         walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * worse * _DRIFTS[k] / np.sqrt(RATE)
-        bias = worse * _BIASES[k] * rng.standard_normal(3) + walk
+        bias = worse * _BIASES[k] * kept.standard_normal(3) + walk
+        if worn is not None:
+            bias += worse * _SWITCHED_ON * _BIASES[k] * rng.standard_normal(3)
         density = worse * _DENSITIES[k] * rng.uniform(0.8, 1.5)
         noisy = scale * pure + bias + density * np.sqrt(RATE / 2) * rng.standard_normal(pure.shape)
         signals.append(np.round(noisy / _STEPS[k]) * _STEPS[k] if worse else noisy)
@@ -132,10 +145,7 @@ def measure_motion(
 
 def csv_bytes(sensor: SimulatedSensor) -> bytes:
     """Return the log as a CSV file."""
-    rows = np.column_stack([sensor.time, sensor.gyro, sensor.acc])
-    lines = ["time_s,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"]
-    lines += [",".join([f"{row[0]:.6f}", *(f"{value:.6f}" for value in row[1:])]) for row in rows.tolist()]
-    return ("\n".join(lines) + "\n").encode()
+    return imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
 
 
 def _direction(rng: np.random.Generator) -> FloatArray:

@@ -80,8 +80,21 @@ def displacement(
     return moved
 
 
-def turning(rng: np.random.Generator, link: int, size: float, q: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the turn (T, 3) of a patch of skin on a link, rad, of about ``size`` at the ends of the motion."""
+def turning(  # noqa: PLR0917
+    rng: np.random.Generator,
+    link: int,
+    size: float,
+    q: FloatArray,
+    time: FloatArray,
+    worn: np.random.Generator | None = None,
+) -> FloatArray:
+    """Return the turn (T, 3) of a patch of skin on a link, rad, of about ``size`` at the ends of the motion.
+
+    ``worn`` is the generator of a patch that follows the angles equally in all trials of a person; ``rng`` then only
+    adds a drift.
+    """
+    if worn is not None:
+        return np.asarray(size * (_sliding(worn, link, q, MIDDLE) + WANDER * _wander(rng, time)))
     moved = _sliding(rng, link, q, (q.max(axis=0) + q.min(axis=0)) / 2) + WANDER * _wander(rng, time)
     return np.asarray(size * (moved - moved.mean(axis=0)))
 

@@ -110,7 +110,8 @@ def _contents(kind: Kind, name: str, options: Options, trial: SimulatedTrial) ->
         more["board"] = board.as_dict()
         contents["board.csv"] = board_csv(rng, trial.scene, board).encode()
     if options.imus and kind == "sit-to-stand":
-        sensors = sensors_in_plane(options.seed, trial.scene, trial.state, options.soft_tissue)
+        person = None if options.subject is None else options.subject.seed
+        sensors = sensors_in_plane(options.seed, trial.scene, trial.state, options.soft_tissue, person)
         more["imu"] = {segment: sensor.truth for segment, sensor in sensors.items()}
         contents |= {f"imu_{segment}.csv": csv_bytes(sensor) for segment, sensor in sensors.items()}
         files = ", ".join(f"{segment}: imu_{segment}.csv" for segment in sensors)

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from pydantic import BaseModel, ConfigDict
 
+from mocap_id import store
 from mocap_id.errors import Refused
-from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 from mocap_id.verdict import Reason
 
 if TYPE_CHECKING:
     from mocap_id.stages.trial_keys import TrialKeys
+    from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 
 Only: TypeAlias = Mapping[str, tuple[str, ...]]
 """Settings that exist in one kind of trial, with the values that exist only there; no values: the whole setting."""
@@ -47,19 +48,19 @@ class Context:
     def table(self, file: str) -> Table:
         """Return a Parquet input."""
         artefact = self.inputs[file]
-        assert isinstance(artefact, Table)
+        assert isinstance(artefact, store.Table)
         return artefact
 
     def long(self, file: str) -> LongTable:
         """Return a Parquet input with a row for every frame and marker."""
         artefact = self.inputs[file]
-        assert isinstance(artefact, LongTable)
+        assert isinstance(artefact, store.LongTable)
         return artefact
 
     def tree(self, file: str) -> Tree:
         """Return an HDF5 input."""
         artefact = self.inputs[file]
-        assert isinstance(artefact, Tree)
+        assert isinstance(artefact, store.Tree)
         return artefact
 
     @property
@@ -68,7 +69,7 @@ class Context:
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
 
 
-Outputs: TypeAlias = tuple[Artefact | Document, ...]
+Outputs: TypeAlias = "tuple[Artefact | Document, ...]"
 
 
 @dataclass(frozen=True)

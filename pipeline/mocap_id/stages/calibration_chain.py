@@ -14,7 +14,7 @@ def read_calibration(calibration: Calibration) -> Tree:
     Raises
     ------
     RecordingError
-        The file is missing or damaged, or the chain is one in the plane.
+        The file is missing or damaged, or the chain is one of the other space.
     """
     path = calibration.chain
     again = f"run `mocap-id run {calibration.trial}` again"
@@ -24,6 +24,8 @@ def read_calibration(calibration: Calibration) -> Tree:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}): {again}") from error
     except ValueError as error:
         raise RecordingError(f"{path} {error}: {again}") from error
-    if not tree.has("joints/kind"):
-        raise RecordingError(f"{path} is a chain in the plane, expected one in space; check `calibration:`")
+    plane = calibration.states is not None
+    if tree.has("joints/kind") == plane:
+        found, expected = ("space", "the plane") if plane else ("the plane", "space")
+        raise RecordingError(f"{path} is a chain in {found}, expected one in {expected}; check `calibration:`")
     return tree

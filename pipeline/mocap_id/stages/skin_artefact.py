@@ -12,7 +12,7 @@ from mocap_id.store import Tree
 from mocap_id.store.schemas import SKIN
 
 
-def as_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float, basis: str) -> Tree:
+def as_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, basis: str) -> Tree:
     """Return the tree of a skin model.
 
     Parameters
@@ -21,7 +21,7 @@ def as_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float, basis: str
     labels : (K,) sequence of str
         Labels of its markers.
     camera_sd : float
-        Standard deviation of a coordinate by camera noise, m.
+        Standard deviation of a coordinate by camera noise, m; None without cameras.
     basis : str
         Data from which the variances were estimated.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -18,13 +19,19 @@ _TURNS = 4
 
 def cluster_poses(points: FloatArray, chain: SpatialChain) -> tuple[FloatArray, FloatArray]:
     """Return the poses of all clusters in the frames of the chain, (F, S, 3, 3) and (F, S, 3), m; NaN where unknown."""
-    rotations, origins = [], []
-    for k in range(len(chain.joints) + 1):
+    segments = range(len(chain.joints) + 1)
+    rotations, origins = np.empty((len(points), len(segments), 3, 3)), np.empty((len(points), len(segments), 3))
+    _fit_clusters(points, chain, segments, rotations, origins)
+    return rotations, origins
+
+
+def _fit_clusters(
+    points: FloatArray, chain: SpatialChain, segments: Iterable[int], rotations: FloatArray, origins: FloatArray
+) -> None:
+    """Write the poses of some clusters."""
+    for k in segments:
         here = (chain.segment == k) & ~chain.on_glide
-        rotation, origin, _ = rigid_poses(points[:, here], chain.local[here])
-        rotations.append(rotation)
-        origins.append(origin)
-    return np.stack(rotations, axis=1), np.stack(origins, axis=1)
+        rotations[:, k], origins[:, k], _ = rigid_poses(points[:, here], chain.local[here])
 
 
 def without_skin_twist(points: FloatArray, chain: SpatialChain) -> FloatArray:
@@ -44,13 +51,14 @@ def without_skin_twist(points: FloatArray, chain: SpatialChain) -> FloatArray:
     if not np.any(chain.skin):
         return points
     rotations, origins = cluster_poses(points, chain)
-    found = points
-    for _ in range(_TURNS):
+    soft = np.unique(chain.segment[chain.skin != 0]).tolist()
+    for turn in range(1, _TURNS + 1):
         twists = _twists(rotations, chain)
         found = points.copy()
         for part in chunks(len(points)):
             _untwist(found[part], twists[part], rotations[part], origins[part], chain)
-        rotations, origins = cluster_poses(found, chain)
+        if turn < _TURNS:
+            _fit_clusters(found, chain, soft, rotations, origins)
     return found
 
 

@@ -145,6 +145,8 @@ class Calibration(Settings):
 
     trial: Path = Field(description="YAML file of the trial")
     chain: Path = Field(description="its chain.h5")
+    states: Path | None = Field(None, description="its states.parquet, for a trial of inertial sensors alone")
+    imus: dict[str, Path] = Field({}, description="its inertial sensors, for a trial of inertial sensors alone")
 
 
 class TrialKeys(Settings):
@@ -155,7 +157,10 @@ class TrialKeys(Settings):
         max_length=100,
         description="name of the trial: letters and digits, inside also . _ + -",
     )
-    recording: Files = Field(description="C3D file, or a TRC file with markers and a MOT file with forces")
+    recording: Files | None = Field(
+        description="C3D file, or a TRC file with markers and a MOT file with forces; nothing if the trial has "
+        "inertial sensors alone"
+    )
     space: Literal["plane", "3d"] = Field(
         "plane",
         validate_default=True,
@@ -196,11 +201,14 @@ class TrialKeys(Settings):
         description="in space: first and last time of a still pose that shows the landmarks, s; found if not given",
     )
     calibration: Calibration | None = Field(
-        None, description="in space: trial of the same person and markers whose chain is used, a YAML file"
+        None,
+        description="trial of the same person whose chain is used, a YAML file: in space one with the same markers; in "
+        "the plane, for inertial sensors alone, one with markers and the same sensors",
     )
     curl: CurlKeys = Field(CurlKeys(), description="curls: loads, device, metronome and the rules of the analysis")
     imus: dict[str, Path] = Field(
         {},
+        validate_default=True,
         description="inertial sensors, segment: file; CSV with time_s, gyro_x … (rad/s), acc_x … (m/s²), or an "
         "export of Xsens or Delsys; each on its own clock",
     )
@@ -221,6 +229,11 @@ class TrialKeys(Settings):
         files = info.data.get("recording")
         if value and files is not None and files.skeleton is not None:
             raise ValueError("inertial sensors are used beside markers, not beside a skeleton")
+        if "recording" in info.data and files is None:
+            if not value or info.data.get("calibration") is None:
+                raise ValueError("a trial without `recording` needs `imus` and `calibration`")
+            if info.data.get("space") == "3d":
+                raise ValueError("in space, inertial sensors need markers: name a `recording`")
         return value
 
     @field_validator("external")
@@ -258,7 +271,8 @@ class TrialKeys(Settings):
     @field_validator("side", "landmarks", "pointers", "pointer", "static", "calibration")
     @classmethod
     def _only_in_space(cls, value: Any, info: ValidationInfo) -> Any:
-        if value and info.data.get("space", "plane") == "plane":
+        alone = info.field_name == "calibration" and info.data.get("recording") is None
+        if value and info.data.get("space", "plane") == "plane" and not alone:
             raise ValueError("this key needs `space: 3d`")
         return value
 
@@ -268,6 +282,12 @@ class TrialKeys(Settings):
         if value is not None and not value[0] < value[1]:
             raise ValueError("the first time must come before the last")
         return value
+
+
+def recorded_files(trial: TrialKeys) -> Files:
+    """Return the files of a trial with markers or a skeleton."""
+    assert trial.recording is not None
+    return trial.recording
 
 
 def given_landmarks(trial: TrialKeys) -> dict[str, str]:

@@ -1,21 +1,22 @@
-"""Artefacts in memory and on disk: schemas, views, Parquet and HDF5, provenance, atomic writes."""
+"""Artefacts in memory and on disk: schemas, views, Parquet and HDF5, provenance, atomic writes.
 
-from mocap_id.store.artefacts import (
-    Artefact,
-    ArtefactSet,
-    Column,
-    Document,
-    Facts,
-    LongTable,
-    Node,
-    Table,
-    TableSchema,
-    Tree,
-    TreeSchema,
-)
+The classes of artefacts need numpy, and are imported when they are first used: a run with nothing to do needs none.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from mocap_id.store.artefact_set import ArtefactSet
+from mocap_id.store.columns import Column, TableSchema, TreeSchema
+from mocap_id.store.document import Document
 from mocap_id.store.folder import Folder
 from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.provenance import Origin, Provenance, dumps
+
+if TYPE_CHECKING:
+    from mocap_id.store.artefacts import Artefact, Facts, LongTable, Node, Table, Tree
 
 __all__ = [
     "Artefact",
@@ -36,3 +37,11 @@ __all__ = [
     "hash_bytes",
     "hash_file",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(f"{__name__}.artefacts"), name)
+    globals()[name] = found
+    return found

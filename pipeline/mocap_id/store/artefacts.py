@@ -1,14 +1,15 @@
-"""Artefacts in memory: tables and trees with their schemas, and documents."""
+"""Artefacts in memory: tables and trees."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.store.columns import TableSchema, TreeSchema
 from mocap_id.verdict import Reason
 
 if TYPE_CHECKING:
@@ -21,52 +22,6 @@ Values: TypeAlias = "np.ndarray[Any, Any]"
 """A column of a table."""
 
 Node: TypeAlias = "np.ndarray[Any, Any] | str | float | int | Mapping[str, Node]"
-
-
-@dataclass(frozen=True)
-class Column:
-    """Name, numpy type and unit of one column (``"1"``: dimensionless, ``""``: not a quantity)."""
-
-    name: str
-    dtype: str
-    unit: str
-    meaning: str
-
-
-@dataclass(frozen=True)
-class TableSchema:
-    """The columns of a Parquet artefact.
-
-    ``repeated`` columns have ``{k}`` in their name and occur once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
-    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all; with ``{k}``, once for every k,
-    and with ``{name}``, once for every segment or angle that the group's first column names.
-    A ``long`` table has a row for every frame and marker, and is a :class:`LongTable` in memory.
-    """
-
-    file: str
-    version: int
-    columns: tuple[Column, ...]
-    repeated: tuple[Column, ...] = ()
-    optional: tuple[tuple[Column, ...], ...] = ()
-    long: bool = False
-
-
-@dataclass(frozen=True)
-class TreeSchema:
-    """The nodes of an HDF5 artefact, each described like a column; its name is the path in the file.
-
-    A group of ``optional`` nodes is present completely or not at all.
-    """
-
-    file: str
-    version: int
-    nodes: tuple[Column, ...]
-    optional: tuple[tuple[Column, ...], ...] = ()
-
-    def nodes_of(self, names: Collection[str]) -> tuple[Column, ...]:
-        """Return the nodes of a tree that has these names."""
-        groups = [group for group in self.optional if any(node.name in names for node in group)]
-        return self.nodes + tuple(node for group in groups for node in group)
 
 
 @dataclass(frozen=True)
@@ -257,38 +212,4 @@ class Tree:
         return True
 
 
-@dataclass(frozen=True)
-class Document:
-    """A file for people or other programs, written unchanged."""
-
-    file: str
-    content: bytes
-
-
 Artefact: TypeAlias = Table | LongTable | Tree
-
-
-class ArtefactSet:
-    """Base of classes that hold ``artefacts`` by file name, where some artefacts may be absent."""
-
-    artefacts: Mapping[str, Artefact]
-
-    def table(self, file: str) -> Table | None:
-        """Return a Parquet artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact if isinstance(artefact, Table) else None
-
-    def long(self, file: str) -> LongTable | None:
-        """Return a Parquet artefact with a row for every frame and marker, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact if isinstance(artefact, LongTable) else None
-
-    def tree(self, file: str) -> Tree | None:
-        """Return an HDF5 artefact, None where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact if isinstance(artefact, Tree) else None
-
-    def facts(self, file: str) -> Facts:
-        """Return the facts of an artefact, empty where it is absent."""
-        artefact = self.artefacts.get(file)
-        return artefact.facts if artefact is not None else {}

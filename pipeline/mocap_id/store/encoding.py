@@ -8,8 +8,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mocap_id.store.artefacts import Artefact, LongTable, Table, TableSchema, Tree, TreeSchema
+from mocap_id.store import hdf5, parquet
+from mocap_id.store.artefacts import Artefact, LongTable, Table, Tree
 from mocap_id.store.atomic import Content
+from mocap_id.store.columns import TableSchema, TreeSchema
 from mocap_id.store.hashing import HashedStream
 from mocap_id.store.provenance import Origin, Provenance, json_round_trip
 from mocap_id.store.record import Checksum
@@ -17,8 +19,6 @@ from mocap_id.store.record import Checksum
 
 def conformed(output: Artefact) -> Artefact:
     """Return an artefact as it would be read back from its file."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415  not needed where everything is up to date
-
     typed = hdf5.conform(output) if isinstance(output, Tree) else parquet.conform(output)
     facts, reasons = json_round_trip(output.facts, output.reasons)
     return _frozen(replace(typed, facts=facts, reasons=reasons))
@@ -47,8 +47,6 @@ def _read_only(data: Any) -> Any:
 
 def checksum_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksum]) -> Content:
     """Return a function that writes an artefact to a stream and adds its checksum to ``checksums``."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415
-
     version, file = artefact.schema.version, artefact.schema.file
 
     def write(stream: BinaryIO) -> None:
@@ -64,8 +62,6 @@ def checksum_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Che
 
 def decoded(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
     """Read an artefact from an open file; ValueError where the file is damaged."""
-    from mocap_id.store import hdf5, parquet  # noqa: PLC0415
-
     found: tuple[Artefact, Provenance]
     found = hdf5.decode(stream.read(), schema) if isinstance(schema, TreeSchema) else parquet.decode(stream, schema)
     return _frozen(found[0]), found[1]

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import contextlib
-import copy
+import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from os import utime
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from filelock import SoftFileLock, Timeout
 
-from mocap_id import plain_files
+from mocap_id import plain_files, store
 from mocap_id.errors import StoreError
-from mocap_id.store.artefacts import Artefact, Document, LongTable, Table, Tree
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
-from mocap_id.store.encoding import checksum_writer, conformed, decoded
+from mocap_id.store.document import Document
 from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.locking import LOCK, MARKER, lock_in
 from mocap_id.store.provenance import Origin, Provenance
 from mocap_id.store.record import UNREADABLE, Checksum, Record
 from mocap_id.store.schemas import SCHEMAS
+
+if TYPE_CHECKING:
+    from mocap_id.store.artefacts import Artefact, LongTable, Table, Tree
 
 _HIDDEN = ".mocap-id"
 
@@ -93,24 +95,24 @@ class Folder:
     def read(self, file: str) -> Artefact:
         """Read an artefact, with read-only arrays; StoreError where it is missing or damaged."""
         artefact = self._load(file)[0]
-        return replace(artefact, facts=copy.deepcopy(artefact.facts))
+        return replace(artefact, facts=json.loads(json.dumps(artefact.facts)))  # a copy
 
     def table(self, file: str) -> Table:
         """Return a Parquet artefact; errors as for :meth:`read`."""
         artefact = self.read(file)
-        assert isinstance(artefact, Table)
+        assert isinstance(artefact, store.Table)
         return artefact
 
     def long_table(self, file: str) -> LongTable:
         """Return a Parquet artefact with a row for every frame and marker; errors as for :meth:`read`."""
         artefact = self.read(file)
-        assert isinstance(artefact, LongTable)
+        assert isinstance(artefact, store.LongTable)
         return artefact
 
     def tree(self, file: str) -> Tree:
         """Return an HDF5 artefact; errors as for :meth:`read`."""
         artefact = self.read(file)
-        assert isinstance(artefact, Tree)
+        assert isinstance(artefact, store.Tree)
         return artefact
 
     def provenance(self, file: str) -> Provenance:
@@ -134,6 +136,8 @@ class Folder:
         ValueError
             An artefact does not match its schema.
         """
+        from mocap_id.store.encoding import conformed  # noqa: PLC0415  slow import, and often nothing is computed
+
         kept = [output if isinstance(output, Document) else conformed(output) for output in outputs]
         for output in kept:
             if not isinstance(output, Document):
@@ -166,6 +170,8 @@ class Folder:
         StoreError
             The folder cannot be written.
         """
+        from mocap_id.store.encoding import checksum_writer  # noqa: PLC0415
+
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
         checksums: dict[str, Checksum] = {}
@@ -286,6 +292,8 @@ class Folder:
 
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
+            from mocap_id.store.encoding import decoded  # noqa: PLC0415
+
             self._record_of(file)
             path, schema = self.path / file, SCHEMAS[file]
             try:

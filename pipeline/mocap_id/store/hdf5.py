@@ -13,7 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mocap_id.store import userblock
-from mocap_id.store.artefacts import Node, Tree, TreeSchema
+from mocap_id.store.artefacts import Node, Tree
+from mocap_id.store.columns import TreeSchema
 from mocap_id.store.parquet import read_provenance
 from mocap_id.store.provenance import Origin, Provenance
 

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -14,7 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mocap_id.arrays import chunks
-from mocap_id.store.artefacts import Column, LongTable, Table, TableSchema, Values
+from mocap_id.store.artefacts import LongTable, Table, Values
+from mocap_id.store.columns import Column, TableSchema
 from mocap_id.store.hashing import HashedStream
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
@@ -237,8 +239,13 @@ def _names(column: Column, names: Sequence[str]) -> list[str]:
 
 def _number(column: Column, name: str) -> int | None:
     """Return the k in a column's name, 0 for a column without k; None where the name does not match."""
-    match = re.fullmatch(re.escape(column.name).replace(r"\{k\}", "([1-9][0-9]*)"), name)
+    match = _numbered(column.name).fullmatch(name)
     return None if match is None else int(match[1]) if match.groups() else 0
+
+
+@cache
+def _numbered(name: str) -> re.Pattern[str]:
+    return re.compile(re.escape(name).replace(r"\{k\}", "([1-9][0-9]*)"))
 
 
 def _field(column: Column) -> pa.Field:

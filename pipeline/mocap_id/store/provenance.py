@@ -6,13 +6,13 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, get_args
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, get_args
 
 from mocap_id import __version__
-from mocap_id.store.artefacts import Facts
 from mocap_id.verdict import Level, Reason
+
+if TYPE_CHECKING:
+    from mocap_id.store.artefacts import Facts
 
 PREFIX = "mocap-id."
 """Prefix of every key of this program in a file's metadata."""
@@ -143,16 +143,14 @@ def plain(value: Any) -> Any:
         The value cannot be expressed in JSON.
     """
     match value:
-        case np.ndarray():
-            return plain(value.tolist())
-        case np.generic():
-            return plain(value.item())
         case None | bool() | int() | str():
             return value
         case float():
-            return value if math.isfinite(value) else None
-        case Mapping():
+            return float(value) if math.isfinite(value) else None
+        case dict() | Mapping():  # a dict is recognised faster
             return {str(key): plain(item) for key, item in value.items()}
         case list() | tuple():
             return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # an array or a number of numpy, which a run with nothing to do does not import
+        return plain(value.tolist())
     raise TypeError(f"facts and parameters hold JSON values only, not {type(value).__name__}: {value!r}")

@@ -5,7 +5,7 @@ They are a public interface: columns may be added freely, but renamed only with 
 
 from __future__ import annotations
 
-from mocap_id.store.artefacts import Column, TableSchema, TreeSchema
+from mocap_id.store.columns import Column, TableSchema, TreeSchema
 from mocap_id.store.spatial_columns import ANGLE, CHAIN_IN_SPACE, POSES_IN_SPACE
 
 _TIME = Column("time", "float64", "s", "the recording's own clock")

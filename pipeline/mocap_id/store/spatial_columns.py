@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mocap_id.store.artefacts import Column
+from mocap_id.store.columns import Column
 
 CHAIN_IN_SPACE = (
     Column("joints/kind", "str", "", "(n,) in space: ball, two-axis or hinge"),

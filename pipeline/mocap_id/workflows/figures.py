@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mocap_id import plain_files
@@ -9,6 +11,7 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.reporting.cohort.page_data import PAGE_FILE as COHORT
 from mocap_id.reporting.contents import PAGE_FILE, PdfFonts
 from mocap_id.reporting.embedding import read_figures
+from mocap_id.reporting.figure import Drawings
 from mocap_id.store.atomic import explained, replace_together
 
 PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
@@ -43,19 +46,37 @@ def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
     page = _page(source)
+    with _readable(page):
+        files = paper_figures.figure_files(_drawings(page), pdf_fonts)
+    folder = page.parent if out is None else out
+    with explained(folder):
+        (folder / "figures").mkdir(parents=True, exist_ok=True)
+    replace_together(folder, files)
+    return tuple(folder / file for file in files)
+
+
+def page_drawings(source: Path) -> Drawings:
+    """Return the figures of a page, as data; parameters and errors as for :func:`figures`."""
+    page = _page(source)
+    with _readable(page):
+        return _drawings(page)
+
+
+def _drawings(page: Path) -> Drawings:
+    return read_figures(plain_files.read(page).decode("utf-8", "replace"))
+
+
+@contextmanager
+def _readable(page: Path) -> Iterator[None]:
+    """Raise StoreError where a page cannot be read, or holds no valid figures."""
     try:
-        files = paper_figures.figure_files(read_figures(plain_files.read(page).decode("utf-8", "replace")), pdf_fonts)
+        yield
     except OSError as error:
         raise StoreError(f"{page} cannot be read: {error.strerror}") from error
     except _UNREADABLE as error:
         raise StoreError(
             f"{page}: holds no figures that this version can draw: run the command that wrote it again"
         ) from error
-    folder = page.parent if out is None else out
-    with explained(folder):
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-    replace_together(folder, files)
-    return tuple(folder / file for file in files)
 
 
 def _page(source: Path) -> Path:

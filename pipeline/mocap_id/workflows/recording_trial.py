@@ -14,14 +14,14 @@ from mocap_id.config import Trial, load
 from mocap_id.config.source import Source
 from mocap_id.config.trial import compose
 from mocap_id.errors import RecordingError, StoreError
-from mocap_id.recording import Recording, write_recording
+from mocap_id.recording import Recording, write_recording, write_recording_as_text
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
 from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.study.discovery import find_forces
 from mocap_id.workflows.study.reaches import find_reach
 
 FILE = "trial.yaml"
-_ARRAYS = "recording.c3d"
+_ARRAYS, _ARRAYS_AS_TEXT = "recording.c3d", "recording.trc"
 _HEAD = "# Made by `mocap-id run` from a recording. Paths are relative to this file.\n"
 
 _log = logging.getLogger(__name__)
@@ -33,7 +33,8 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     Parameters
     ----------
     recording : Path or Recording
-        Arrays in memory are written to ``recording.c3d`` in the run folder.
+        Arrays in memory are written to ``recording.c3d`` in the run folder, or to ``recording.trc`` and
+        ``recording.mot`` if a plate has no corners.
     given : mapping
         Keys of the trial, and ``forces``. Relative paths begin at the working folder.
     save : Path, optional
@@ -122,8 +123,11 @@ def _is_ours(file: Path) -> bool:
 def _write_arrays(recording: Recording, out: Path) -> Path:
     with explained(out):
         out.mkdir(parents=True, exist_ok=True)
-        write_recording(out / _ARRAYS, recording)
-    return out / _ARRAYS
+        if all(plate.corners is not None for plate in recording.plates):
+            write_recording(out / _ARRAYS, recording)
+            return out / _ARRAYS
+        write_recording_as_text(out / _ARRAYS_AS_TEXT, recording)
+        return out / _ARRAYS_AS_TEXT
 
 
 def _text(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> str:

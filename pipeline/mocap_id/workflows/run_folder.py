@@ -7,14 +7,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mocap_id import runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store import Artefact, ArtefactSet, Folder, Provenance
+from mocap_id.store import ArtefactSet, Folder, Provenance
 from mocap_id.store.schemas import SCHEMAS
-from mocap_id.store.spatial_views import in_space
+
+if TYPE_CHECKING:
+    from mocap_id.store import Artefact
 
 SUMMARY = "summary.json"
 
@@ -67,6 +69,8 @@ class RunFolder(ArtefactSet):
     @property
     def in_space(self) -> bool:
         """Whether the trial has `space: 3d`."""
+        from mocap_id.store.spatial_views import in_space  # noqa: PLC0415  most commands do not ask
+
         return in_space(self.facts("planar.parquet"))
 
     def why_missing(self, file: str) -> str:
@@ -124,7 +128,7 @@ def open_lazily(path: Path) -> RunFolder:
     return RunFolder(path, path, _LazyArtefacts(folder), {})
 
 
-class _LazyArtefacts(Mapping[str, Artefact]):
+class _LazyArtefacts(Mapping[str, "Artefact"]):
     """The artefacts in a folder by file name, read when they are used."""
 
     def __init__(self, folder: Folder) -> None:

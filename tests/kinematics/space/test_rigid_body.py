@@ -104,3 +104,20 @@ def test_a_marker_that_is_never_seen_has_no_place() -> None:
     assert np.isnan(shape[2]).all()
     known = [0, 1, 3]
     np.testing.assert_allclose(distances(shape[known]), distances(local[known]), atol=1e-6)
+
+
+@given(SEEDS, st.integers(3, 5))
+@settings(max_examples=25, deadline=None)
+def test_the_poses_are_those_of_the_singular_value_decomposition(seed: int, markers: int) -> None:
+    """Also for three markers, which lie in one plane, and with weights."""
+    rng = np.random.default_rng(seed)
+    points, local, *_ = tumbling(seed, markers, noise=0.003)
+    weights = rng.uniform(0.2, 2, points.shape[:2])
+    rotation, origin, _ = rigid_poses(points, local, weights)
+    share = (weights / weights.sum(axis=1, keepdims=True))[..., None]
+    here, there = (share * points).sum(axis=1), (share * local).sum(axis=1)
+    moment = np.swapaxes(share * (points - here[:, None]), 1, 2) @ (local - there[:, None])
+    left, _, right = np.linalg.svd(moment)
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    np.testing.assert_allclose(rotation, left @ right, atol=1e-9)
+    np.testing.assert_allclose(origin, here - np.einsum("fij,fj->fi", left @ right, there), atol=1e-9)

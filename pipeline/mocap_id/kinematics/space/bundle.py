@@ -106,7 +106,7 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     fixed = gauge_rows(problem, state, cols) / _FIXED
     fixed = fixed.T @ fixed + np.diag((np.arange(cols.size) < 3 * cols.markers) / _ANYWHERE**2)
     damping, weighings, since = 1.0, 0, 0
-    linear = linearise(problem, state)
+    state, linear = _settled(problem, state)
     cost = _cost(linear, problem, state, prior)
     for iteration in range(1, _ITERATIONS + 1):
         reduced = eliminate_frames(problem, linear)
@@ -140,6 +140,21 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
             matrix = reduced.matrix + rows.T @ rows + fixed
             return Bundle(problem, state, linear, reduced, matrix, sd, together, iteration, prior)
     raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
+
+
+def _settled(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
+    """Return the state after steps of the frames' unknowns alone, while these help, and its equations.
+
+    The frames of a first guess do not obey its axes. Steps of the whole chain from there can turn the axes far away,
+    to another minimum.
+    """
+    cost = np.inf
+    for _ in range(_FRAME_STEPS):
+        state, linear = settle_frames(problem, state)
+        before, cost = cost, float(np.sum(linear.off**2))
+        if before - cost <= _NEARLY * cost:
+            break
+    return state, linear
 
 
 def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
@@ -210,8 +225,7 @@ def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 def unsolved(problem: BundleProblem, state: BundleState) -> Bundle:
     """Return a bundle of given parameters, whose frames alone are fitted; its normal matrix is NaN."""
-    for _ in range(_FRAME_STEPS):
-        state, linear = settle_frames(problem, state)
+    state, linear = _settled(problem, state)
     sd, together = marker_errors(problem, state, linear)
     reduced = eliminate_frames(problem, linear)
     return Bundle(problem, state, linear, reduced, np.full(reduced.matrix.shape, np.nan), sd, together, 0)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.compilation import compiled
 
 _ITERATIONS = 60
 _TOLERANCE = 1e-7  # m
 _OUTLIER = 3.0  # median distances; a sample this far from its place has half its weight
 _FLOOR = 1e-5  # m; median distances below this do not make outliers
 _COLLINEAR = 0.02  # width of a cluster over its length, below which the rotation about its line is unknown
+_SWEEPS = 12  # of Jacobi's rotations; four are usual
 
 
 def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: int = _ITERATIONS) -> FloatArray:
@@ -82,22 +84,130 @@ def rigid_poses(
     seen : (F,) int array
         Number of markers used.
     """
-    used: BoolArray = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(local).all(axis=1))
-    weight = np.where(used, 1.0 if weights is None else np.broadcast_to(weights, used.shape), 0.0)
-    seen = (weight > 0).sum(axis=1)
-    total = np.maximum(weight.sum(axis=1), 1e-12)[:, None]
-    here, there = np.where(used[..., None], points, 0.0), np.where(np.isfinite(local), local, 0.0)
-    point_mean, local_mean = np.einsum("fk,fki->fi", weight, here) / total, weight @ there / total
-    moment = np.einsum("fk,fki,kj->fij", weight, here, there) - total[..., None] * (
-        point_mean[:, :, None] * local_mean[:, None, :]
-    )
-    left, size, right = np.linalg.svd(moment)
-    mirrored = np.linalg.det(left @ right) < 0
-    left[mirrored, :, 2] *= -1
-    rotation = left @ right
-    flat = (seen < 3) | (size[:, 1] <= _COLLINEAR**2 * size[:, 0])
-    rotation[flat] = np.nan
-    return rotation, point_mean - np.einsum("fij,fj->fi", rotation, local_mean), np.asarray(seen)
+    weight = np.ones(points.shape[:2]) * (1.0 if weights is None else weights)
+    rotation, origin = np.empty((len(points), 3, 3)), np.empty((len(points), 3))
+    seen = np.empty(len(points), dtype=np.int64)
+    _turn_onto(np.ascontiguousarray(points), np.ascontiguousarray(local), weight, rotation, origin, seen)
+    return rotation, origin, seen
+
+
+@compiled
+def _turn_onto(  # noqa: PLR0917
+    points: FloatArray, local: FloatArray, weight: FloatArray, rotation: FloatArray, origin: FloatArray, seen: IntArray
+) -> None:
+    """Write the results of :func:`rigid_poses`.
+
+    The eigenvectors v of MᵀM, with the moment M, give the axes M v of the points. The third ones complete both frames,
+    so that the result is no reflection, and markers in one plane need no case of their own.
+    """
+    here, there, moment = np.empty(3), np.empty(3), np.empty((3, 3))
+    for f in range(points.shape[0]):
+        seen[f] = _moment(points[f], local, weight[f], here, there, moment)
+        squares, axes = _principal_axes(moment)
+        if seen[f] < 3 or squares[1] <= _COLLINEAR**4 * squares[0]:
+            rotation[f] = np.nan
+            origin[f] = np.nan
+            continue
+        first, second = np.zeros(3), np.zeros(3)
+        for i in range(3):
+            for j in range(3):
+                first[i] += moment[i, j] * axes[j, 0]
+                second[i] += moment[i, j] * axes[j, 1]
+        _orthonormalise(first, second)
+        third, own = _cross(first, second), _cross(axes[:, 0], axes[:, 1])
+        for i in range(3):
+            origin[f, i] = here[i]
+            for j in range(3):
+                rotation[f, i, j] = first[i] * axes[j, 0] + second[i] * axes[j, 1] + third[i] * own[j]
+                origin[f, i] -= rotation[f, i, j] * there[j]
+
+
+@compiled
+def _moment(  # noqa: PLR0917
+    points: FloatArray,
+    local: FloatArray,
+    weight: FloatArray,
+    here: FloatArray,
+    there: FloatArray,
+    moment: FloatArray,
+) -> int:
+    """Write both weighted means and the moment about them; return the number of markers (k,) that are used."""
+    total, count = 0.0, 0
+    here[:], there[:], moment[:] = 0.0, 0.0, 0.0
+    for k in range(len(points)):
+        w = weight[k]
+        if w > 0 and np.isfinite(points[k, 0] + points[k, 1] + points[k, 2] + local[k, 0] + local[k, 1] + local[k, 2]):
+            count += 1
+            total += w
+            for i in range(3):
+                here[i] += w * points[k, i]
+                there[i] += w * local[k, i]
+    for i in range(3):
+        here[i] /= max(total, 1e-12)
+        there[i] /= max(total, 1e-12)
+    for k in range(len(points)):
+        w = weight[k]
+        if w > 0 and np.isfinite(points[k, 0] + points[k, 1] + points[k, 2] + local[k, 0] + local[k, 1] + local[k, 2]):
+            for i in range(3):
+                for j in range(3):
+                    moment[i, j] += w * (points[k, i] - here[i]) * (local[k, j] - there[j])
+    return count
+
+
+@compiled
+def _orthonormalise(first: FloatArray, second: FloatArray) -> None:
+    """Make two vectors (3,) unit vectors normal to each other, in place; the first keeps its direction."""
+    first /= np.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
+    second -= (first[0] * second[0] + first[1] * second[1] + first[2] * second[2]) * first
+    second /= np.sqrt(second[0] ** 2 + second[1] ** 2 + second[2] ** 2)
+
+
+@compiled
+def _principal_axes(moment: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the eigenvalues of MᵀM (3,), the largest first, and its eigenvectors in columns (Jacobi's rotations)."""
+    square, axes = np.zeros((3, 3)), np.eye(3)
+    for k in range(3):
+        for i in range(3):
+            for j in range(3):
+                square[i, j] += moment[k, i] * moment[k, j]
+    size = square[0, 0] + square[1, 1] + square[2, 2]
+    for _ in range(_SWEEPS):
+        if abs(square[0, 1]) + abs(square[0, 2]) + abs(square[1, 2]) <= 1e-17 * size:
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if square[p, q] != 0.0:
+                    _rotate(square, axes, p, q)
+    values, order = np.array([square[0, 0], square[1, 1], square[2, 2]]), np.arange(3)
+    for p, q in ((0, 1), (1, 2), (0, 1)):
+        if values[order[p]] < values[order[q]]:
+            order[p], order[q] = order[q], order[p]
+    return values[order], axes[:, order]
+
+
+@compiled
+def _rotate(square: FloatArray, axes: FloatArray, p: int, q: int) -> None:
+    """Turn a symmetric matrix (3, 3) and its axes, in place, so that the element (p, q) becomes 0."""
+    ratio = (square[q, q] - square[p, p]) / (2 * square[p, q])
+    tangent = (1.0 if ratio >= 0 else -1.0) / (abs(ratio) + np.sqrt(ratio**2 + 1))
+    cosine = 1 / np.sqrt(tangent**2 + 1)
+    sine = tangent * cosine
+    for i in range(3):
+        square[i, p], square[i, q] = (
+            cosine * square[i, p] - sine * square[i, q],
+            sine * square[i, p] + cosine * square[i, q],
+        )
+    for i in range(3):
+        square[p, i], square[q, i] = (
+            cosine * square[p, i] - sine * square[q, i],
+            sine * square[p, i] + cosine * square[q, i],
+        )
+        axes[i, p], axes[i, q] = cosine * axes[i, p] - sine * axes[i, q], sine * axes[i, p] + cosine * axes[i, q]
+
+
+@compiled
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def marker_distances(points: FloatArray, local: FloatArray, rotation: FloatArray, origin: FloatArray) -> FloatArray:

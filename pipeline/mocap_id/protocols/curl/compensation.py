@@ -42,13 +42,8 @@ class Compensation:
     sustained: float
 
 
-def compensation(  # noqa: PLR0917
-    time: FloatArray,
-    angle: FloatArray,
-    sd: FloatArray,
-    curls: tuple[Curl, ...],
-    rules: CurlRules,
-    leak: FloatArray | None = None,
+def compensation(
+    time: FloatArray, angle: FloatArray, sd: FloatArray, curls: tuple[Curl, ...], rules: CurlRules
 ) -> tuple[Compensation | None, ...]:
     """Measure the motion of an angle during every complete curl; None for a curl in which the angle is unknown.
 
@@ -59,11 +54,7 @@ def compensation(  # noqa: PLR0917
     curls : tuple of Curl
         Failed attempts are left out and get None.
     rules : CurlRules
-    leak : (T,) array, optional
-        Standard deviation of an error that returns in every curl, because it depends on the flexion alone, rad.
     """
-    if leak is None:
-        leak = np.zeros(len(time))
     spans = [slice(*np.searchsorted(time, [curl.start, curl.end])) if curl.complete else None for curl in curls]
     used = [span for span in spans if span is not None and np.isfinite(angle[span]).all() and span.stop > span.start]
     if not used:
@@ -72,15 +63,15 @@ def compensation(  # noqa: PLR0917
     return tuple(
         None
         if span is None or span not in used
-        else _of_curl(time[span], angle[span] - start, np.stack([sd[span], leak[span]]), first - start, rules)
+        else _of_curl(time[span], angle[span] - start, sd[span], first - start, rules)
         for span in spans
     )
 
 
-def _of_curl(time: FloatArray, change: FloatArray, sds: FloatArray, first: float, rules: CurlRules) -> Compensation:
+def _of_curl(time: FloatArray, change: FloatArray, sd: FloatArray, first: float, rules: CurlRules) -> Compensation:
     """Return the compensation of one curl from the change since the start of the first curl, and its first mean."""
-    error, size = float(np.sqrt(np.mean(sds[0] ** 2))), float(np.ptp(change))
-    half = _NORMAL * float(np.hypot(np.sqrt(2) * error, sds[1].max()))  # errors of both ends are independent at worst
+    error, size = float(np.sqrt(np.mean(sd**2))), float(np.ptp(change))
+    half = _NORMAL * float(np.sqrt(2) * error)  # errors of both ends are independent at worst
     away = find_runs(np.abs(change) > rules.compensation)
     longest = max((float(time[run.stop - 1] - time[run.start]) for run in away), default=0.0)
     return Compensation(

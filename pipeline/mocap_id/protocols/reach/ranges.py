@@ -12,6 +12,13 @@ from mocap_id.store.spatial_views import GATED, SegmentPoses, SpatialAngles
 
 HELD = 0.05
 """An end of a range counts if the angle is beyond it for this long in all, s. One wrong sample moves no end."""
+_EXCESS = 0.56
+"""Expected larger one of two independent errors, in standard deviations: noise moves the end of a range outwards."""
+_RAISED_SD = float(np.radians(7.0))
+"""Error of an end of the elevation from a skeleton that depends on the posture, rad.
+
+Five recorded arms had ranges that were up to 20° too large (docs/recordings.md).
+"""
 
 BETWEEN = {
     "shoulder": ("thorax", "upper_arm"),
@@ -28,7 +35,7 @@ class AngleRange:
     Parameters
     ----------
     low, high : float
-        Its ends.
+        Its ends; ``low <= high``.
     low_sd, high_sd : float
         Standard deviation of each end without a constant error.
     constant_sd : float
@@ -46,8 +53,11 @@ class AngleRange:
 
     @property
     def width_sd(self) -> float:
-        """Standard deviation of the width; a constant error does not change it."""
-        return float(np.hypot(self.low_sd, self.high_sd))
+        """Standard deviation of the width; a constant error does not change it.
+
+        The others add up: a tilt of the thorax or sliding skin often moves the ends in opposite directions.
+        """
+        return self.low_sd + self.high_sd
 
 
 def usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> BoolArray:
@@ -66,8 +76,17 @@ def values(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray:
     return on_shortest_arc(found) if name in GATED and len(found) else found
 
 
-def joint_ranges(angles: SpatialAngles, poses: SegmentPoses) -> dict[str, AngleRange]:
-    """Return the range of every angle that is usable for long enough, by name."""
+def joint_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:
+    """Return the range of every angle that is usable for long enough, by name.
+
+    Parameters
+    ----------
+    angles : SpatialAngles
+    poses : SegmentPoses
+    skeleton : bool
+        The angles come from the skeleton of a camera. Its noise lasts as long as a held posture and makes every range
+        too large, so that each end is moved inwards by the expected excess.
+    """
     rate = _rate(angles.time)
     found = {}
     for k, name in enumerate(angles.names):
@@ -75,14 +94,24 @@ def joint_ranges(angles: SpatialAngles, poses: SegmentPoses) -> dict[str, AngleR
         rank = max(round(HELD * rate), 1)
         if usable.sum() < 2 * rank:
             continue
-        order = np.argsort(each := values(angles, name, usable))
-        ends = order[rank - 1], order[-rank]
-        sd = angles.sd[usable, k, 0]
+        each, sd = values(angles, name, usable), angles.sd[usable, k, 0]
+        excess = _EXCESS * sd if skeleton else np.zeros(len(sd))
+        low, low_sd = _end(each + excess, sd, rank)
+        high, high_sd = _end(excess - each, sd, rank)
+        high = -high
+        if low > high:  # the noise is larger than the range
+            low = high = 0.5 * (low + high)
+        if skeleton and name == "shoulder_elevation":
+            low_sd, high_sd = (float(np.hypot(one, _RAISED_SD)) for one in (low_sd, high_sd))
         constant = float(np.sqrt(np.mean(np.square(np.nan_to_num(angles.constant_sd[usable, k])))))
-        low, high = (float(each[end]) for end in ends)
-        low_sd, high_sd = (float(np.median(sd[part])) for part in (order[:rank], order[-rank:]))
         found[name] = AngleRange(low, high, low_sd, high_sd, constant, float(usable.mean()))
     return found
+
+
+def _end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float, float]:
+    """Return the value (K,) of a rank from the lowest, and the median standard deviation of those up to it."""
+    lowest = np.argsort(values)[:rank]
+    return float(values[lowest[-1]]), float(np.median(sd[lowest]))
 
 
 def _rate(time: FloatArray) -> float:

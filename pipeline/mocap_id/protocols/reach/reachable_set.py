@@ -134,7 +134,7 @@ def reachable_set(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRa
     if planes is not None:
         low[valid], high[valid] = planes(elevation[valid], axial[valid], flexion[valid])
     valid &= high > low
-    start = np.where(valid, np.mod(azimuth + low, _FULL), _FULL)
+    start = np.where(valid, np.mod(np.where(valid, azimuth + low, 0.0), _FULL), _FULL)
     end = np.where(valid, start + np.minimum(high - low, _FULL), _FULL)
     order = np.argsort(start, axis=-1)
     start, end = (np.take_along_axis(each, order, axis=-1) for each in (start, end))

@@ -35,14 +35,16 @@ class VisitedRegion:
         slope = self.normals[:, 0]
         up, down = slope > _FLAT, slope < -_FLAT
         flat = ~up & ~down
+        size = np.where(flat, 1.0, slope)  # faces as plane <= or >= bound - normals @ others
+        normals, bounds = ((each.T / size).T.astype(np.float32) for each in (self.normals[:, 1:], self.bounds))
         for first in range(0, len(elevation), _BLOCK):
             part = slice(first, first + _BLOCK)
-            others = np.stack([elevation[part], axial[part], flexion[part]])
-            left = self.bounds[:, None] - self.normals[:, 1:] @ others
-            high[part] = (left[up] / slope[up, None]).min(axis=0)
-            low[part] = (left[down] / slope[down, None]).max(axis=0)
+            others = np.stack([elevation[part], axial[part], flexion[part]]).astype(np.float32)
+            high[part] = (bounds[up, None] - normals[up] @ others).min(axis=0)
+            low[part] = (bounds[down, None] - normals[down] @ others).max(axis=0)
             if flat.any():
-                low[part] = np.where((left[flat] < 0).any(axis=0), np.inf, low[part])
+                outside = (bounds[flat, None] < normals[flat] @ others).any(axis=0)
+                low[part] = np.where(outside, np.inf, low[part])
         return low, high
 
 

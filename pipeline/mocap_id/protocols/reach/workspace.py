@@ -15,6 +15,8 @@ from mocap_id.protocols.reach.visited_region import VisitedRegion
 
 _BOX, _REGION = Grid(12, 24, 16), Grid(8, 16, 32)
 """First grids of the box and of a region, which needs more axial rotations."""
+_CHANGES = Grid(9, 18, 12)
+"""Grid of the changes by one standard deviation, which it gives within a few per cent."""
 _ENOUGH = 0.01, 0.02
 """The grid of the box (a region) is refined until the volume changes by less than this share."""
 _MOST = 4  # grids
@@ -96,17 +98,17 @@ def _with_interval(volumes: tuple[float, ...], sd: float) -> Volume:
     return Volume(volume, change, (max(volume - reach, 0.0), volume + reach), volumes)
 
 
-def _volume(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None, grid: Grid = _BOX) -> float:
+def _volume(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None) -> float:
     return reachable_set(arm, limits, grid, planes).volume
 
 
 def _converged(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> tuple[float, ...]:
     """Return the volumes on finer and finer grids, at least two."""
     grid, enough = (_BOX, _ENOUGH[0]) if planes is None else (_REGION, _ENOUGH[1])
-    found = [_volume(arm, limits, planes, grid)]
+    found = [_volume(arm, limits, grid, planes)]
     while len(found) < _MOST:
         grid = grid.refined()
-        found.append(_volume(arm, limits, planes, grid))
+        found.append(_volume(arm, limits, grid, planes))
         if abs(found[-1] - found[-2]) <= enough * found[-1]:
             break
     return tuple(found)
@@ -117,7 +119,7 @@ def _effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits: FloatAr
     own = arm.arm
 
     def half(up: ReachArm, down: ReachArm, step: FloatArray) -> float:
-        return 0.5 * (_volume(up, limits + step) - _volume(down, limits - step))
+        return 0.5 * (_volume(up, limits + step, _CHANGES) - _volume(down, limits - step, _CHANGES))
 
     found = {}
     for k, name in enumerate(ANGLES):

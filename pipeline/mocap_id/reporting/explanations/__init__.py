@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.explanation import Explanation
+from mocap_id.reporting.explanations.inertial import INERTIAL
 from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
@@ -21,6 +22,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     **SKELETON,
     **LANDMARKS,
     **SPACE,
+    **INERTIAL,
     **CONTACT,
     **PARAMETERS,
     **TRANSFER,

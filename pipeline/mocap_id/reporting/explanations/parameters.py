@@ -71,6 +71,17 @@ PARAMETERS: Mapping[str, Explanation] = {
         "Acceleration of the gap between the two sides of a joint below 3 Hz, m/s² rms; limit 0.03. The value is the "
         "largest gap, m rms.",
     ),
+    "pinned-joint-gives-way": Explanation(
+        ("caution",),
+        "A joint that gives way was pinned",
+        "`identify-dim: {motion: chain}` pins all joints, but the markers show that the two sides of a joint separate "
+        "by more than noise. The pins hide how the mass really moved. This error recurs in every repetition, so "
+        "standard deviations, which follow from residuals, contain only a part of it.",
+        "Remove `motion: chain`. If you need the chain, for example for comparison with another program, do not use "
+        "the intervals of parameters and torques.",
+        "identify-dim",
+        "As `joint-gives-way`, if `identify-dim: {motion: chain}` is set. The value is the largest gap, m rms.",
+    ),
     "parameters-bounded": Explanation(
         ("caution",),
         "Only an impossible body would fit better",
@@ -120,14 +131,14 @@ PARAMETERS: Mapping[str, Explanation] = {
     "torque-uncertain": Explanation(
         ("caution",),
         "A joint torque is uncertain",
-        "A segment has a single marker, and the standard deviation of a torque is large compared with what clinical "
-        "questions need. Its causes are the place of the joint, the masses beyond it, and noisy accelerations where "
+        "A segment has a single marker, and the 95 % interval of a torque is wider than ± 5 N·m: errors of this size "
+        "are not rare. Its causes are the place of the joint, the masses beyond it, and noisy accelerations where "
         "markers are missing. The interval of the torque contains all of these.",
         "Use the torque with its interval. If the reason names a time, fill the markers there or leave it out with "
         "`window:`; otherwise place more markers on the segments beside the joint.",
         "identify-dim",
-        "Rms standard deviation while only the ground touches the body, N·m; limit 5. Only for chains "
-        "with single-marker segments on the pinned chain.",
+        "Half the width of the 95 % interval, rms while only the ground touches the body, N·m; limit 5. Only for "
+        "chains with single-marker segments on the pinned chain.",
     ),
     "foot-prior": Explanation(
         ("ok",),

@@ -128,6 +128,18 @@ SKELETON: Mapping[str, Explanation] = {
         "segment",
         "The distances from all other moving markers change by 20 to 40 mm or more. The value is the duration, s.",
     ),
+    "joint-unsettled": Explanation(
+        ("refused",),
+        "The joint fit does not converge",
+        "Joint centres and marker places are improved step by step until they no longer change. Here a centre still "
+        "moves after 300 steps. Two segments that hardly turn relative to each other have no certain joint; this also "
+        "happens if one segment was taken for two, or if markers are on the wrong segment.",
+        "Look at the segments in the report. Set `segment: {count: …}`, name markers that are `together` or `apart`, "
+        "or markers to `ignore`. Otherwise record larger movements of this joint.",
+        "fit-joints",
+        "Movement of the centre in the last iteration, m, if the cost still changes by more than 1e-7 of its size "
+        "after 300 iterations.",
+    ),
     "too-few-frames": Explanation(
         ("refused",),
         "Too few frames",

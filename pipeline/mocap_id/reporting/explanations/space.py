@@ -66,44 +66,6 @@ SPACE: Mapping[str, Explanation] = {
         "fit-joints",
         "Cosine of the angle between the axes; limit 0.75.",
     ),
-    "imu-disagrees": Explanation(
-        ("caution",),
-        "An inertial sensor contradicts the markers",
-        "The sensor turns or accelerates otherwise than its segment by the markers: it is on another segment, the file "
-        "is of another trial, its units are wrong, or the markers are. It is left out, and the result is that of the "
-        "other sensors and the markers.",
-        "Check which sensor was on which segment, and the files under `imus:`.",
-        "ukf-smooth",
-        "Differences of angular velocity (limit 0.35 of the segment's) and of specific force (limit 2 m/s²), rms.",
-    ),
-    "imu-differs": Explanation(
-        ("caution",),
-        "An inertial sensor and the markers differ more than usual",
-        "The sensor follows its segment, but not as closely as skin explains. The sensor is used. Often the markers "
-        "are wrong: one is on another segment, or many are hidden. States of this segment may have larger errors than "
-        "their intervals say.",
-        "Look at the residuals of the segment's markers and at its assignment; check that the sensor was tight.",
-        "ukf-smooth",
-        "Difference of the angular velocities, rad/s rms; limit 0.15 of the segment's, of at least 0.8 rad/s.",
-    ),
-    "imu-clock": Explanation(
-        ("ok",),
-        "The motion does not show the clock of an inertial sensor",
-        "The clock is found from the rotation of the segment. A segment that hardly turns does not show it; the "
-        "sensor's measurements then hardly depend on it either. Its offset in the summary is a guess with a large "
-        "standard deviation, and `observable` is false.",
-        "Nothing. If the offset itself is needed, turn the segment quickly at the start of the recording.",
-        "ukf-smooth",
-        "Standard deviation of the clock in the middle of the trial, s; limit 0.002.",
-    ),
-    "imu-saturated": Explanation(
-        ("caution",),
-        "An inertial sensor is saturated",
-        "Some samples lie at the end of the sensor's range. They are left out; the states there come from the markers.",
-        "Record with a larger range of the sensor.",
-        "ukf-smooth",
-        "Share of the samples that stay at the end of the range; limit 0.003.",
-    ),
     "centre-unknown": Explanation(
         ("caution",),
         "The motion does not show a joint's centre",

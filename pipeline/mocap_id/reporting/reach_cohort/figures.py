@@ -15,15 +15,11 @@ from mocap_id.reporting.reach_cohort.page_data import Shape
 from mocap_id.reporting.reach_cohort.tables import show_score
 
 _SIDES = {"right": style.BLUE, "left": style.VERMILLION}
-_VIEWS = (
-    ("front", "seen from the front", 2, 1, "to the person's right (m)", "up (m)"),
-    ("side", "seen from the person's right", 0, 1, "forward (m)", "up (m)"),
-    ("top", "seen from above", 2, 0, "to the person's right (m)", "forward (m)"),
-)
+_VIEW = (60.0, 15.0)  # degrees; from the front, on the side of the right arm
 _CAPTION = (
-    "Surface of the reachable volume of each person about the top of the breastbone, {view}, all on one scale, for "
-    "joints that are independent of each other. The thick line is the arm at its furthest reach, the ring its "
-    "shoulder. Of several trials of a side, the last is drawn."
+    "Surfaces of the reachable volumes of each person about the top of the breastbone, all on one scale, for joints "
+    "that are independent of each other. On the page, each panel can be turned. The thick line is the arm at its "
+    "furthest reach, the ring its shoulder. {drawn}"
 )
 
 
@@ -35,11 +31,19 @@ def reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
         "A dot for each trial with its 95 % interval, coloured by side. People are in the order of the table.",
         _volumes(data),
     )
-    views = (
-        Drawing(f"reach-{name}", f"Reachable volumes, {view}", _CAPTION.format(view=view), _shapes(data, shapes, k))
-        for k, (name, view, *_) in enumerate(_VIEWS)
+    sides = Drawing(
+        "reach-sides",
+        "Reachable volumes, left and right",
+        _CAPTION.format(drawn="Of several sessions, the last is drawn."),
+        _sides(data, shapes),
     )
-    return Drawings(style.printable(data.study), (volumes, *views))
+    sessions = Drawing(
+        "reach-sessions",
+        "Reachable volumes, session and session",
+        _CAPTION.format(drawn="A panel for each side, a colour for each session."),
+        _sessions(data, shapes),
+    )
+    return Drawings(style.printable(data.study), (volumes, sides, sessions))
 
 
 def _named(data: CohortData) -> dict[str, str]:
@@ -76,30 +80,62 @@ def _volumes(data: CohortData) -> Figure | str:
     return Figure(((Panel(tuple(items), x="reachable volume (m³)", rows=tuple(named.values()), height=height),),))
 
 
-def _shapes(data: CohortData, shapes: Sequence[Shape], view: int) -> Figure | str:
-    if not shapes:
-        return "No reachable volume: no trial has one."
-    _, _, across, up, x, y = _VIEWS[view]
-    low, high = (f(np.concatenate([part for one in shapes for part in (one.wires, one.arm)]), axis=0) for f in _ENDS)
-    margin = 0.05 * float((high - low).max())
-    x_range, y_range = ((float(low[k]) - margin, float(high[k]) + margin) for k in (across, up))
-    height = float(np.clip(0.7 + 1.5 * (y_range[1] - y_range[0]) / (x_range[1] - x_range[0]), 1.5, 4.0))
+def _sides(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
+    """Draw a panel for each person with the last session of each side."""
+    last = {(one.subject, one.side): one for one in shapes}
+    return _figure(
+        shapes,
+        [
+            (label, [(one, side, _SIDES[side]) for side in _SIDES if (one := last.get((subject, side)))])
+            for subject, label in _named(data).items()
+        ],
+    )
+
+
+def _sessions(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
+    """Draw a panel for each person and side with all sessions."""
+    names = list(dict.fromkeys(one.session for one in shapes))
+    if len(names) == 1:
+        return "Every trial belongs to the same session."
     panels = []
     for subject, label in _named(data).items():
-        own = [one for one in shapes if one.subject == subject]
-        if own:
-            panels.append(
-                Panel(tuple(_drawn(own, across, up)), label, x, y, x_range, y_range, equal=True, height=height)
-            )
-    return Figure(in_lines(tuple(panels), 4))
+        for side in _SIDES:
+            own = [one for one in shapes if (one.subject, one.side) == (subject, side)]
+            drawn = [(one, style.printable(one.session, 16), style.colour(names.index(one.session) + 1)) for one in own]
+            panels.append((f"{label}, {side}", drawn))
+    return _figure(shapes, panels)
 
 
-_ENDS = (np.nanmin, np.nanmax)
+def _figure(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple[Shape, str, str]]]]) -> Figure | str:
+    """Return turnable panels on one scale: titles, and shapes with their labels and colours."""
+    if not shapes:
+        return "No reachable volume: no trial has one."
+    points = np.concatenate([part for one in shapes for part in (one.wires, one.arm)])
+    half = 1.02 * float(np.nanmax(np.linalg.norm(points, axis=1)))
+    made = (
+        Panel(
+            tuple(item for one in drawn for item in _items(*one)),
+            title,
+            "across the view (m)",
+            "up the view (m)",
+            (-half, half),
+            (-half, half),
+            equal=True,
+            height=2.6,
+            view=_VIEW,
+        )
+        for title, drawn in panels
+        if drawn
+    )
+    return Figure(in_lines(tuple(made), 4))
 
 
-def _drawn(shapes: Sequence[Shape], across: int, up: int) -> Iterator[Item]:
-    for one in shapes:
-        surface, arm = one.wires, one.arm
-        yield Line(surface[:, across], surface[:, up], _SIDES[one.side], one.side, width=0.5, opacity=0.6)
-        yield Line(arm[:, across], arm[:, up], style.INK, width=2.0)
-        yield Points(arm[:1, across], arm[:1, up], style.INK, symbol="ring")
+def _items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
+    for points, hue, name, width, opacity in (
+        (shape.wires, colour, label, 0.5, 0.6),
+        (shape.arm, style.INK, "", 2.0, 1.0),
+    ):
+        x, y, z = points.T
+        yield Line(x, y, hue, name, width=width, opacity=opacity, z=z)
+    x, y, z = shape.arm[:1].T
+    yield Points(x, y, style.INK, symbol="ring", z=z)

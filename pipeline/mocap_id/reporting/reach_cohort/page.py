@@ -47,7 +47,7 @@ def reach_cohort_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
     data : CohortData
         With the tables people, correlation, differences and trials.
     shapes : sequence of Shape
-        Surfaces of reachable volumes, at most one for each person and side.
+        Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
     """
     figures = reach_figures(data, shapes)
     return ResultPage(
@@ -74,7 +74,7 @@ def _sections(data: CohortData) -> Iterator[ResultSection]:
     yield ResultSection(
         "shapes",
         "The volumes on one scale (thesis figures 7.3 and 7.4)",
-        figures=("reach-front", "reach-side", "reach-top"),
+        figures=("reach-sides", "reach-sessions"),
     )
     if len(data.tables["differences"]):
         yield ResultSection(

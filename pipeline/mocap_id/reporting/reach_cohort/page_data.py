@@ -16,6 +16,7 @@ class Shape:
     subject : str
         Id of the person.
     side : {"right", "left"}
+    session : str
     wires : (K, 3) array
         Lines on the surface, interrupted by NaN.
     arm : (3, 3) array
@@ -24,5 +25,6 @@ class Shape:
 
     subject: str
     side: str
+    session: str
     wires: FloatArray
     arm: FloatArray

@@ -29,7 +29,10 @@ def curls(data: ReportData) -> CurlsEntry:
         condition=facts.get("condition"),
         end_s=known((facts.get("end") or {}).get("time_s")),
         end_rule=(facts.get("end") or {}).get("rule"),
-        compensation={name: _compensation(found) for name, found in (facts.get("compensation") or {}).items()},
+        compensation={
+            name: _compensation(found, (facts.get("in_step") or {}).get(name))
+            for name, found in (facts.get("compensation") or {}).items()
+        },
         largest_torque_nm=None if peak is None else peak["peak_Nm"],
         largest_torque_sd_nm=None if peak is None else peak["sd_Nm"],
         fatigue={name: _trend(found) for name, found in (facts.get("fatigue") or {}).items() if found is not None},
@@ -37,7 +40,7 @@ def curls(data: ReportData) -> CurlsEntry:
     )
 
 
-def _compensation(found: list[dict[str, Any] | None]) -> CompensationEntry:
+def _compensation(found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None) -> CompensationEntry:
     """Return the compensation of one angle in degrees, None for a curl without it."""
 
     def degrees(value: float) -> float:
@@ -50,6 +53,8 @@ def _compensation(found: list[dict[str, Any] | None]) -> CompensationEntry:
         floor_deg=[degrees(one["floor_rad"]) if one else None for one in there],
         offset_deg=[degrees(one["offset_rad"]) if one else None for one in there],
         sustained_s=[one["sustained_s"] if one else None for one in there],
+        in_step_deg=None if in_step is None else degrees(in_step["range_rad"]),
+        in_step_interval_deg=None if in_step is None else [degrees(end) for end in in_step["interval_rad"]],
     )
 
 
@@ -110,10 +115,22 @@ def compensation(data: ReportData) -> Grid:
             show_fixed(max(ranges), 1),
             show_fixed(float(np.mean(floors)), 1),
         )
-        rows.append((name.replace("_", " "), *cells, trend, str(long)))
+        rows.append((name.replace("_", " "), *cells, trend, str(long), _in_step(found)))
     head = (
         *("angle", "mean range (deg)", "largest range (deg)", "range by errors alone (deg)"),
         *("change per curl, 95 % interval (deg)", "curls with a sustained compensation"),
+        "also in step with the flexion, 95 % interval (deg)",
     )
-    caption = "Compensation: range of each angle within a curl. A range below that by errors alone may be no motion"
+    caption = (
+        "Compensation: range of each angle within a curl. A range below that by errors alone may be no motion. Axial "
+        "rotation is without what the first curl shows in step with the flexion: an error of the elbow's axis looks "
+        "the same as a person who turns the arm so"
+    )
     return grid(caption, head, rows)
+
+
+def _in_step(found: CompensationEntry) -> str:
+    if found.in_step_deg is None or found.in_step_interval_deg is None:
+        return UNKNOWN
+    low, high = found.in_step_interval_deg
+    return f"{found.in_step_deg:.1f} ({low:.1f} … {high:.1f})"

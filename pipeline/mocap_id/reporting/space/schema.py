@@ -114,6 +114,8 @@ class CompensationEntry(Entry):
 
     ``floor_deg`` is the range that errors alone can show, ``offset_deg`` the mean angle of the curl minus that of the
     first, and ``sustained_s`` the longest time beyond the allowed change, 0 if it is shorter than the rule asks for.
+    Axial rotation is without the part that depends on the flexion alone; ``in_step_deg`` is the range of this part in
+    the first curl.
     """
 
     range_deg: list[float | None]
@@ -121,6 +123,8 @@ class CompensationEntry(Entry):
     floor_deg: list[float | None]
     offset_deg: list[float | None]
     sustained_s: list[float | None]
+    in_step_deg: float | None = None
+    in_step_interval_deg: list[float] | None = None
 
 
 class TrendEntry(Entry):
@@ -157,7 +161,8 @@ class ImuEntry(Entry):
     ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
     does not show the clock to 2 ms. ``mounting`` is the rotation from the sensor to the segment, ``position_m`` is in
     the segment's frame, and ``skin_share`` is the share of the segment's twist that the skin under the sensor does not
-    follow.
+    follow. Without markers, the clock is that against the first sensor, and ``heading_deg`` is the turn about the
+    vertical between start and end, by the gyroscope alone.
     """
 
     used: bool
@@ -177,4 +182,6 @@ class ImuEntry(Entry):
     gyro_residual_rad_s: float | None = None
     acc_residual_m_s2: float | None = None
     saturated: float | None = None
+    heading_deg: float | None = None
+    heading_sd_deg: float | None = None
     why: str | None

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
+from mocap_id.stages.sensors_alone import without_markers
 
 
 class FitJointsSettings(Settings):
@@ -49,6 +50,10 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.fit_joints.space import fit_chain_in_space  # noqa: PLC0415
 
         return fit_chain_in_space(context)
+    if without_markers(context.long("planar.parquet").facts):
+        from mocap_id.stages.fit_joints.sensors_alone import calibrated_chain  # noqa: PLC0415
+
+        return calibrated_chain(context)
     from mocap_id.stages.fit_joints.function import fit_joints  # noqa: PLC0415  loads its libraries only when run
 
     return fit_joints(context)
@@ -56,7 +61,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=10,
+    version=12,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),

@@ -39,6 +39,8 @@ _GH_SD = 0.01
 """Standard deviation of a shoulder centre that is given as a marker along each axis, m."""
 _OFTEN = 0.5
 """Share of the frames in which landmarks beside a joint must be seen to start the fit."""
+_OVERVIEW = 600
+"""Number of frames that show how segments turn outside the still pose."""
 JOINTS = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
 """Segments between which the ISB defines angles."""
 
@@ -96,12 +98,13 @@ def in_anatomical_frames(
     static = context.trial.static
     start = None if static is None else (static[0] - float(view.time[0]), static[1] - float(view.time[0]))
     still = find_still_pose(points, view.rate, start)
-    moving = dict(zip(wanted, np.moveaxis(tracks, 1, 0), strict=True))
+    some, at_rest = _some_frames(still.frames, len(points))
+    moving = dict(zip(wanted, np.moveaxis(tracks[some], 1, 0), strict=True))
 
     def placed(fit: SpatialFit) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...], _ClusterPoses]:
-        poses = _ClusterPoses.of(points, fit.chain, still.frames)
+        poses = _ClusterPoses.of(points[some], fit.chain, at_rest)
         seen, notes = place_landmarks(
-            moving, segment, poses.rotations, poses.origins, frames=still.frames, palpation=settings.palpation_sd_m
+            moving, segment, poses.rotations, poses.origins, frames=at_rest, palpation=settings.palpation_sd_m
         )
         left = view.planar.facts["side"] == "left"
         marked = MarkedChain(fit.chain, tuple(view.labels[m] for m in columns), left)
@@ -124,6 +127,14 @@ def in_anatomical_frames(
     found = _landmarks({name: (segment[name], local[name]) for name in places}, places)
     chain = reframed(fit.chain, turns, base)
     return AnatomicalChain(fit, chain, found, facts, (*named.reasons, *still.reasons, *reasons, *frames.reasons))
+
+
+def _some_frames(still: slice, count: int) -> tuple[IntArray, slice]:
+    """Return the still frames and others over the whole recording, and where the still ones are among them."""
+    rest = np.arange(0, count, 1 + count // _OVERVIEW)
+    frames = np.union1d(rest, np.arange(still.start, still.stop))
+    first = int(np.searchsorted(frames, still.start))
+    return frames, slice(first, first + still.stop - still.start)
 
 
 @dataclass(frozen=True)

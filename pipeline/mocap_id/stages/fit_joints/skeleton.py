@@ -187,6 +187,6 @@ def _biases() -> Reason:
         "skeleton-biases",
         "the angles come from a skeleton, whose joints lie centimetres from the anatomical ones: expect errors (rms) "
         "of 4–14° of the plane of elevation, 2–6° of the elevation, 6–22° of the axial rotation and 3–10° of the "
-        "flexion; real cameras showed raised arms 7–18° too high. The carrying angle is assumed (-10°), and pronation "
-        "is not shown. Compare changes rather than values.",
+        "flexion; recorded arms of a real camera were 6–20° too high on average, which the interval of the elevation "
+        "holds. The carrying angle is assumed (-10°), and pronation is not shown. Compare changes rather than values.",
     )

@@ -11,6 +11,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.protocols.curl.compensation import Compensation, compensation
 from mocap_id.protocols.curl.fatigue import Trend, trend
+from mocap_id.protocols.curl.in_step import InStep, part_in_step
 from mocap_id.protocols.curl.repetitions import Curl, find_curls
 from mocap_id.protocols.curl.rules import CurlRules
 from mocap_id.protocols.curl.trial_end import find_end
@@ -24,6 +25,7 @@ from mocap_id.verdict import Reason
 
 _FLEXION = "elbow_flexion"
 _SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
+_AXIAL = _SHOULDER[2]  # an error of the elbow's axis shows here
 _THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # about x, y, z of the thorax
 
 
@@ -40,11 +42,13 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules)
     axis = _elbow_axis(poses, skeleton)
     end = find_end(time, axis, curls, rules)
-    leak = _leak(skeleton, angles[_FLEXION], curls)
-    moved = {
-        name: compensation(time, *channel, curls, rules, leak=leak if name == _SHOULDER[2] else None)
-        for name, channel in _channels(context, poses, curls).items()
-    }
+    channels, in_step = _channels(context, poses, curls), None
+    if _AXIAL in channels:
+        covariance = _elbow_axis_covariance(skeleton)
+        in_step = part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
+        if in_step is not None:
+            channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
+    moved = {name: compensation(time, *channel, curls, rules) for name, channel in channels.items()}
     torque = curl_torques(context, poses, skeleton, axis)
     counted = [curl.complete and curl.start < end.time for curl in curls]
     facts = {
@@ -56,6 +60,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         "condition": keys.condition,
         "tempo_s": _known([curl.end - curl.start if curl.complete else np.nan for curl in curls]),
         "compensation": {name: [_motion(one) for one in found] for name, found in moved.items()},
+        "in_step": {} if in_step is None else {_AXIAL: _in_step(in_step)},
         "torque": [_peaks(time, torque, curl) for curl in curls] if isinstance(torque, CurlTorques) else None,
         "torque_why": "" if isinstance(torque, CurlTorques) else torque,
         "fatigue": {name: _trend(trend(values)) for name, values in _tiring(curls, moved).items()},
@@ -90,21 +95,12 @@ def _elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
     return np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ axis)
 
 
-def _leak(skeleton: SpatialSkeleton, flexion: FloatArray, curls: Sequence[Curl]) -> FloatArray | None:
-    """Return the standard deviation (T,) of the axial rotation that an error of the elbow's axis makes of a flexion.
-
-    An axis that errs by (d_x, d_y) turns the upper arm about its y axis by d_y Δsin(flexion) + d_x Δcos(flexion) from
-    one flexion to another. Zero if the covariance of the axis is unknown, None if the elbow is a ball.
-    """
-    if not curls or "forearm" not in skeleton.segments:
+def _elbow_axis_covariance(skeleton: SpatialSkeleton) -> FloatArray | None:
+    """Return the covariance (2, 2) of the elbow's axis along x and y of the upper arm, rad²; None if it is unknown."""
+    if "forearm" not in skeleton.segments:
         return None
-    joint = skeleton.chain.joints[skeleton.segments.index("forearm") - 1]
-    if joint.kind == "ball":
-        return None
-    lowest = float(np.nanmin(flexion))
-    turned = np.stack([np.cos(flexion) - np.cos(lowest), np.sin(flexion) - np.sin(lowest)], axis=-1)
-    variance = np.einsum("ti,ij,tj->t", turned, joint.axes_covariance[0, :2, :2], turned)
-    return np.asarray(np.sqrt(np.nan_to_num(np.maximum(variance, 0.0))))
+    covariance = skeleton.chain.joints[skeleton.segments.index("forearm") - 1].axes_covariance[0, :2, :2]
+    return covariance if np.isfinite(covariance).all() else None
 
 
 def _channels(context: Context, poses: SegmentPoses, curls: Sequence[Curl]) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -163,6 +159,10 @@ def _motion(one: Compensation | None) -> dict[str, Any] | None:
         "floor_rad": one.floor,
         "sustained_s": one.sustained,
     }
+
+
+def _in_step(found: InStep) -> dict[str, Any]:
+    return {"range_rad": found.range, "interval_rad": list(found.interval)}
 
 
 def _trend(found: Trend | None) -> dict[str, Any] | None:

@@ -35,7 +35,7 @@ from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
 
 _FOOT_SD = 0.001  # m; from people's feet, whose mass is 3 % of the body's
-_TORQUE_SD = 5.0  # N·m, rms
+_TORQUE = 5.0  # N·m: half the width of a torque's 95 % interval, rms, from which it is uncertain
 _FOOT_PRIOR = Reason(
     "foot-prior",
     "a segment has a single marker, so the foot's first moment is taken from the reference body and the place of the "
@@ -251,22 +251,22 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
 
 
 def _loose_torques(context: Context, result: artefacts.IdentifiedDynamics, movement: Movement) -> tuple[Reason, ...]:
-    """Return a caution about torques with a large standard deviation in a chain with single-marker segments.
+    """Return a caution about torques with wide 95 % intervals in a chain with single-marker segments.
 
     With measured poses and with many markers, other reasons say so.
     """
     if result.measured_poses or not context.tree("chain.h5").facts.get("single_markers"):
         return ()
-    sd = np.where(movement.free[:, None], result.model.torque_sd, np.nan)
-    sd = sd[np.isfinite(sd).any(axis=1)]
-    rms = np.sqrt(np.nanmean(sd**2, axis=0)) if len(sd) else np.zeros(0)
-    loose = np.flatnonzero(rms > _TORQUE_SD)
+    half = validation.NORMAL * np.where(movement.free[:, None], result.model.torque_sd, np.nan)
+    half = half[np.isfinite(half).any(axis=1)]
+    rms = np.sqrt(np.nanmean(half**2, axis=0)) if len(half) else np.zeros(0)
+    loose = np.flatnonzero(rms > _TORQUE)
     if not len(loose):
         return ()
     names = joint_names(context)
-    text = ", ".join(f"{names[j]} {rms[j]:.1f} N·m" for j in loose)
+    text = ", ".join(f"{names[j]} ± {rms[j]:.1f} N·m" for j in loose)
     why = "joint centres, masses or accelerations are uncertain"
-    if np.nanmedian(sd[:, loose], axis=0).max() <= _TORQUE_SD:
+    if np.nanmedian(half[:, loose], axis=0).max() <= _TORQUE:
         worst = np.nanargmax(np.where(movement.free, result.model.torque_sd[:, loose[0]], np.nan))
         why = (
             f"markers are missing or noisy around {result.prepared.recorded.time[worst]:.1f} s. Leave this time out "
@@ -275,9 +275,10 @@ def _loose_torques(context: Context, result: artefacts.IdentifiedDynamics, movem
     return (
         Reason(
             "torque-uncertain",
-            f"the torques have large standard deviations, rms while only the ground touches the body: {text}: {why}",
+            f"the torques have wide 95 % intervals, rms while only the ground touches the body: {text} (expected at "
+            f"most ± {_TORQUE:g} N·m): {why}",
             float(np.nanmax(rms)),
-            _TORQUE_SD,
+            _TORQUE,
         ),
     )
 

@@ -157,6 +157,7 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         information=np.array([[len(p) / n, s / n] for p, s, n in zip(local, spread, noise, strict=True)]),
         body=np.array([owner[k] for k in range(len(centres) + 1)], dtype=np.int64),
         centres=centres,
+        shift=np.array([_shift(bodies[owner[k + 1]], k + 1) for k in range(len(centres))]),
     )
     return MeasuredBodies(
         names=tuple(str(body["name"]) for body in bodies),
@@ -167,6 +168,12 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         residual=tuple(float(body["residual_m"]) for body in bodies),
         used=tuple(used),
     )
+
+
+def _shift(body: Mapping[str, Any], segment: int) -> list[float]:
+    """Return the shift of the joint below a body's first segment, m; none for joints within the body."""
+    shift: list[float] = body.get("joint_shift_m", [0.0, 0.0])
+    return shift if segment == min(body["segments"]) else [0.0, 0.0]
 
 
 def make_body_prior(

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import IntArray
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
-from mocap_id.dynamics.cutoffs import Cutoffs, left_out_cost
+from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, left_out_cost
 from mocap_id.dynamics.fit import Fit, determined, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.left_out_samples import number_parts
@@ -89,9 +89,13 @@ class RepetitionPredictor:
 def poses_preferred(predictor: RepetitionPredictor) -> bool:
     """Return whether measured poses predict left-out repetitions about as well as the pinned chain, or better.
 
-    In doubt the poses are preferred: their intervals are valid whether the joints give way or not.
+    In doubt the poses are preferred: their intervals are valid whether the joints give way or not. The chain must be
+    clearly better than poses with the usual cut-offs, and also better than poses with the cut-offs of this trial.
     """
-    return left_out_cost(predictor.on_poses(USUAL)) <= left_out_cost(predictor.on_chain()) + _CLEARLY
+    chain = left_out_cost(predictor.on_chain())
+    if left_out_cost(predictor.on_poses(USUAL)) <= chain + _CLEARLY:
+        return True
+    return choose_cutoffs(predictor.on_poses).cost <= chain
 
 
 def _parts(prepared: PreparedTrial, movement: Movement) -> IntArray:

@@ -17,6 +17,8 @@ from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit
 from mocap_id.verdict import Reason
 
+ASKED_FOR = "asked for"
+"""Why the pinned chain was used, in the facts of dynamics.h5: `motion: chain` is set."""
 _CLOCKS_APART = 0.005  # s; 5 ms changes a base parameter of a person by a fifth or more
 
 
@@ -83,17 +85,28 @@ def motion_reasons(facts: Mapping[str, Any]) -> tuple[Reason, ...]:
 
 
 def _gives_way(motion: Mapping[str, Any]) -> Iterator[Reason]:
-    """Yield a note about joints whose two sides separate by more than noise."""
+    """Yield a note about joints whose two sides separate by more than noise; a caution if a setting pins them."""
     loose = {name: gap for name, gap in (motion.get("joints") or {}).items() if not gap["pinned"]}
-    if motion["source"] != "segments" or not loose:
+    asked_for = motion["source"] == "chain" and motion["why"] == ASKED_FOR
+    if not loose or not (asked_for or motion["source"] == "segments"):
         return
     listed = ", ".join(f"{name} {1e3 * gap['gap_m']:.1f} mm" for name, gap in loose.items())
+    found = f"the two sides of a joint separate by more than noise (rms): {listed}"
+    largest = max(gap["gap_m"] for gap in loose.values())
+    if asked_for:
+        yield Reason(
+            "pinned-joint-gives-way",
+            f"{found}, and `identify-dim: {{motion: chain}}` pins this joint. Mass then moves differently from the "
+            "model, in every repetition alike, so the standard deviations of parameters and torques are too small. "
+            "Remove the setting to use the measured pose of every segment",
+            value=largest,
+        )
+        return
     yield Reason(
         "joint-gives-way",
-        f"the two sides of a joint separate by more than noise (rms): {listed}. The dynamics therefore use the "
-        "measured pose of every segment; lengths and angles are still those of the chain. Set `identify-dim: {motion: "
-        "chain}` to use the chain",
-        value=max(gap["gap_m"] for gap in loose.values()),
+        f"{found}. The dynamics therefore use the measured pose of every segment; lengths and angles are still those "
+        "of the chain. Set `identify-dim: {motion: chain}` to use the chain",
+        value=largest,
         level="ok",
     )
 

@@ -32,8 +32,9 @@ def find_reach_events(context: Context) -> Table:
     """Return events.parquet of a trial with `protocol: reach`."""
     angles = SpatialAngles.from_table(context.table("angles.parquet"))
     poses = SegmentPoses.from_table(context.table("poses.parquet"))
-    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
-    ranges = joint_ranges(angles, poses)
+    chain = context.tree("chain.h5")
+    skeleton = SpatialSkeleton.from_tree(chain)
+    ranges = joint_ranges(angles, poses, skeleton=chain.facts["frames"] == "skeleton")
     facts: dict[str, Any] = {"why": "", "ranges": {name: _range(one) for name, one in ranges.items()}}
     reaches: tuple[Reach, ...] = ()
     try:

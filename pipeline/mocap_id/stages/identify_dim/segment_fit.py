@@ -24,14 +24,13 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import validation
+from mocap_id.stages.identify_dim.joint_places import centre_covariance, place_sd
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, make_body_prior, prepare_bodies
 from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies
 from mocap_id.stages.identify_dim.scales import check_and_calibrate
-from mocap_id.stages.identify_dim.trial_data import read_skeleton
 from mocap_id.stages.identify_dim.validation import Validation
 
-_BENT, _BENT_SD = "hip", 0.01  # joint below a bending trunk, and additional standard deviation of its centre, m
 _UNSMOOTHED = (10.0, 10.0, 10.0)  # Hz, cut-offs that leave the movement unchanged
 _CORRELATED = 0.12  # s, correlation time of residuals with measured poses
 
@@ -62,7 +61,7 @@ class SegmentFit:
     grid : PointGrid
     validation : Validation
     centre_sd : (n,) array
-        Standard deviation of each joint centre in one direction, with the gap of the joint, m.
+        Standard deviation of each joint centre in one direction, relative to the markers around it, m.
     effect : PoseEffect
         Effect of errors of the poses that repeat with the movement.
     """
@@ -159,13 +158,13 @@ def fit_segments(
     effect = pose_effect(
         ready, found.fit, found.base, PoseErrors(bodies.poses, _sliding(context, bodies), cutoffs.bands)
     )
-    found, centres = _with_effect(found, effect), _centre_covariance(context, bodies)
+    found, angles = _with_effect(found, effect), recorded.q[found.fit.in_fit]
     usual = reference_deviations(reference, settings.reference_sd)
     chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
     plain = prepare_bodies(bodies, recorded, prepared.settings, prior, _UNSMOOTHED)
     on_chain = (prepared.base, chain_map)
     found = check_and_calibrate(context, ready, movement, found, reference, chain=on_chain, unsmoothed=plain)
-    in_chain, share = _in_chain(prepared, pinned, found, chain_map, centres)
+    in_chain, share = _in_chain(prepared, pinned, found, chain_map, centre_covariance(context, bodies, angles))
     return SegmentFit(
         bodies=bodies,
         prepared=ready,
@@ -179,7 +178,7 @@ def fit_segments(
         chain_map=chain_map,
         grid=grid,
         validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
-        centre_sd=np.sqrt(np.einsum("jkk->j", centres) / 2),
+        centre_sd=place_sd(context, bodies, angles),
         effect=effect,
     )
 
@@ -248,21 +247,6 @@ def _sliding(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...
         near = {joint for k in own.tolist() for joint in (k - 1, k) if 0 <= joint < joints}
         found.append(sliding_body(np.array(list(markers.values())), variance, tuple(sorted(near)) or (joints - 1,)))
     return tuple(found)
-
-
-def _centre_covariance(context: Context, bodies: MeasuredBodies) -> FloatArray:
-    """Return the covariance (n, 2, 2) of the joint centres, m²: of the joint fit, of the gap, and for a bending trunk.
-
-    Above a hip that gives way, the pelvis bends against the trunk. The joint fit then finds a centre between the hip
-    and the lumbar spine, wrong by about a centimetre, which no residual shows.
-    """
-    skeleton = read_skeleton(context)
-    covariance, names = skeleton.covariance.copy(), skeleton.joints
-    for joint, gap in bodies.gap.items():
-        if names[joint : joint + 1] == (_BENT,) and not gap.pinned:
-            covariance[joint] += _BENT_SD**2 * np.eye(2)
-        covariance[joint] += gap.centre_variance * np.eye(2)
-    return covariance
 
 
 def _in_chain(

@@ -26,6 +26,7 @@ from mocap_id.stages.identify_dim.measured_bodies import (
     prepare_bodies,
 )
 from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, poses_preferred
+from mocap_id.stages.identify_dim.motion_comparison import ASKED_FOR
 from mocap_id.stages.identify_dim.reference_bodies import reference_bodies
 from mocap_id.stages.identify_dim.trial_data import fit_settings, joint_names, read_skeleton, read_trial_data
 from mocap_id.stages.identify_dim.wrench_checks import check_chair
@@ -153,16 +154,16 @@ def _body_sets(context: Context, recorded: TrialData) -> tuple[tuple[MeasuredBod
     """
     requested, centre_sd = context.settings.motion, np.zeros(len(recorded.centres))
     if context.trial.protocol == "robot-joint" and requested != "segments":
-        return (), {"source": "chain", "why": "asked for" if requested else "a robot's joint holds"}, centre_sd
+        return (), {"source": "chain", "why": ASKED_FOR if requested else "a robot's joint holds"}, centre_sd
     body_sets = measured_bodies(context, recorded)
     for joint, each in body_sets[0].gap.items() if body_sets else ():
         centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.centre_variance)
+    gap = gap_facts(body_sets[0], joint_names(context)) if body_sets else {}
     if requested == "chain":
-        return (), {"source": "chain", "why": "asked for"}, centre_sd
+        return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
     if not body_sets:
         why = "the markers of a segment do not show its own pose: they are too few, or visible too seldom"
         return (), {"source": "chain", "why": why}, centre_sd
-    gap = gap_facts(body_sets[0], joint_names(context))
     if body_sets[0].loosest <= GIVES_WAY:
         return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}, centre_sd
     return body_sets, {"source": "segments", "why": "a joint gives way", "joints": gap}, centre_sd

@@ -49,6 +49,10 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.planarise.space import upright_recording  # noqa: PLC0415
 
         return upright_recording(context)
+    if context.trial.recording is None:
+        from mocap_id.stages.planarise.sensors_alone import upright_sensors  # noqa: PLC0415
+
+        return upright_sensors(context)
     from mocap_id.stages.planarise.function import planarise  # noqa: PLC0415  loads its libraries only when run
 
     return planarise(context)
@@ -59,7 +63,7 @@ STAGE = Stage(
     version=8,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
+    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external", "imus", "calibration"),
     settings=PlanariseSettings,
     function=_function,
     help=STAGE_HELP["planarise"],

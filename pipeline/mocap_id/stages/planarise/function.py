@@ -32,7 +32,7 @@ from mocap_id.stages.planarise.external_wrenches import UsedFrames, measure_seat
 from mocap_id.stages.planarise.ground_wrench import ground_wrench, lateral_pressure
 from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
 from mocap_id.stages.planarise.used_part import UsedPart, bursts, read_recording, trajectories, used_part
-from mocap_id.stages.trial_keys import BalanceBoard
+from mocap_id.stages.trial_keys import BalanceBoard, recorded_files
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -41,7 +41,7 @@ from mocap_id.verdict import Reason
 def planarise(context: Context) -> Outputs:
     """Return planar.parquet and wrench.parquet."""
     settings: PlanariseSettings = context.settings
-    log, source = read_board_plate(context.trial.recording.forces, read_recording(context.trial.recording, settings))
+    log, source = _read(context)
     part = used_part(source, context.trial.window, settings.ignore)
     frames = source.frames[part.first : part.stop]
     swaps = label_swaps.check(
@@ -100,6 +100,12 @@ def planarise(context: Context) -> Outputs:
     return planar, Table(WRENCH, wrench, facts, reasons)
 
 
+def _read(context: Context) -> tuple[BoardLog | None, Recording]:
+    """Return the log of a balance board, if any, and the recording."""
+    files = recorded_files(context.trial)
+    return read_board_plate(files.forces, read_recording(files, context.settings))
+
+
 def _choice(context: Context, source: Recording, thinned: ThinnedFrames) -> PlateChoice:
     """Return the use of every plate."""
     plates = context.trial.plates
@@ -110,7 +116,7 @@ def _on_board(
     context: Context, log: BoardLog, source: Recording, thinned: ThinnedFrames, frame: PlaneFrame
 ) -> tuple[PlacedBoard, Recording, PlaneFrame]:
     """Return the balance board in the laboratory, the recording with it, and the plane with its origin at its cells."""
-    forces = context.trial.recording.forces
+    forces = recorded_files(context.trial).forces
     assert isinstance(forces, BalanceBoard)
     faces = 1.0 if context.settings.facing == "+x" else -1.0
     board = place_board(forces, log, source, thinned, frame, faces=faces)

@@ -41,9 +41,10 @@ def report_data(context: Context) -> ReportData:
 
 def _trial_settings(trial: TrialKeys) -> dict[str, str]:
     """Return the trial's keys as texts, files without folders."""
-    forces = trial.recording.forces
+    forces = None if trial.recording is None else trial.recording.forces
     forces = forces.balance_board if isinstance(forces, BalanceBoard) else forces
-    files = [path.name for path in (trial.recording.motion, forces) if path is not None]
+    motion = trial.imus.values() if trial.recording is None else (trial.recording.motion,)
+    files = [path.name for path in (*motion, forces) if path is not None]
     subject = trial.subject.model_dump(exclude_none=True)
     plates = trial.plates.model_dump(exclude_defaults=True)
     shown = {

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
+from mocap_id.stages.sensors_alone import without_markers
 
 _Markers: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 
@@ -55,6 +56,10 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.segment.space import segment_bodies  # noqa: PLC0415
 
         return segment_bodies(context)
+    if without_markers(context.long("planar.parquet").facts):
+        from mocap_id.stages.segment.sensors_alone import calibrated_segments  # noqa: PLC0415
+
+        return calibrated_segments(context)
     from mocap_id.stages.segment.function import segment  # noqa: PLC0415  loads its libraries only when run
 
     return segment(context)
@@ -62,7 +67,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=12,
+    version=13,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("space", "protocol", "calibration"),

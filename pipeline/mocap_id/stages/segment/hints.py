@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mocap_id.errors import ConfigError
@@ -25,9 +27,11 @@ def search_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
     )
 
 
-def marker_constraints(labels: tuple[str, ...], settings: SegmentSettings) -> Constraints:
-    """Return the hints `together` and `apart` as columns of markers."""
-    together = [marker_columns(labels, group, "segment: together") for group in settings.together]
+def marker_constraints(
+    labels: tuple[str, ...], settings: SegmentSettings, known: Sequence[list[int]] = ()
+) -> Constraints:
+    """Return the hints `together` and `apart` as columns of markers; ``known`` are more columns together."""
+    together = [*(marker_columns(labels, group, "segment: together") for group in settings.together), *known]
     apart = [marker_columns(labels, group, "segment: apart") for group in settings.apart]
     found = Constraints.of(len(labels), together, apart)
     if found.contradictory.any():

@@ -11,6 +11,7 @@ import numpy as np
 from mocap_id.anatomy.landmark_names import SEGMENTS as LANDMARK_SEGMENTS
 from mocap_id.anatomy.landmark_names import find_landmarks
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.kinematics import Constraints
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id.stages.base import Context, Outputs
@@ -61,17 +62,24 @@ def segment_bodies(context: Context) -> Outputs:
     points[:, out] = np.nan
     hints = marker_constraints(labels, settings)
     rules = search_rules(settings, _LONGEST)
-    found = segment_in_space(points, rules, hints, settings.frames)
-    names = _names(context, labels, found)
+
+    def search(hints: Constraints) -> tuple[SpatialSegmentation, tuple[str, ...]]:
+        found = segment_in_space(points, rules, hints, settings.frames)
+        return found, _names(context, labels, found)
+
+    found, names = search(hints)
     before = _before_the_arm(names, found)
     if len(before):
         points[:, before] = np.nan
-        found = segment_in_space(points, rules, hints, settings.frames)
-        names = _names(context, labels, found)
+        found, names = search(hints)
+    if strayed := _strayed_wrist(context, points, labels, found, names):
+        found, names = search(marker_constraints(labels, settings, [strayed]))
     if settings.names:
         names = given_names(settings.names, found.count)
     joint_names = _joint_names(names)
     why = list(found.reasons)
+    for marker in strayed[1:]:
+        why[marker] = f"on the segment of {labels[strayed[0]]}, as its name says; {why[marker]}"
     for marker in before:
         why[marker] = "on a body before the thorax: not on the chain of the arm"
     for marker in out:
@@ -83,7 +91,44 @@ def segment_bodies(context: Context) -> Outputs:
         "reason": np.array(why, dtype=object),
     }
     facts = _facts(found, names, joint_names, labels)
-    return (Table(SEGMENTS, columns, facts, _unsure(found) + _branches(found, labels)),)
+    doubts = _unsure(found) or _without_forearm(names)
+    return (Table(SEGMENTS, columns, facts, doubts + _branches(found, labels)),)
+
+
+def _strayed_wrist(
+    context: Context, points: FloatArray, labels: Sequence[str], found: SpatialSegmentation, names: Sequence[str]
+) -> list[int]:
+    """Return landmarks of the wrist that were found on the hand, after a marker of the forearm; else no markers.
+
+    A wrist that hardly turns does not show on which side of it they are, but their names do.
+    """
+    if context.settings.names or not _splits_arm(names):
+        return []
+    tip = names.index("forearm")
+    named = find_landmarks(labels, given_landmarks(context.trial), context.trial.side).markers
+    wrist = [m for name, m in named.items() if _SHOWS.get(name) == "forearm" and found.segment[m] == tip]
+    before = np.flatnonzero(found.segment == tip - 1)
+    away = np.linalg.norm(points[:, before] - points[:, wrist].mean(axis=1, keepdims=True), axis=2)
+    return [int(before[np.argmax(np.nanmedian(away, axis=0))]), *wrist]
+
+
+def _splits_arm(names: Sequence[str]) -> bool:
+    """Return whether a segment is between upper arm and forearm."""
+    return {"upper_arm", "forearm"} <= set(names) and names.index("forearm") > names.index("upper_arm") + 1
+
+
+def _without_forearm(names: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution if a segment without landmarks is between upper arm and forearm."""
+    if not _splits_arm(names):
+        return ()
+    return (
+        Reason(
+            "segments-unsure",
+            "the segments are doubtful: a segment without landmarks is between those of the elbow and those of the "
+            "wrist. Check the skeleton and the names of the landmarks; if the segments are wrong, set `segment: "
+            "{count: …}`, or name markers that are `together` or `apart`, or markers to `ignore`.",
+        ),
+    )
 
 
 def _names(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:

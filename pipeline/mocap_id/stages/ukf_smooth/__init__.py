@@ -8,6 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
+from mocap_id.stages.sensors_alone import without_markers
 
 
 class UkfSmoothSettings(Settings):
@@ -62,6 +63,10 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.ukf_smooth.space import smooth_rotations  # noqa: PLC0415
 
         return smooth_rotations(context)
+    if without_markers(context.long("planar.parquet").facts):
+        from mocap_id.stages.ukf_smooth.sensors_alone import states_of_sensors  # noqa: PLC0415
+
+        return states_of_sensors(context)
     from mocap_id.stages.ukf_smooth.function import ukf_smooth  # noqa: PLC0415  loads its libraries only when run
 
     return ukf_smooth(context)
@@ -69,13 +74,13 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=12,
+    version=14,
     inputs=("planar.parquet", "segments.parquet", "chain.h5"),
     outputs=(
         *("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
         "angles.parquet",
     ),
-    uses=("space", "encoder", "imus"),
+    uses=("space", "encoder", "imus", "calibration"),
     settings=UkfSmoothSettings,
     function=_function,
     help=STAGE_HELP["ukf-smooth"],

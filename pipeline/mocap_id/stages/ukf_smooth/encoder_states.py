@@ -88,6 +88,11 @@ def by_encoder(states: States, encoder: Table) -> States:
 def _nothing(why: str, settings: UkfSmoothSettings) -> Table:
     if settings.method == "encoder":
         raise ConfigError(f"ukf-smooth: `method: encoder` needs an encoder: {why}; name its file under `encoder:`")
+    return no_encoder(why)
+
+
+def no_encoder(why: str) -> Table:
+    """Return encoder.parquet without rows."""
     return Table(ENCODER, {column.name: np.empty(0) for column in ENCODER.columns}, {"why": why})
 
 

@@ -19,7 +19,10 @@ from mocap_id.recording.imu_log import read_imu
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.verdict import Reason
 
-_SATURATED = 3e-3
+OBSERVABLE = 2e-3
+"""Standard deviation of a clock, s, up to which the motion shows it."""
+
+SATURATED = 3e-3
 """Share of saturated samples from which they are reported."""
 
 _DIFFERS, _LEAST_TURN = 0.15, 0.8
@@ -154,13 +157,22 @@ def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> l
         )
         reasons.append(Reason("imu-differs", message, off, limit))
     if found is not None and not found.clock.observable:
-        message = (
-            f"the motion of the {name} does not show the clock of its sensor to 2 ms (standard deviation "
-            f"{1e3 * found.clock.sd:.1f} ms)."
-        )
-        reasons.append(Reason("imu-clock", message, found.clock.sd, 2e-3, "ok"))
-    if result.saturated > _SATURATED:
-        share = f"{100 * result.saturated:.1f} %"
-        message = f"{share} of the samples of the sensor on the {name} are saturated and left out."
-        reasons.append(Reason("imu-saturated", message, result.saturated, _SATURATED))
+        reasons.append(clock_reason(name, found.clock.sd))
+    if result.saturated > SATURATED:
+        reasons.append(saturated_reason(name, result.saturated))
     return reasons
+
+
+def clock_reason(segment: str, sd: float) -> Reason:
+    """Return a note that the motion does not show the clock of a segment's sensor; ``sd`` in s."""
+    message = (
+        f"the motion of the {segment} does not show the clock of its sensor to 2 ms (standard deviation "
+        f"{1e3 * sd:.1f} ms)."
+    )
+    return Reason("imu-clock", message, sd, OBSERVABLE, "ok")
+
+
+def saturated_reason(segment: str, share: float) -> Reason:
+    """Return a caution that a share of the samples of a segment's sensor is saturated."""
+    message = f"{100 * share:.1f} % of the samples of the sensor on the {segment} are saturated and left out."
+    return Reason("imu-saturated", message, share, SATURATED)

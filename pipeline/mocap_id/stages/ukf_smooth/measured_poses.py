@@ -9,6 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
 from mocap_id.estimation.inverse_kinematics import MarkerChain
+from mocap_id.kinematics.bending_trunk import hip_shift
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
 from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
@@ -16,6 +17,8 @@ from mocap_id.store.views import Skeleton, Trajectories
 
 OTHERS = "others"
 """Name of the body with all markers that are on no segment, such as arms and head."""
+_BENT = "hip"  # joint below a trunk that may bend
+_BESIDE = 0.02  # m: markers of both sides are at nearly the same place in the plane
 _ONE_BODY = ("pelvis", "trunk")  # each has few markers, so their common pose is an alternative
 
 
@@ -49,6 +52,7 @@ def measured_poses(
     moves = np.flatnonzero(chain.segment > 0)
     local = as_complex(chain.local)
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
+    seen: list[ComplexArray] = []
     for name, numbers in _bodies(skeleton.segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
         points = (
@@ -59,10 +63,36 @@ def measured_poses(
         pose = measure_cluster(points, _in_body_frame(chain, local, numbers, angles)[own])
         if pose is not None:
             found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
+            seen.append(points[:, pose.markers])
     others = measure_cluster(as_complex(view.without_bursts(free))) if len(free) > 1 else None
     if others is not None:
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
-    return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": [_fact(*each) for each in found]})
+    facts = [_fact(*each) for each in found]
+    above, shift = _hip_shift(skeleton, [(each[1], each[3]) for each in found], seen)
+    for fact in facts:
+        if above in fact["segments"]:
+            fact["joint_shift_m"] = [shift.real, shift.imag]
+    return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
+
+
+def _hip_shift(
+    skeleton: Skeleton, bodies: Sequence[tuple[list[int], ClusterPose]], seen: Sequence[ComplexArray]
+) -> tuple[int, complex]:
+    """Return the segment above the hip, and the shift of the hip in the thigh's frame that its bending explains, m."""
+    hip = skeleton.joints.index(_BENT) if _BENT in skeleton.joints else len(skeleton.segments)
+    single = {numbers[0]: k for k, (numbers, _) in enumerate(bodies) if len(numbers) == 1}
+    if hip not in single or hip + 1 not in single:
+        return hip + 1, 0j
+    k = single[hip + 1]
+    trunk, points = bodies[k][1], seen[k]
+    far = np.abs(trunk.local)
+    near = points[:, far <= far.min() + _BESIDE]  # left and right
+    return hip + 1, hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
+
+
+def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:
+    """Return origin (F,), m, and angle (F,), rad, of a body's frame."""
+    return pose.position - np.exp(1j * pose.angle) * pose.local.mean(), pose.angle
 
 
 def _bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:

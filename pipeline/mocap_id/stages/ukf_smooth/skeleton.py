@@ -24,6 +24,8 @@ _LASTING_SD = 0.009
 """Standard deviation of the part of a joint's lasting error that changes with the posture, m."""
 _WRONG_LENGTH = 3.0
 """Deviation of a bone's length, in standard deviations, at which a sample has a quarter of its weight."""
+_SEEN_BIAS = float(np.radians(13.0))
+"""Root mean square of the mean errors of the elevation of five recorded arms, rad: Kinect v2 (Keraal, UI-PRMD)."""
 _LARGEST_SD = 0.6
 """Standard deviation of the axial rotation, rad, above which it has no value: a straight elbow does not show it."""
 
@@ -91,7 +93,10 @@ def _weights(
 
 
 def shown_by_skeleton(angles: JointAngles) -> JointAngles:
-    """Return the angles without an axial rotation where a nearly straight elbow does not show it."""
+    """Return the angles without an axial rotation where a nearly straight elbow does not show it.
+
+    The constant error of the elevation has the size that recorded cameras showed; a skeleton shows only a part of it.
+    """
     if angles.names != SHOULDER:
         return angles
     hidden = np.zeros(angles.angle.shape, dtype=np.bool_)
@@ -101,6 +106,12 @@ def shown_by_skeleton(angles: JointAngles) -> JointAngles:
         return np.where(hidden, np.nan, values)
 
     sd = Deviations(shown(angles.sd.angle), shown(angles.sd.rate), shown(angles.sd.acceleration))
+    constant = np.hypot(angles.constant_sd, [0.0, _SEEN_BIAS, 0.0])
     return replace(
-        angles, angle=shown(angles.angle), rate=shown(angles.rate), acceleration=shown(angles.acceleration), sd=sd
+        angles,
+        angle=shown(angles.angle),
+        rate=shown(angles.rate),
+        acceleration=shown(angles.acceleration),
+        sd=sd,
+        constant_sd=constant,
     )

@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id import runner
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.design.experiment import ExperimentDesign, design_experiment
 from mocap_id.design.movement_limits import MovementLimits, derive_limits, resting_posture
 from mocap_id.design.predicted_covariance import CovariancePredictor, IdentifiedBody
 from mocap_id.design.trajectory import recorded_trajectory
 from mocap_id.design.wave_movement import static_pressure
 from mocap_id.dynamics.base_parameters import base_names, base_units
+from mocap_id.dynamics.built_in_sensors import SensorNoise, foresee_sensor
+from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.errors import RecordingError
 from mocap_id.kinematics.predicted_skin import predict_skin
 from mocap_id.stages import STAGES, skin_artefact
@@ -49,6 +52,7 @@ class Advice:
     design: ExperimentDesign
     limits: MovementLimits
     weak: float  # relative standard deviation above which a parameter is weak
+    sensor_sd: FloatArray | None  # (b,) deviations of the same movement with a wrench sensor before the last segment
 
 
 def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:
@@ -109,7 +113,17 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
         design=chosen,
         limits=limits,
         weak=weak_share(context),
+        sensor_sd=_with_sensor(found, prepared, movement.free),
     )
+
+
+def _with_sensor(found: Identification, prepared: PreparedTrial, gate: BoolArray) -> FloatArray | None:
+    """Return the standard deviations with a usual sensor before the last segment; None if the trial has one already."""
+    segment = len(prepared.recorded.centres)
+    if any(each.segment == segment for each in prepared.recorded.built_in) or prepared.prior is not None:
+        return None
+    covariance = foresee_sensor(found, prepared, gate, segment, SensorNoise())
+    return None if covariance is None else np.asarray(np.sqrt(np.diag(covariance)))
 
 
 def joint_names(chain: Tree) -> tuple[str, ...]:

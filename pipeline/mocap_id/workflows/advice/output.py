@@ -87,9 +87,17 @@ def _table(advised: Advice) -> Iterator[str]:
     if found.designed is not None:
         columns.append(("designed", found.designed.predicted))
     width = max(map(len, advised.names))
-    yield "sd by size, %".ljust(width) + "".join(name.rjust(10) for name, _ in columns)
+    shown = [(name, each.sd) for name, each in columns]
+    if advised.sensor_sd is not None:
+        shown.append(("sensor", advised.sensor_sd))
+    yield "sd by size, %".ljust(width) + "".join(name.rjust(10) for name, _ in shown)
     for i, name in enumerate(advised.names):
-        yield name.ljust(width) + "".join(f"{100 * f.sd[i] / found.size[i]:10.2f}" for _, f in columns)
+        yield name.ljust(width) + "".join(f"{100 * sd[i] / found.size[i]:10.2f}" for _, sd in shown)
+    if advised.sensor_sd is not None:
+        yield (
+            f"sensor: the same movement with a wrench sensor in the {advised.joints[-1]}, at best: by the noise of the "
+            "sensor and of the accelerations alone"
+        )
     yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
 
 
@@ -117,8 +125,21 @@ def advice_output(advised: Advice) -> Result:
         "now": _predicted(advised, found.now),
         "simple": [_proposal(advised, each) for each in found.simple],
         "designed": None if found.designed is None else _proposal(advised, found.designed),
+        "sensor": _sensor(advised),
     }
     return Result("advice", "advice.json", content, other_files=lambda: _files(advised), indent=2)
+
+
+def _sensor(advised: Advice) -> dict[str, Any] | None:
+    """Return the parameters of the same movement with a wrench sensor before the last segment."""
+    if advised.sensor_sd is None:
+        return None
+    size = advised.design.size
+    rows = [
+        {"name": name, "sd": finite(sd), "relative_sd": finite(sd / one)}
+        for name, sd, one in zip(advised.names, advised.sensor_sd, size, strict=True)
+    ]
+    return {"joint": advised.joints[-1], "parameters": rows}
 
 
 def _proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:

@@ -58,6 +58,10 @@ class CurlResult(StudyOutcome):
         found = [entry[key] for entry in entries if entry is not None]
         return float(np.degrees(np.mean(found))) if found else math.nan
 
+    def in_step(self, angle: str) -> float:
+        """Return the range of an angle in step with the flexion, degrees; NaN if unknown."""
+        return math.degrees(_number(((self.curl.get("in_step") or {}).get(angle) or {}).get("range_rad")))
+
 
 @dataclass(frozen=True)
 class Measure:
@@ -96,6 +100,12 @@ MEASURES: Mapping[str, Measure] = {
         lambda trial: trial.mean_of_curls("torque", "person_peak_Nm"),
     ),
     **{angle: _compensation(angle) for angle in ANGLES},
+    "shoulder_axial_in_step": Measure(
+        "deg",
+        "range of shoulder axial in the first curl that goes in step with the flexion; an error of the elbow's axis "
+        "looks the same",
+        lambda trial: trial.in_step("shoulder_axial"),
+    ),
 }
 
 

@@ -12,6 +12,7 @@ from mocap_id.store.atomic import explained, replace_together
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.forces import forces
 from mocap_id.workflows.export.free_bodies import free_model, free_poses, free_states
+from mocap_id.workflows.export.kinetics_toolkit import kinetics_toolkit
 from mocap_id.workflows.export.markers import markers
 from mocap_id.workflows.export.motions import angles, states, torques
 from mocap_id.workflows.export.opensim import opensim
@@ -28,6 +29,7 @@ FORMATS: Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]] = {
     "sto": (states, torques, free_states),
     "csv": (spreadsheets,),
     "osim": (opensim, free_model),
+    "ktk": (kinetics_toolkit,),
 }
 """Functions that make the files of each format, for a trial in the plane."""
 
@@ -37,6 +39,7 @@ IN_SPACE: Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]] = {
     "sto": (spatial_motions.states,),
     "csv": (spatial_spreadsheets.spreadsheets,),
     "osim": (spatial_model.opensim,),
+    "ktk": (kinetics_toolkit,),
 }
 """Functions that make the files of each format, for a trial in space."""
 

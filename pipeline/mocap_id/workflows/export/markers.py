@@ -29,6 +29,15 @@ def depths(run: RunFolder) -> dict[str, float]:
     return {label: float(np.median(z)) if len(z) else 0.0 for label, z in zip(planar.labels, seen, strict=True)}
 
 
+def predicted_markers(run: RunFolder) -> LongTable | None:
+    """Return the markers predicted by the chain, in the plane at their median distance from it; None without them."""
+    predicted = run.long("markers.parquet")
+    if predicted is None or run.in_space:
+        return predicted
+    z = np.tile([depths(run)[label] for label in predicted.labels], (len(predicted.frames), 1))
+    return replace(predicted, values={**predicted.values, "z": z})
+
+
 def markers(run: RunFolder) -> ExportFiles:
     """Return TRC files in the plane frame, which has OpenSim's axes: x along the motion, y up, z out of the plane.
 
@@ -37,7 +46,7 @@ def markers(run: RunFolder) -> ExportFiles:
     ``<trial>.trc`` holds the measured markers, blank where a marker was not seen. ``<trial>_model.trc`` holds the
     markers as predicted by the chain at the smoothed angles, at their median distance from the plane.
     """
-    planar, predicted = run.long("planar.parquet"), run.long("markers.parquet")
+    planar, predicted = run.long("planar.parquet"), predicted_markers(run)
     if planar is None:
         return ExportFiles(notes=(f"trc: no markers: {run.why_missing('planar.parquet')}",))
     labels = marker_labels(run)
@@ -47,11 +56,7 @@ def markers(run: RunFolder) -> ExportFiles:
     if predicted is None:
         return parts + ExportFiles(notes=(f"trc: no modelled markers: {run.why_missing('markers.parquet')}",))
     file = f"{run.name}_model.trc"
-    if run.in_space:
-        return parts + ExportFiles({file: _text(run, predicted, file)})
-    z = np.tile([depths(run)[label] for label in predicted.labels], (len(predicted.frames), 1))
-    modelled = replace(predicted, values={**predicted.values, "z": z})
-    return parts + ExportFiles({file: _text(run, modelled, file)})
+    return parts + ExportFiles({file: _text(run, predicted, file)})
 
 
 def _text(run: RunFolder, table: LongTable, file: str) -> bytes:

@@ -6,7 +6,6 @@ Both provide an `Executor` of the standard library, so that the same scheduling 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import logging
 import multiprocessing
 import os
@@ -22,6 +21,7 @@ from typing import Any
 
 from mocap_id import __version__
 from mocap_id.errors import ConfigError, NumericalError
+from mocap_id.extras import optional
 
 _LOGGERS = ("mocap_id", "py.warnings")
 _THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP", "NUMBA")}
@@ -34,7 +34,6 @@ _MEMORY = {
 _LEAST_WAITING = 16  # trials submitted to a scheduler even while its workers are still starting
 _COUNTED_EVERY = 5.0  # s, interval for counting a scheduler's workers
 _PATIENCE = 20.0  # s, for a process to end after SIGTERM
-_EXTRA = "pip install 'mocap-id[cluster]'"
 
 
 @dataclass(frozen=True)
@@ -213,10 +212,7 @@ def _version() -> str:
 
 
 def _imported(module: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        raise ConfigError(f"{error.name} is not installed, but running on a cluster needs it: {_EXTRA}") from error
+    return optional(module, "cluster", "running on a cluster")
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.device import DeviceConfig
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.pneumatics.cylinder import Setting
@@ -29,6 +29,7 @@ _KEYS = {
     "viscous": "viscous_Nms",
 }
 _LEAST = 20  # samples
+_IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 
 
 def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[str, Any]:
@@ -40,9 +41,10 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
     source : Path
         A CSV file with ``angle_rad``, ``torque_Nm`` and optionally ``time_s`` or ``velocity_rad_s`` (for friction), and
         ``flexion_Pa``, ``extension_Pa`` (sealed pressures; by default those of `sealed:`). Or a run folder or YAML file
-        of a trial with joint torques, in which the person is relaxed.
+        of a trial with joint torques, in which the person is relaxed. In space it is a trial with `protocol: curl`;
+        its condition names the pressures.
     joint : int
-        For a trial: the joint, from 1.
+        For a trial in the plane: the joint, from 1.
 
     Raises
     ------
@@ -109,19 +111,38 @@ def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
 
 def _of_trial(config: DeviceConfig, source: Path, joint: int) -> tuple[TorqueLog, int]:
     run = open_run(source)
-    states, dynamics = (run.artefacts.get(file) for file in ("states.parquet", "dynamics.parquet"))
-    if not isinstance(states, Table) or not isinstance(dynamics, Table) or f"tau_{joint}" not in dynamics.columns:
-        raise ConfigError(f"{source}: has no torque of joint {joint}: {run.why_missing('dynamics.parquet')}")
-    torque, angle, velocity = (
-        _column(table, name)
-        for table, name in ((dynamics, f"tau_{joint}"), (states, f"theta_{joint}"), (states, f"dtheta_{joint}"))
+    names = _IN_SPACE if run.in_space else (f"theta_{joint}", f"dtheta_{joint}", f"tau_{joint}")
+    motion, dynamics = (
+        run.artefacts.get(file) for file in ("angles.parquet" if run.in_space else "states.parquet", "dynamics.parquet")
     )
+    if not isinstance(motion, Table) or not isinstance(dynamics, Table) or names[2] not in dynamics.columns:
+        what = "the elbow: give `protocol: curl`" if run.in_space else f"joint {joint}"
+        raise ConfigError(f"{source}: has no torque of {what}: {run.why_missing('dynamics.parquet')}")
+    angle, velocity, torque = _column(motion, names[0]), _column(motion, names[1]), _column(dynamics, names[2])
     good = np.isfinite(torque) & np.isfinite(angle) & np.isfinite(velocity)
     if good.sum() < _LEAST:
-        raise ConfigError(f"{source}: joint {joint} has {int(good.sum())} samples with a torque, expected {_LEAST}")
+        where = "the elbow" if run.in_space else f"joint {joint}"
+        raise ConfigError(f"{source}: {where} has {int(good.sum())} samples with a torque, expected {_LEAST}")
+    state = config.keys.sealed
+    lasting = None
+    if run.in_space:
+        name = (run.facts("events.parquet").get("curl") or {}).get("condition")
+        state = config.keys.conditions.get(str(name), state)
+        if not state.worn:
+            raise ConfigError(f"{source}: the device is not worn in condition `{name}`: choose a trial with the device")
+        lasting = _lasting_errors(config, state.setting(), angle[good], motion, dynamics, good)
     which = np.zeros(int(good.sum()), dtype=np.int64)
-    log = TorqueLog(angle[good], torque[good], velocity[good], (config.keys.sealed.setting(),), which)
-    return log, int((~good).sum())
+    return TorqueLog(angle[good], torque[good], velocity[good], (state.setting(),), which, lasting), int((~good).sum())
+
+
+def _lasting_errors(  # noqa: PLR0917
+    config: DeviceConfig, setting: Setting, angle: FloatArray, angles: Table, dynamics: Table, good: BoolArray
+) -> FloatArray:
+    """Return the errors (N, 2) of an elbow's torque that last: by the forearm's direction, and by the flexion."""
+    by_direction = _column(dynamics, "sd_elbow_torque")[good]
+    slope = -np.nan_to_num(config.keys.cylinder().stiffness(angle, setting))
+    by_flexion = slope * _column(angles, "constant_sd_elbow_flexion")[good]
+    return np.nan_to_num(np.stack([by_direction, by_flexion], axis=1))
 
 
 def _column(table: Table, name: str) -> FloatArray:

@@ -22,6 +22,7 @@ from mocap_id.prescription.one_spring import REST, Prescription, SpringRequireme
 from mocap_id.prescription.postures import SpringPlace, sample_postures
 from mocap_id.prescription.several_springs import prescribe_several
 from mocap_id.workflows.prescribe.assisted_body import AssistedBody, read_body
+from mocap_id.workflows.prescribe.controlled_chain import control_chain
 from mocap_id.workflows.prescribe.controlled_tasks import control_tasks
 from mocap_id.workflows.prescribe.device_springs import device_of_joint, devices_of_chain, read_devices
 from mocap_id.workflows.prescribe.result import PrescriptionResult, Timed
@@ -118,17 +119,17 @@ def _with_devices(result: PrescriptionResult) -> PrescriptionResult:
         return result
     if result.postures is not None and result.several is not None:
         strength = result.body.strength
-        return replace(
-            result, devices=devices_of_chain(result.postures, result.places, strength, result.several, devices)
-        )
+        held = devices_of_chain(result.postures, result.places, strength, result.several, devices)
+        controlled = None if wishes.controller is None else control_chain(result, devices, wishes.controller)
+        return replace(result, devices=held, controlled=controlled)
     joint, one, device = result.joint, result.one, devices[0]
     assert joint is not None and one is not None and device is not None
     required = np.radians(wishes.required_deg).tolist()
     result = replace(result, devices=device_of_joint(joint, one, device, required))
     if wishes.controller is None:
         return result
-    controlled = control_tasks(joint, _inertia(result.body), device, wishes.tasks, wishes.controller)
-    return replace(result, controlled=controlled)
+    tasks = control_tasks(joint, _inertia(result.body), device, wishes.tasks, wishes.controller)
+    return replace(result, controlled=tasks)
 
 
 def _timed(joint: OneJoint, body: AssistedBody, spring: Prescription, wish: LevelSet) -> Timed:

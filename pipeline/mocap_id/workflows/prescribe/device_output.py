@@ -11,6 +11,8 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.pneumatics.switching import STEP
 from mocap_id.pneumatics.unsafe_states import TransitionMap
 from mocap_id.workflows.pneumatic.pressures import nearest_spring
+from mocap_id.workflows.prescribe.chain_output import chain_lines
+from mocap_id.workflows.prescribe.controlled_chain import ControlledChain
 from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
 from mocap_id.workflows.prescribe.device_springs import DeviceSprings
 from mocap_id.workflows.prescribe.result import PrescriptionResult
@@ -136,7 +138,9 @@ def device_lines(found: PrescriptionResult) -> Iterator[str]:
         name = each.device.keys.device
         yield f"device {name} on {joints}: flexion {pressures[0]}, extension {pressures[1]} (absolute)"
     yield from _lost(found, devices)
-    if found.controlled is not None:
+    if isinstance(found.controlled, ControlledChain):
+        yield from chain_lines(found.controlled)
+    elif found.controlled is not None:
         yield from _controller(found.controlled)
 
 

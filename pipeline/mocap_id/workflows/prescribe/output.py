@@ -12,7 +12,7 @@ from mocap_id import __version__
 from mocap_id.prescription.several_springs import holdable_postures
 from mocap_id.prescription.sub_workspaces import Graph
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.pneumatic_figures import draw_switching
+from mocap_id.reporting.pneumatic_figures import draw_chain_tour, draw_switching
 from mocap_id.reporting.prescription_figures import (
     draw_holdable_postures,
     draw_level_sets,
@@ -21,6 +21,8 @@ from mocap_id.reporting.prescription_figures import (
 )
 from mocap_id.reporting.results.columns import finite
 from mocap_id.reporting.results.result import Result, text_file
+from mocap_id.workflows.prescribe.chain_output import chain_document, unsafe_postures
+from mocap_id.workflows.prescribe.controlled_chain import ControlledChain
 from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
 from mocap_id.workflows.prescribe.device_output import controller_document, devices_document, unsafe_states
 from mocap_id.workflows.prescribe.result import PrescriptionResult, Timed
@@ -64,7 +66,11 @@ def prescription_output(found: PrescriptionResult) -> Result:
     if found.devices is not None:
         content["devices"] = devices_document(found)
     if found.controlled is not None:
-        content["controller"] = controller_document(found.controlled)
+        content["controller"] = (
+            chain_document(found.controlled)
+            if isinstance(found.controlled, ControlledChain)
+            else controller_document(found.controlled)
+        )
     return Result("prescription", "prescription.json", content, other_files=lambda: _files(found), end="")
 
 
@@ -90,7 +96,9 @@ def _files(found: PrescriptionResult) -> dict[str, bytes]:
             lambda: draw_spring_map(springs.stiffness, springs.rest, springs.width, springs.horizon),
         )
         files["search.csv"] = text_file(_springs(springs))
-    if found.controlled is not None:
+    if isinstance(found.controlled, ControlledChain):
+        files |= _chain_files(found.controlled, name)
+    elif found.controlled is not None:
         files |= _controller_files(found.controlled, name)
     return files
 
@@ -103,6 +111,14 @@ def _controller_files(found: ControlledTasks, name: str) -> dict[str, bytes]:
 
     files = render("controller", f"controller over sub-workspaces: {name}", draw)
     return files | {"unsafe_states.csv": text_file(unsafe_states(found))}
+
+
+def _chain_files(found: ControlledChain, name: str) -> dict[str, bytes]:
+    def draw() -> Figure:
+        return draw_chain_tour(found.tour, [node.name for node in found.nodes])
+
+    files = render("controller", f"controller over sub-workspaces: {name}", draw)
+    return files | {"unsafe_postures.csv": text_file(unsafe_postures(found))}
 
 
 def _held(found: PrescriptionResult) -> Figure:

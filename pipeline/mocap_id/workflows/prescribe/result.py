@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config.prescription import PrescriptionConfig
@@ -17,6 +18,9 @@ from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
 from mocap_id.workflows.prescribe.device_springs import DeviceSprings
 from mocap_id.workflows.prescribe.spring_map import SpringMap
 from mocap_id.workflows.workspace import Reach
+
+if TYPE_CHECKING:
+    from mocap_id.workflows.prescribe.controlled_chain import ControlledChain
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class PrescriptionResult:
     graph: Graph | None = None
     graph_postures: FloatArray | None = None  # (N, n) the postures of the graph, rad
     devices: DeviceSprings | None = None
-    controlled: ControlledTasks | None = None  # for one joint
+    controlled: ControlledTasks | ControlledChain | None = None
 
     @property
     def refused(self) -> str | None:

@@ -70,7 +70,7 @@ def _angle_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, ang
 def _tip_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, free: BoolArray) -> SubWorkspace:
     body, members = found.body, tuple(task.name for task in tasks)
     assert body.weights is not None and found.postures is not None
-    points = np.concatenate([_points(task) for task in tasks])
+    points = np.concatenate([task_points(task) for task in tasks])
     wishes = found.config.wishes
     sampled = sample_postures(body.arm, body.weights, body.limits, found.places, points, wishes.postures, wishes.seed)
     try:
@@ -81,7 +81,7 @@ def _tip_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, free:
     return SubWorkspace(name, members, springs.stiffness, springs.rest, held)
 
 
-def _points(task: Task) -> FloatArray:
+def task_points(task: Task) -> FloatArray:
     """Return the points (P, 2) of a task: its point, or a grid over its box."""
     if task.point_m is not None:
         return np.array([task.point_m])

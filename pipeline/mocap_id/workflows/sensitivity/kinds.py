@@ -34,6 +34,7 @@ class Kind:
     worse: Worse = "more"  # direction in which the levels get worse
     random: bool = False  # the perturbation is drawn at random, from the seed
     needs_plate: bool = False  # the perturbation changes the measured wrench
+    needs_imus: bool = False  # the perturbation changes the logs of inertial sensors
 
     @property
     def counted(self) -> bool:
@@ -151,6 +152,36 @@ KINDS: Mapping[str, Kind] = {
         Kind("drop-outs", "drop-outs", "fit-joints", "of samples", (0.05, 0.2, 0.5), *_SHARE, random=True),
         Kind("soft-tissue", "soft tissue", "fit-joints", "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
         Kind("frame-rate", "frame rate", "fit-joints", "", (2, 4, 8), *_DIVISOR),
+        Kind(
+            "imu-clock",
+            "wander of the inertial sensors' clocks",
+            "ukf-smooth",
+            "s",
+            (0.002, 0.01, 0.05),
+            *_SIZE,
+            random=True,
+            needs_imus=True,
+        ),
+        Kind(
+            "imu-bias",
+            "drift of the gyroscopes' biases",
+            "ukf-smooth",
+            "rad/s",
+            (0.003, 0.01, 0.03),
+            *_SIZE,
+            random=True,
+            needs_imus=True,
+        ),
+        Kind(
+            "imu-mounting",
+            "turn of the inertial sensors on the skin",
+            "ukf-smooth",
+            "rad",
+            (0.03, 0.1, 0.3),
+            *_ANGLE,
+            random=True,
+            needs_imus=True,
+        ),
     )
 }
 """Every kind, in the order of the tables."""

@@ -1,10 +1,12 @@
-"""Runs of the stages that depend on a perturbation, in memory: no file is read or written."""
+"""Runs of the stages that depend on a perturbation, in memory; only logs of inertial sensors are temporary files."""
 
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from mocap_id.geometry.planar import rotate
 from mocap_id.stages.base import Context
 from mocap_id.store import Artefact, Table, Tree
 from mocap_id.workflows.sensitivity import marker_perturbations, signal_perturbations
+from mocap_id.workflows.sensitivity.inertial_perturbations import with_perturbed_logs
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.trial_inputs import FIRST, TrialInputs, repeated_stages
 
@@ -31,7 +34,7 @@ CHANGES: Mapping[str, Callable[[TrialInputs, Perturbation], TrialInputs]] = {
     "soft-tissue": marker_perturbations.soft_tissue,
     "frame-rate": marker_perturbations.frame_rate,
 }
-"""The function of each kind, which changes the inputs."""
+"""The function of each kind that changes the inputs; those of inertial sensors change their logs."""
 
 
 def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
@@ -42,7 +45,11 @@ def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
     Refused, RecordingError, NumericalError, ConfigError
         A stage cannot treat the perturbed trial.
     """
-    return run_from(perturbation.definition.entry, CHANGES[perturbation.kind](trial, perturbation))
+    entry = perturbation.definition.entry
+    if perturbation.definition.needs_imus:
+        with tempfile.TemporaryDirectory(prefix="mocap-id-") as folder:
+            return run_from(entry, with_perturbed_logs(trial, perturbation, Path(folder)))
+    return run_from(entry, CHANGES[perturbation.kind](trial, perturbation))
 
 
 def run_from(entry: str, trial: TrialInputs) -> TrialInputs:

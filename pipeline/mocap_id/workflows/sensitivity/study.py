@@ -114,6 +114,10 @@ def sensitivity(
 
 def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
     """Return the selections that are possible on a trial, and a note on what is left out."""
+    if not trial.has_imus:
+        selections = tuple(one for one in selections if not KINDS[one.kind].needs_imus)
+        if not selections:
+            raise ConfigError(f"trial {trial.source.name} has no inertial sensors: none of their errors can be tried")
     if trial.has_plate:
         facts = trial.tree("dynamics.h5").facts
         note = (

@@ -71,6 +71,11 @@ class TrialInputs:
         return joint_columns(self.table("states.parquet"), name, len(self.joints))
 
     @property
+    def has_imus(self) -> bool:
+        """Whether the trial has inertial sensors."""
+        return bool(self.source.keys.imus)
+
+    @property
     def has_plate(self) -> bool:
         """Whether any sample of the wrench is known."""
         return bool(np.isfinite(self.table("wrench.parquet")["Fy"]).any())
@@ -124,11 +129,13 @@ def _of_folder(path: Path) -> TrialSource:
         parameters |= origin.parameters
     if getattr(settings["ukf-smooth"], "method", None) == "encoder":
         raise ConfigError(f"{path}: its states come from an encoder's file: give the trial's YAML file instead")
+    if parameters.get("imus"):
+        raise ConfigError(f"{path}: its inertial sensors have files of their own: give the trial's YAML file instead")
     known = {
         "trial": parameters["trial"],
         "protocol": parameters["protocol"],
     }  # no stage that is run again reads the recording
-    keys = TrialKeys.model_construct(**known, subject=Subject.model_validate(parameters["subject"]))
+    keys = TrialKeys.model_construct(**known, recording=None, subject=Subject.model_validate(parameters["subject"]))
     return TrialSource(str(parameters["trial"]), path, keys, settings)
 
 

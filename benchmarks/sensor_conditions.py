@@ -1,0 +1,199 @@
+"""The same simulated people with a full laboratory, with cameras and a balance board, and with inertial sensors alone.
+
+Each person first does a calibration trial with markers and inertial sensors. The second trial, with another strategy,
+has the same true motion in all three conditions.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import harness
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.runner import run
+from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.subject import draw_subject
+from mocap_id.store import Folder
+
+STRATEGIES = ("normal", "dynamic", "stable")
+_ENDS = 20  # frames at either end without figures
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one condition shows of one trial: cautions, errors, and shares inside 95 % intervals."""
+
+    codes: tuple[str, ...]
+    errors: Mapping[str, float]
+    inside: Mapping[str, float]
+
+
+def options_of(seed: int) -> tuple[Options, Options]:
+    """Return the calibration trial and the second trial of a person, both with inertial sensors."""
+    person = draw_subject(seed, 1)
+    first = Options(seed=2 * seed, repetitions=3, analog_rate=100, imus=True, subject=person)
+    second = replace(first, seed=2 * seed + 1, strategy=STRATEGIES[(1 + seed // 3) % 3])
+    return replace(first, strategy=STRATEGIES[seed % 3]), second
+
+
+def without_recording(configuration: Path, calibration: Path) -> Path:
+    """Return the configuration of a trial with its inertial sensors alone."""
+    lines = configuration.read_text("utf-8").splitlines()
+    kept = [line for line in lines if not line.startswith("recording:")]
+    alone = configuration.with_name("alone.yaml")
+    alone.write_text("\n".join([*kept, f"calibration: {calibration}", "out: runs/alone", ""]), "utf-8")
+    return alone
+
+
+def run_alone(place: Path, seed: int) -> Result:
+    """Simulate both trials of a person, and run the second one with its inertial sensors alone."""
+    first, second = options_of(seed)
+    calibration = simulate("sit-to-stand", place / "calibration", first)
+    configuration = simulate("sit-to-stand", place / "trial", second)
+    alone = without_recording(configuration, calibration)
+    out = run(load(alone)).folder
+    summary = _summary(out)
+    shown = Folder(load(calibration).out).read("states.parquet")
+    constant = np.nanmean(_away(calibration, shown, shown["time"])[..., 0], axis=0)
+    states = Folder(out).read("states.parquet")
+    clock = harness.read_truth(alone)["imu"]
+    time = clock["shank"]["offset_s"] + states["time"] * (1 + 1e-6 * clock["shank"]["ppm"])
+    away, sd = _away(alone, states, time), harness.state_arrays(states, "sd_")
+    away[..., 0] -= constant
+    errors, inside = _of_states(away, sd)
+    between = {name: each["offset_s"] - clock["shank"]["offset_s"] for name, each in clock.items()}
+    off = {name: each["clock_offset_s"] - between[name] for name, each in _sensors(summary)}
+    errors["largest error of an angle, degrees"] = float(np.degrees(np.abs(away[_ENDS:-_ENDS, :, 0]).max()))
+    errors["clock between sensors, ms"] = 1e3 * max(abs(each) for each in off.values())
+    errors["repetitions"] = float(_counted(summary) == 3)
+    inside["clock"] = float(np.mean([abs(off[n]) < harness.QUANTILE * each["sd_s"] for n, each in _sensors(summary)]))
+    inside["heading"] = _heading_inside(summary)
+    return Result(_codes(summary), errors, inside)
+
+
+def _sensors(summary: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    return [(name, each) for name, each in summary["imus"].items() if name != "shank"]
+
+
+def _heading_inside(summary: Mapping[str, Any]) -> float:
+    """Return the share of the sensors whose turn about the vertical, in truth zero, is inside its interval."""
+    every = [abs(each["heading_deg"]) < harness.QUANTILE * each["heading_sd_deg"] for each in summary["imus"].values()]
+    return float(np.mean(every))
+
+
+def run_cameras(place: Path, seed: int, *, board: bool) -> Result:
+    """Simulate the second trial of a person with markers and a plate or a balance board, and run it."""
+    options = replace(options_of(seed)[1], imus=False, board=board)
+    configuration = simulate("sit-to-stand", place / ("board" if board else "plate"), options)
+    out = run(load(configuration)).folder
+    summary = _summary(out)
+    states = Folder(out).read("states.parquet")
+    away, sd = _away(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
+    away[..., 0] -= np.nanmean(away[..., 0], axis=0)
+    errors, inside = _of_states(away, sd)
+    errors["repetitions"] = float(_counted(summary) == 3)
+    if summary["dynamics"]["base"] and summary["dynamics"]["base"][0]["value"] is not None:
+        more, intervals = _of_dynamics(configuration, Folder(out).read("dynamics.parquet"), summary)
+        errors, inside = errors | more, inside | intervals
+    return Result(_codes(summary), errors, inside)
+
+
+def _summary(out: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((out / "summary.json").read_text("utf-8"))
+    return found
+
+
+def _codes(summary: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+
+
+def _counted(summary: Mapping[str, Any]) -> int:
+    return sum(each["stand_s"] is not None for each in summary["repetitions"])
+
+
+def true_at(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return arrays of ``truth.npz`` at any times, s."""
+    with np.load(configuration.with_name("truth.npz")) as arrays:
+        return {name: np.asarray(CubicSpline(arrays["t"], arrays[name])(time)) for name in names}
+
+
+def _away(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
+    """Return the errors (F, n, 3) of the states."""
+    true = true_at(configuration, time, ["q", "qd", "qdd"])
+    return harness.state_arrays(states) - np.stack(list(true.values()), axis=2)
+
+
+def _of_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
+    away, sd = away[_ENDS:-_ENDS], sd[_ENDS:-_ENDS]
+    size = harness.rms(away.reshape(-1, 3))
+    errors = {
+        "joint angles, degrees": float(np.degrees(size[0])),
+        "joint velocities, rad/s": float(size[1]),
+        "joint accelerations, rad/s²": float(size[2]),
+    }
+    within = np.mean(np.abs(away) < harness.QUANTILE * sd, axis=(0, 1))
+    return errors, {name: float(each) for name, each in zip(("angle", "velocity", "acceleration"), within, strict=True)}
+
+
+def _of_dynamics(
+    configuration: Path, dynamics: Any, summary: Mapping[str, Any]
+) -> tuple[dict[str, float], dict[str, float]]:
+    fit = dynamics["in_fit"]
+    true = true_at(configuration, dynamics["time"], ["wrench", "cop_x", "tau"])
+    right = harness.read_truth(configuration)["base_parameters"]["values"]
+    base = summary["dynamics"]["base"]
+    value = np.array([each["value"] for each in base])
+    first = [abs(np.hypot(*value[[k, k + 1]]) / np.hypot(*np.array(right)[[k, k + 1]]) - 1) for k in (2, 5, 8)]
+    torque = np.stack([dynamics[f"tau_{j}"] for j in (1, 2, 3)], axis=1) - true["tau"]
+    sd = np.stack([dynamics[f"sd_tau_{j}"] for j in (1, 2, 3)], axis=1)
+    cop = dynamics["cop_x_model"] - true["cop_x"]
+    errors = {
+        "centre of pressure, mm": 1e3 * float(harness.rms(cop[fit])),
+        "vertical force, N": float(harness.rms((dynamics["Fy_model"] - true["wrench"][:, 1])[fit])),
+        "horizontal force, N": float(harness.rms((dynamics["Fx_model"] - true["wrench"][:, 0])[fit])),
+        "torque of ankle, N·m": float(harness.rms(torque[fit, 0])),
+        "torques of knee and hip, N·m": float(harness.rms(torque[fit, 1:].ravel())),
+        "mass, %": 100 * abs(value[0] / right[0] - 1),
+        "first moments, %": 100 * float(np.mean(first)),
+        "moments of inertia, %": 100 * float(np.mean([abs(value[k] / right[k] - 1) for k in (4, 7, 10)])),
+    }
+    inside = {
+        "centre of pressure": np.nanmean(np.abs(cop[fit]) < harness.QUANTILE * dynamics["sd_cop_x_model"][fit]),
+        "torques": np.nanmean(np.abs(torque[fit]) < harness.QUANTILE * sd[fit]),
+    }
+    return errors, {name: float(each) for name, each in inside.items()}
+
+
+def conditions_table(rows: Sequence[Mapping[str, Result]]) -> str:
+    """Return the table of the conditions: median error, with the share of the samples inside 95 % intervals.
+
+    Parameters
+    ----------
+    rows : sequence of mapping of str to Result
+        For each person the results by condition, the most complete condition first.
+    """
+    names = list(rows[0])
+    quantities = dict.fromkeys(quantity for row in rows for quantity in row[names[0]].errors)
+    lines = []
+    for quantity in quantities:
+        cells = []
+        for name in names:
+            values = [row[name].errors[quantity] for row in rows if quantity in row[name].errors]
+            if quantity == "repetitions":
+                cells.append(f"{100 * np.mean(values):.0f} % right")
+            else:
+                cells.append(f"{np.median(values):.2g}" if values else "not known")
+        lines.append([quantity, *cells])
+    for quantity in dict.fromkeys(quantity for row in rows for quantity in row[names[0]].inside):
+        every = [[row[name].inside.get(quantity, np.nan) for row in rows] for name in names]
+        cells = [f"{np.nanmean(each):.2f}" if np.isfinite(each).any() else "–" for each in every]
+        lines.append([f"inside 95 %: {quantity}", *cells])
+    return harness.markdown(["median error", *names], lines, numbers_from=1)

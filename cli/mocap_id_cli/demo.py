@@ -1,0 +1,33 @@
+"""``mocap-id demo``: a simulated trial, from recording to report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import mocap_id
+from mocap_id_cli.console import Quiet, Verbose, short
+from mocap_id_cli.run import run
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of the trial.")] = Path("mocap-id-demo"),
+    *,
+    open_report: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the report in the browser, if there is one.")
+    ] = True,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Simulate a sit-to-stand, run the whole pipeline on it and open its report.
+
+    No file is needed. FOLDER then has the recording, its exact truth, trial.yaml and the results, as for a trial of
+    your own. The same command again reuses them.
+    """
+    trial = folder / "trial.yaml"
+    if not trial.exists():
+        mocap_id.simulate("sit-to-stand", folder, seed=1, repetitions=3)
+    typer.echo(f"trial: {short(trial.absolute())}")
+    run(trial, open_report=open_report, quiet=quiet, verbose=verbose)

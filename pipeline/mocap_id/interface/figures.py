@@ -1,0 +1,102 @@
+"""Figures of a page from Python: interactive, or drawn by matplotlib."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mocap_id.config.parsing import nearest
+from mocap_id.errors import StoreError
+from mocap_id.reporting.figure import Drawing, Drawings
+from mocap_id.workflows.figures import page_drawings
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+
+class Figure:
+    """A figure of a report. As the last line of a notebook's cell it is shown as on the page, and can be zoomed.
+
+    Parameters
+    ----------
+    of : str
+        Name of the trial or study.
+    drawing : Drawing
+        The figure as data.
+    """
+
+    def __init__(self, of: str, drawing: Drawing) -> None:
+        self._of = of
+        self._drawing = drawing
+
+    def __repr__(self) -> str:
+        return f"<Figure {self.name}: {self.title}, {self._of}>"
+
+    def _repr_html_(self) -> str:
+        """Return the interactive figure for a notebook."""
+        from mocap_id.reporting.notebook_view import figure_frame  # noqa: PLC0415  needs the page's templates
+
+        return figure_frame(self._of, self._drawing)
+
+    @property
+    def name(self) -> str:
+        """The name in ``run.figures``."""
+        return self._drawing.name
+
+    @property
+    def title(self) -> str:
+        """The title, without the name of the trial."""
+        return self._drawing.title
+
+    @property
+    def caption(self) -> str:
+        """What the figure shows, in sentences for a paper."""
+        return self._drawing.caption
+
+    def to_html(self) -> str:
+        """Return a whole page with the interactive figure and its scripts, about 1.2 MB; it needs no network."""
+        from mocap_id.reporting.notebook_view import figure_page  # noqa: PLC0415  needs the page's templates
+
+        return figure_page(self._of, self._drawing)
+
+    def to_matplotlib(self) -> matplotlib.figure.Figure:
+        """Return the figure of ``mocap-id figures`` as a new matplotlib figure, to be changed or saved."""
+        from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
+
+        assert not isinstance(self._drawing.figure, str)
+        with paper_figures.paper_style():
+            return paper_figures.to_matplotlib(self._drawing.figure)
+
+
+class PageFigures:
+    """The figures of a page by name.
+
+    Parameters
+    ----------
+    page : Path
+
+    Raises
+    ------
+    StoreError
+        There is no such page, or it holds no figures.
+    """
+
+    def __init__(self, page: Path) -> None:
+        if not page.is_file():
+            raise StoreError(f"{page}: there is no page with figures: run the trial or the study again")
+        self._drawings: Drawings = page_drawings(page)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the figures that exist, in the order of the page."""
+        return tuple(one.name for one in self._drawings.all if one.missing is None)
+
+    def find(self, name: str) -> Figure:
+        """Return a figure; StoreError where it is missing, which says why."""
+        known = {one.name: one for one in self._drawings.all}
+        if name not in known:
+            raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {nearest(name, tuple(known))}")
+        missing = known[name].missing
+        if missing is not None:
+            raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {missing}")
+        return Figure(self._drawings.of, known[name])

@@ -1,0 +1,193 @@
+"""A tour of a chain through the postures of tasks, with a controller that changes the pressures (thesis 9.6).
+
+The rule is that of one joint: the controller leaves a node where the depth of the posture is below a margin, for a node
+in which it is above margin plus hysteresis. Where its own node does not hold the posture, any node that does is taken.
+Each posture of the tour is treated as at rest: the torque of the
+acceleration and friction are left out.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.pneumatics.assisted_chain import AssistedChain
+
+STEP = 0.01
+"""Step of the tour, s."""
+_NEIGHBOURS = 12
+_BETWEEN = 33  # postures on the straight way from one stop to the next
+_CHANGE = 1e-3  # rad: cost of a change of node in the search for a way
+_SETTLING_STEPS = 40
+_SETTLED = 4.0  # time constants that a change is followed
+
+
+@dataclass(frozen=True)
+class ChainNode:
+    """A node of the controller: its name and its sealed pressures (D, 2), Pa."""
+
+    name: str
+    pressures: FloatArray
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Margin and hysteresis of the controller, rad, and the tour's largest speed of a joint, rad/s, and hold, s."""
+
+    margin: float
+    hysteresis: float
+    speed: float
+    hold: float
+
+
+@dataclass(frozen=True)
+class ChainTour:
+    """A simulated tour, T samples of n joints with D cylinders.
+
+    Parameters
+    ----------
+    time : (T,) array
+        s.
+    q : (T, n) array
+        rad.
+    node : (T,) int array
+    pressures : (T, D, 2) array
+        Sealed pressures, Pa.
+    excess : (T,) array
+        Torque beyond the person's limits that the posture needs, N·m.
+    switches : tuple of (sample, before, after)
+    visits : tuple of (stop, first sample, last sample)
+        The samples at which each stop is held.
+    no_way : tuple of (stop, stop)
+        Stops between which no way through held postures was found.
+    """
+
+    time: FloatArray
+    q: FloatArray
+    node: IntArray
+    pressures: FloatArray
+    excess: FloatArray
+    switches: tuple[tuple[int, int, int], ...]
+    visits: tuple[tuple[int, int, int], ...]
+    no_way: tuple[tuple[int, int], ...]
+
+
+def depths_of(chain: AssistedChain, nodes: Sequence[ChainNode], q: FloatArray) -> FloatArray:
+    """Return the depth (K, M) of postures (M, n) in every node, rad."""
+    return np.stack([chain.depth(q, node.pressures) for node in nodes])
+
+
+def simulate_tour(
+    chain: AssistedChain, nodes: Sequence[ChainNode], stops: FloatArray, postures: FloatArray, rules: Rules
+) -> ChainTour:
+    """Move from stop to stop (P, n) and back, through sampled postures (N, n) that a node holds."""
+    order = [*range(len(stops)), *range(len(stops) - 2, -1, -1)]
+    shares = np.linspace(0, 1, _BETWEEN)[1:-1, None]
+    straight = [one + shares * (other - one) for one, other in itertools.pairwise(stops)]
+    known = np.concatenate([stops, *straight, postures])
+    deep = rules.margin + rules.hysteresis
+    tries = [_ways(chain, nodes, known, len(stops), least) for least in (deep, 0.0)]
+    q, visits, no_way = [stops[order[0]][None]], [], []
+    hold, count = max(int(rules.hold / STEP), 1), 1
+    for a, b in [(order[0], order[0]), *itertools.pairwise(order)]:
+        way = next((way for try_ in tries if (way := _way(*try_, a, b)) is not None), None)
+        if way is None:
+            no_way.append((a, b))
+        points = known[[a, b] if way is None else np.array(way) % len(known)]
+        pieces = [_moved(one, other, rules.speed) for one, other in itertools.pairwise(points)]
+        q += [*pieces, np.repeat(stops[b][None], hold, axis=0)]
+        count += sum(map(len, pieces)) + hold
+        visits.append((b, count - hold, count - 1))
+    return _controlled(chain, nodes, np.concatenate(q), rules, tuple(visits), tuple(dict.fromkeys(no_way)))
+
+
+def _controlled(  # noqa: PLR0917
+    chain: AssistedChain,
+    nodes: Sequence[ChainNode],
+    q: FloatArray,
+    rules: Rules,
+    visits: tuple[tuple[int, int, int], ...],
+    no_way: tuple[tuple[int, int], ...],
+) -> ChainTour:
+    """Return the tour with the node and the pressures of every sample."""
+    depth = depths_of(chain, nodes, q)
+    here = int(depth[:, 0].argmax())
+    gas, node, switches = nodes[here].pressures, np.empty(len(q), dtype=np.int64), []
+    pressures = np.empty((len(q), *gas.shape))
+    for k in range(len(q)):
+        if depth[here, k] < rules.margin:
+            better = int(depth[:, k].argmax())
+            held = depth[here, k] > 0
+            if better != here and depth[better, k] > (rules.margin + rules.hysteresis if held else 0.0):
+                switches.append((k, here, better))
+                here = better
+        node[k], pressures[k] = here, gas
+        gas = chain.settled(gas, nodes[here].pressures, STEP)
+    excess = chain.excess(chain.needed(q, pressures))
+    time: FloatArray = STEP * np.arange(len(q), dtype=np.float64)
+    return ChainTour(time, q, node, pressures, excess, tuple(switches), visits, no_way)
+
+
+def unsafe_changes(
+    chain: AssistedChain, before: ChainNode, after: ChainNode, q: FloatArray, tolerance: float
+) -> tuple[BoolArray, FloatArray]:
+    """Return whether a change of node at rest in postures (M, n) is unsafe, and the largest missing torque (M,), N·m.
+
+    It is unsafe if the posture needs more than the person's limits plus a tolerance, N·m, while the pressures settle.
+    """
+    gas, worst = before.pressures, np.zeros(len(q))
+    for _ in range(_SETTLING_STEPS + 1):
+        worst = np.maximum(worst, chain.excess(chain.needed(q, gas[None])))
+        gas = chain.settled(gas, after.pressures, _SETTLED * chain.slowest / _SETTLING_STEPS)
+    return worst > tolerance, worst
+
+
+def _ways(
+    chain: AssistedChain, nodes: Sequence[ChainNode], known: FloatArray, stops: int, least: float
+) -> tuple[IntArray, IntArray]:
+    """Return the states at the stops, and the state before every state on the shortest way from each stop.
+
+    A state is a node and a known posture; away from the stops its depth is above ``least``, rad. If this is margin plus
+    hysteresis, the controller changes to this node as soon as it leaves another one. The state before is negative if
+    there is no way.
+    """
+    depth = depths_of(chain, nodes, known)
+    usable = depth > least
+    usable[:, :stops] = depth[:, :stops] > 0
+    found = cKDTree(known).query(known, k=min(_NEIGHBOURS + 1, len(known)))
+    distance, other = np.asarray(found[0]), np.asarray(found[1])
+    start, end, length = np.repeat(np.arange(len(known)), distance.shape[1]), other.reshape(-1), distance.reshape(-1)
+    between = depths_of(chain, nodes, 0.5 * (known[start] + known[end]))
+    edges = []
+    for k in range(len(nodes)):
+        free = (length > 0) & usable[k, start] & usable[k, end] & (between[k] > 0)
+        edges.append((k * len(known) + start[free], k * len(known) + end[free], length[free]))
+        for j in range(k):
+            both = np.flatnonzero(usable[k] & usable[j])
+            edges.append((k * len(known) + both, j * len(known) + both, np.full(len(both), _CHANGE)))
+    one, two, cost = (np.concatenate(part) for part in zip(*edges, strict=True))
+    graph = csr_array((cost, (one, two)), shape=(depth.size,) * 2)
+    states = depth[:, :stops].argmax(axis=0) * len(known) + np.arange(stops)
+    return states, np.asarray(dijkstra(graph, directed=False, indices=states, return_predecessors=True)[1])
+
+
+def _way(states: IntArray, before: IntArray, start: int, end: int) -> list[int] | None:
+    way = [int(states[end])]
+    while way[-1] != states[start]:
+        if before[start, way[-1]] < 0:
+            return None
+        way.append(int(before[start, way[-1]]))
+    return way[::-1]
+
+
+def _moved(start: FloatArray, end: FloatArray, speed: float) -> FloatArray:
+    """Return postures on the straight way between two, without the first, at most ``speed`` rad/s for every joint."""
+    count = max(int(np.ceil(np.abs(end - start).max() / (speed * STEP))), 1)
+    return np.asarray(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))

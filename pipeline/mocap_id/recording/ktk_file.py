@@ -1,0 +1,237 @@
+"""Reader of the files of Kinetics Toolkit, ``.ktk.zip``: TimeSeries of points and of force platforms."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, is_time_axis
+from mocap_id.errors import RecordingError
+from mocap_id.recording.axes import nearest_axis, to_z_up
+from mocap_id.recording.channel_units import ForceUnits
+from mocap_id.recording.lab_plates import is_force_on_plate
+from mocap_id.recording.labels import name_markers
+from mocap_id.recording.marker_positions import clean, resolve_length_unit, turn_z_up
+from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.time_stamps import EvenClock, fit_even_clock
+from mocap_id.recording.units import force_scale, length_scale, moment_scale
+
+MAGIC = b"PK\x03\x04"
+CLASS, SERIES = "class__", "ktk.TimeSeries"
+POINTS, PLATES = "Points", "ForcePlatforms"
+"""Names under which ``ktk.read_c3d`` returns its series."""
+
+_LARGEST, _BYTES_PER_BYTE = 38 << 20, 6
+"""Largest size of the text: bytes, and bytes for each byte of the file. Numbers need ten times this memory."""
+_FORCE = re.compile(r"(.+)_Force")
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError, OSError, RuntimeError)
+
+
+@dataclass(frozen=True)
+class Series:
+    """A TimeSeries: its times (T,), s, its arrays by name, and the unit of each; empty where it has none."""
+
+    name: str
+    time: FloatArray
+    data: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+
+    @property
+    def points(self) -> list[str]:
+        """Names of the series of points: (T, 4) with a last column of ones, or (T, 3)."""
+        found = {name: values for name, values in self.data.items() if values.ndim == 2}
+        return [
+            name
+            for name, values in found.items()
+            if values.shape[1] == 3
+            or (values.shape[1] == 4 and bool((np.nan_to_num(values[:, 3], nan=1.0) == 1).all()))
+        ]
+
+
+def read_ktk(
+    path: Path,
+    stream: BinaryIO,
+    units: str | None,
+    vertical: str | None,
+    force_units: ForceUnits,
+    *,
+    unit_required: bool,
+) -> Recording:
+    """Read markers and force platforms; parameters and errors as for :func:`mocap_id.recording.read`."""
+    oddities: list[str] = []
+    found = read_series(path, stream)
+    points = _points(path, found)
+    clock = _clock(path, points, oddities)
+    labels = points.points
+    declared = {points.units[name] for name in labels}
+    if len({length_scale(unit) for unit in declared}) > 1:
+        raise RecordingError(f"{path}: the points have different units: {', '.join(sorted(map(repr, declared)))}")
+    unit, metres = resolve_length_unit(path, min(declared), units, oddities, required=unit_required)
+    naming = name_markers(labels)
+    oddities += naming.oddities
+    positions = np.stack([points.data[labels[k]][:, :3] for k in naming.keep], axis=1) * metres
+    clean(path, positions, unit, oddities)
+    plates = [] if PLATES not in found else _plates(path, found[PLATES], force_units, oddities)
+    up = _vertical(plates, vertical, oddities)
+    turn_z_up(positions, up)
+    turned = tuple(_turned(plate, to_z_up(up), oddities) for plate in plates)
+    frames = np.arange(len(positions)) + max(round(clock.start * clock.rate), 0) + 1
+    return Recording(
+        files=(path,),
+        format="Kinetics Toolkit",
+        labels=naming.labels,
+        positions=positions,
+        frames=frames,
+        time=clock.start + np.arange(len(positions)) / clock.rate,
+        rate=float(f"{clock.rate:.9g}"),
+        units=unit,
+        vertical=up,
+        analog_rate=turned[0].rate if turned else None,
+        plates=turned,
+        oddities=tuple(oddities),
+    )
+
+
+def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
+    """Return every TimeSeries of a file by name; a single one is named ``Points``.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged, too large, or holds no TimeSeries.
+    """
+    try:
+        content = json.loads(_text(path, stream))
+        parts = {POINTS: content} if _is_series(content) else content
+        found = {str(name): _series(str(name), part) for name, part in parts.items() if _is_series(part)}
+    except (AttributeError, RecursionError, TypeError, ValueError) as error:
+        text = str(error).partition("\n")[0][:80]
+        raise RecordingError(f"{path}: not a valid file of Kinetics Toolkit ({text}); save it again") from None
+    except _UNREADABLE as error:
+        raise RecordingError(f"{path}: a damaged file of Kinetics Toolkit ({error}); save it again") from None
+    if not found:
+        raise RecordingError(f"{path}: the file holds no TimeSeries; save those of `ktk.read_c3d` with `ktk.save`")
+    return found
+
+
+def _text(path: Path, stream: BinaryIO) -> bytes:
+    stream.seek(0, os.SEEK_END)
+    most = _LARGEST + _BYTES_PER_BYTE * stream.tell()
+    with zipfile.ZipFile(stream) as archive:
+        size = archive.getinfo("data.json").file_size
+        if size > most:
+            raise RecordingError(
+                f"{path}: it unpacks to {size / 1e6:.0f} MB of text, expected at most {most / 1e6:.0f} MB; save only "
+                f"{POINTS} and {PLATES}, or use the C3D file"
+            )
+        with archive.open("data.json") as text:
+            return text.read(size)
+
+
+def _is_series(part: Any) -> bool:
+    return isinstance(part, Mapping) and part.get(CLASS) == SERIES
+
+
+def _series(name: str, part: Mapping[str, Any]) -> Series:
+    time = np.asarray(part["time"], np.float64)
+    data = {str(key): np.asarray(values, np.float64) for key, values in part["data"].items()}
+    info = part.get("info") or part.get("data_info") or {}  # before version 0.17, `data_info`
+    for key, values in data.items():
+        if len(values) != len(time):
+            raise ValueError(f"{key} has {len(values)} samples for {len(time)} times")
+    return Series(name, time, data, {key: str((info.get(key) or {}).get("Unit", "")) for key in data})
+
+
+def _points(path: Path, found: Mapping[str, Series]) -> Series:
+    with_points = [each for name, each in found.items() if each.points and name != PLATES]
+    chosen = [each for each in with_points if each.name == POINTS] or with_points
+    if len(chosen) != 1:
+        names = ", ".join(each.name for each in chosen)
+        raise RecordingError(
+            f"{path}: {f'several TimeSeries hold points, {names}' if chosen else 'no TimeSeries holds points'}; "
+            f"expected the markers in one of the name {POINTS!r}, as from `ktk.read_c3d`"
+        )
+    return chosen[0]
+
+
+def _clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
+    if not is_time_axis(series.time):
+        raise RecordingError(f"{path}: the times of {series.name} do not increase from sample to sample")
+    clock = fit_even_clock(path, series.time)
+    if clock.rounding_note:
+        oddities.append(f"{series.name}: {clock.rounding_note}")
+    return clock
+
+
+def _plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) -> list[Plate]:
+    """Return the platforms in the axes of the file, from the moment at their centre or at the centre of pressure."""
+    names = [match[1] for name in series.data if (match := _FORCE.fullmatch(name))]
+    clock = _clock(path, series, oddities) if names else None
+    plates = []
+    for index, name in enumerate(names, 1):
+        assert clock is not None
+        force = _vector(path, series, f"{name}_Force", force_scale, units.force)
+        corners = [f"{name}_Corner{k}" for k in (1, 2, 3, 4)]
+        known = all(corner in series.data for corner in corners)
+        corner = np.stack([_vector(path, series, one, length_scale)[0] for one in corners]) if known else None
+        if corner is not None and f"{name}_MomentAtCenter" in series.data:
+            point: FloatArray = corner.mean(axis=0)
+            moment = _vector(path, series, f"{name}_MomentAtCenter", moment_scale, units.moment)
+        elif {f"{name}_COP", f"{name}_MomentAtCOP"} <= set(series.data):
+            point = _vector(path, series, f"{name}_COP", length_scale)
+            point[(force == 0.0).all(axis=1)] = 0.0
+            moment = _vector(path, series, f"{name}_MomentAtCOP", moment_scale, units.moment)
+        else:
+            raise RecordingError(
+                f"{path}: {name} has a force without {name}_MomentAtCenter and corners, or {name}_COP and "
+                f"{name}_MomentAtCOP; save {PLATES} as `ktk.read_c3d` returns it"
+            )
+        about = np.cross(point, force) + moment
+        ok = np.asarray(np.isfinite(np.hstack([force, about])).all(axis=1))
+        plates.append(Plate(index, "Kinetics Toolkit", corner, force, about, ok, clock.rate, clock.start))
+    return plates
+
+
+def _vector(path: Path, series: Series, name: str, scale: Any, configured: str | None = None) -> FloatArray:
+    """Return a vector (T, 3) in SI units."""
+    values, unit = series.data[name], configured or series.units[name]
+    factor = scale(unit)
+    if values.ndim != 2 or values.shape[1] not in (3, 4) or factor is None:
+        what = f"the unit {unit!r}" if factor is None else f"the shape {values.shape}"
+        raise RecordingError(f"{path}: {name} has {what}; expected a vector of 4 columns in N, m or Nm")
+    return np.asarray(values[:, :3] * factor)
+
+
+def _vertical(plates: Sequence[Plate], override: str | None, oddities: list[str]) -> str:
+    """Return the upward axis: configured, or along the mean force, or Z as `ktk.read_c3d` usually returns it."""
+    total = sum((np.nan_to_num(plate.force).mean(axis=0) for plate in plates), np.zeros(3))
+    axis = nearest_axis(total, 0.9) if np.any(total) else None
+    found = None if axis is None else axis.lstrip("-")
+    if override is not None:
+        if found not in (None, override.lstrip("-")):
+            oddities.append(
+                f"the ground force acts along {found}, the configuration says {override} is up: {override} was used"
+            )
+        return override
+    if found is None:
+        oddities.append("the file does not say which axis is up: Z was assumed (if it is another, set `vertical:`)")
+    return found or "Z"
+
+
+def _turned(plate: Plate, turn: FloatArray, oddities: list[str]) -> Plate:
+    """Return a plate with Z up and the force of the ground on the body."""
+    corners = None if plate.corners is None else plate.corners @ turn.T
+    force, moment = plate.force @ turn.T, plate.moment @ turn.T
+    if is_force_on_plate(force[np.isfinite(force[:, 2]), 2]):
+        force, moment = -force, -moment
+        oddities.append(f"plate {plate.index} measures the force of the body on the plate: reversed")
+    return replace(plate, corners=corners, force=force, moment=moment)

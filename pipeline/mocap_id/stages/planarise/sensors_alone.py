@@ -1,0 +1,121 @@
+"""The stage planarise for a trial of inertial sensors alone: a recording in which no camera sees a marker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError, RecordingError, Refused
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.plates import PlateChoice
+from mocap_id.recording import Recording, ThinnedFrames
+from mocap_id.recording.imu_log import read_imu
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
+from mocap_id.stages.planarise.ground_wrench import ground_wrench
+from mocap_id.stages.planarise.plate_facts import wrench_facts
+from mocap_id.stages.sensors_alone import FORMAT, shown_by
+from mocap_id.stages.trial_keys import TrialKeys
+from mocap_id.store import LongTable, Table
+from mocap_id.store.schemas import PLANAR, WRENCH
+
+_RATES = (50.0, 250.0)  # Hz, of the frames
+_LEAST_S = 5.0
+
+
+def upright_sensors(context: Context) -> Outputs:
+    """Return planar.parquet and wrench.parquet without any marker seen, at the times of the first sensor.
+
+    The trajectories are those of the calibration's markers, all missing; there is no plate.
+
+    Raises
+    ------
+    ConfigError
+        The window is outside the recording.
+    RecordingError
+        A log cannot be read, or the sensors have too little time in common.
+    Refused
+        A moving segment has no sensor, here or in the calibration.
+    """
+    tree = read_calibration(shown_by(context.trial))
+    _check_complete(context.trial, tree.texts("segments/name"))
+    files = context.trial.imus
+    time = _common_times(files, context.trial.window)
+    labels = tree.texts("markers/name")
+    rate = 1.0 / float(time[1] - time[0])
+    missing = np.full((len(time), len(labels)), np.nan)
+    source = Recording(
+        files=tuple(files.values()),
+        format=FORMAT,
+        labels=tuple(labels),
+        positions=np.repeat(missing[..., None], 3, axis=2),
+        frames=np.arange(1, len(time) + 1),
+        time=time,
+        rate=rate,
+        units="m",
+        vertical="by gravity",
+        analog_rate=None,
+        plates=(),
+        oddities=(),
+    )
+    found = {
+        "swaps": [],
+        "bursts": {},
+        "plane": {"yaw_deg": None, "planarity": None, "lean_deg": None, "origin_m": None, "facing": None},
+        "window_s": [float(time[0]), float(time[-1])],
+        "window_proposed": False,
+        "rate_hz": rate,
+        "vertical": source.vertical,
+        "units": source.units,
+        "format": source.format,
+        "files": [file.name for file in source.files],
+        "missing_fraction": 1.0,
+    }
+    values = {"x": missing, "y": missing, "z": missing, "visible": np.isfinite(missing)}
+    planar = LongTable(PLANAR, source.frames, time, source.labels, values, found, ())
+    choice, threshold = PlateChoice((), (), ()), context.settings.cop_threshold_N
+    thinned = ThinnedFrames.of(source.positions, time, rate, ())
+    facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), threshold)
+    reasons = tuple(replace(each, level="ok") for each in reasons)  # nobody expects a plate here
+    facts["registration"] = {}
+    return planar, Table(WRENCH, ground_wrench(time, (), choice, PlaneFrame(0.0), threshold), facts, reasons)
+
+
+def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
+    """Raise Refused if a moving segment has no sensor, and ConfigError if a sensor is on no segment."""
+    calibration = shown_by(trial)
+    without = [name for name in segments[1:] if name not in trial.imus or name not in calibration.imus]
+    for name in trial.imus:
+        if name not in segments:
+            raise ConfigError(f"imus: there is no segment {name!r}; the segments are {', '.join(segments)}")
+    if without:
+        raise Refused(
+            "imus-alone-incomplete",
+            f"there is no inertial sensor on the {' and '.join(without)}, in this trial or in "
+            f"{calibration.trial.name}: without markers, every moving segment needs one ({', '.join(segments[1:])}).",
+        )
+
+
+def _common_times(files: Mapping[str, Path], window: tuple[float, float] | None) -> FloatArray:
+    """Return uniform times on the first sensor's clock that all sensors cover if their clocks agree."""
+    logs = {segment: read_imu(file) for segment, file in files.items()}
+    first, last = max(log.time[0] for log in logs.values()), min(log.time[-1] for log in logs.values())
+    steps = [float(np.median(np.diff(log.time))) for log in logs.values()]
+    rate = float(np.clip(round(1.0 / max(steps)), *_RATES))
+    if last - first < _LEAST_S:
+        raise RecordingError(
+            f"{', '.join(file.name for file in files.values())}: the sensors have {max(last - first, 0):.1f} s in "
+            f"common, expected at least {_LEAST_S:g} s; use logs of one recording"
+        )
+    start, stop = (first, last) if window is None else (max(first, window[0]), min(last, window[1]))
+    if stop - start < _LEAST_S:
+        raise ConfigError(
+            f"window: [{start:g}, {stop:g}] s has less than {_LEAST_S:g} s; the sensors run from {first:g} to "
+            f"{last:g} s"
+        )
+    return np.asarray(np.arange(np.ceil(start * rate), np.floor(stop * rate) + 1) / rate)

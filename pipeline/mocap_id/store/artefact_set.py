@@ -1,0 +1,37 @@
+"""Sets of artefacts in which some may be absent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from mocap_id import store
+
+if TYPE_CHECKING:
+    from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
+
+
+class ArtefactSet:
+    """Base of classes that hold ``artefacts`` by file name, where some artefacts may be absent."""
+
+    artefacts: Mapping[str, Artefact]
+
+    def table(self, file: str) -> Table | None:
+        """Return a Parquet artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, store.Table) else None
+
+    def long(self, file: str) -> LongTable | None:
+        """Return a Parquet artefact with a row for every frame and marker, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, store.LongTable) else None
+
+    def tree(self, file: str) -> Tree | None:
+        """Return an HDF5 artefact, None where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact if isinstance(artefact, store.Tree) else None
+
+    def facts(self, file: str) -> Facts:
+        """Return the facts of an artefact, empty where it is absent."""
+        artefact = self.artefacts.get(file)
+        return artefact.facts if artefact is not None else {}

@@ -1,0 +1,52 @@
+"""Descriptions of the artefacts: their columns and nodes, and the schemas made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Column:
+    """Name, numpy type and unit of one column (``"1"``: dimensionless, ``""``: not a quantity)."""
+
+    name: str
+    dtype: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class TableSchema:
+    """The columns of a Parquet artefact.
+
+    ``repeated`` columns have ``{k}`` in their name and occur once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
+    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all; with ``{k}``, once for every k,
+    and with ``{name}``, once for every segment or angle that the group's first column names.
+    A ``long`` table has a row for every frame and marker, and is a ``LongTable`` in memory.
+    """
+
+    file: str
+    version: int
+    columns: tuple[Column, ...]
+    repeated: tuple[Column, ...] = ()
+    optional: tuple[tuple[Column, ...], ...] = ()
+    long: bool = False
+
+
+@dataclass(frozen=True)
+class TreeSchema:
+    """The nodes of an HDF5 artefact, each described like a column; its name is the path in the file.
+
+    A group of ``optional`` nodes is present completely or not at all.
+    """
+
+    file: str
+    version: int
+    nodes: tuple[Column, ...]
+    optional: tuple[tuple[Column, ...], ...] = ()
+
+    def nodes_of(self, names: Collection[str]) -> tuple[Column, ...]:
+        """Return the nodes of a tree that has these names."""
+        groups = [group for group in self.optional if any(node.name in names for node in group)]
+        return self.nodes + tuple(node for group in groups for node in group)

@@ -1,0 +1,276 @@
+"""Simulation of a controller that changes the pressures of several joints between the tasks of a chain (thesis 9.6)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.config.device import DeviceConfig
+from mocap_id.config.prescription import ControllerRules, Task
+from mocap_id.pneumatics.assisted_chain import Actuator, AssistedChain, pressures_for_postures
+from mocap_id.pneumatics.chain_tour import STEP, ChainNode, ChainTour, Rules, depths_of, simulate_tour, unsafe_changes
+from mocap_id.pneumatics.cylinder import Setting
+from mocap_id.pneumatics.gas import gas_of_change
+from mocap_id.prescription.postures import sample_postures
+from mocap_id.prescription.sub_workspaces import SubWorkspace
+from mocap_id.workflows.prescribe.result import PrescriptionResult
+from mocap_id.workflows.prescribe.task_graph import task_points
+
+_STARTS = 1024  # sampled postures from which those of a task are searched
+_SETTLED = 3.0  # time constants; nodes that change faster chatter
+_MEETINGS = 13  # postures at which two sub-workspaces may be joined
+_TOLERANCE = 1e-3  # of the smallest range of torque
+
+
+@dataclass(frozen=True)
+class ChainChange:
+    """A change from one node to another at rest, in the sampled postures (M, n) that both hold.
+
+    Parameters
+    ----------
+    before, after : int
+    q : (M, n) array
+        rad.
+    switched, unsafe : (M,) bool arrays
+        Whether the controller changes here, and whether the person cannot hold the posture meanwhile.
+    missing : (M,) array
+        N·m.
+    """
+
+    before: int
+    after: int
+    q: FloatArray
+    switched: BoolArray
+    unsafe: BoolArray
+    missing: FloatArray
+
+
+@dataclass(frozen=True)
+class ControlledChain:
+    """The controller of a chain, its simulated tour and its checks.
+
+    Parameters
+    ----------
+    chain : AssistedChain
+    nodes : tuple of ChainNode
+    margins : tuple of float
+        Share of the wished reserve that the person has in each node's tasks; 1 is all of it.
+    held : (K,) array
+        Share of the sampled postures that each node holds.
+    left_out : tuple of str
+        Nodes for which no pressures exist.
+    stops : tuple of str
+        Task of each stop of the tour.
+    tour : ChainTour
+    missing : tuple of float
+        Largest missing torque in each visit, N·m.
+    gas : tuple of float
+        Gas of each change in the tour, kg.
+    changes : tuple of ChainChange
+    tolerance : float
+        Missing torque that counts as held, N·m.
+    """
+
+    chain: AssistedChain
+    nodes: tuple[ChainNode, ...]
+    margins: tuple[float, ...]
+    held: FloatArray
+    left_out: tuple[str, ...]
+    stops: tuple[str, ...]
+    tour: ChainTour
+    missing: tuple[float, ...]
+    gas: tuple[float, ...]
+    changes: tuple[ChainChange, ...]
+    tolerance: float
+
+    @property
+    def settling(self) -> float:
+        """Time in which the pressures settle, s."""
+        return _SETTLED * self.chain.slowest
+
+    @property
+    def shortest_dwell(self) -> float:
+        """Shortest time in a node between two changes, s; infinite with fewer."""
+        return float(np.diff([k * STEP for k, _, _ in self.tour.switches]).min(initial=np.inf))
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Sentences about every check that failed."""
+        found = [f"no pressures hold the tasks of {name}" for name in self.left_out]
+        between = dict.fromkeys((self.stops[a], self.stops[b]) for a, b in self.tour.no_way)
+        found += [f"no way between {a} and {b} leads through postures that a node holds" for a, b in between]
+        visits = zip(self.tour.visits, self.missing, strict=True)
+        lost = dict.fromkeys(self.stops[stop] for (stop, _, _), missing in visits if missing > self.tolerance)
+        found += [f"{task} is not held throughout" for task in lost]
+        away = float(self.tour.excess.max())
+        if not lost and away > self.tolerance:
+            found.append(f"between the tasks up to {away:.2f} N·m are missing")
+        if self.shortest_dwell < self.settling:
+            found.append(
+                f"the controller chatters: it stayed {self.shortest_dwell:.2f} s in a node, and the pressures need "
+                f"{self.settling:.2f} s to settle"
+            )
+        for one in self.changes:
+            if (one.unsafe & one.switched).any():
+                share = 100 * float(one.unsafe[one.switched].mean())
+                way = f"from {self.nodes[one.before].name} to {self.nodes[one.after].name}"
+                found.append(f"a change {way} is unsafe in {share:.0f} % of the postures in which it happens")
+        return tuple(found)
+
+
+def control_chain(
+    result: PrescriptionResult, devices: Sequence[DeviceConfig | None], rules: ControllerRules
+) -> ControlledChain:
+    """Choose pressures for each group of tasks, and simulate the controller through all tasks and back.
+
+    Raises
+    ------
+    ValueError
+        No pressures hold the tasks of any group.
+    """
+    assert result.graph is not None and result.graph_postures is not None
+    chain, q = _chain(result, devices), result.graph_postures
+    margin, hysteresis, speed = np.radians([rules.margin_deg, rules.hysteresis_deg, rules.speed_deg_s]).tolist()
+    wished = Rules(margin, hysteresis, speed, rules.hold_s)
+    nodes, margins, stops, places = [], [], [], []
+    groups, left_out = _groups(result, chain)
+    joined = _joined(chain, [places for _, _, places in groups], 2 * (margin + hysteresis))
+    for (name, names, own), whole in zip(groups, joined, strict=True):
+        pressures = pressures_for_postures(chain, whole)
+        assert pressures is not None
+        nodes.append(ChainNode(name, pressures[0]))
+        margins.append(pressures[1])
+        stops += names
+        places.append(own)
+    if not nodes:
+        raise ValueError("no pressures of the devices hold the tasks of any group")
+    tour = simulate_tour(chain, nodes, np.concatenate(places), q, wished)
+    tolerance = _TOLERANCE * float(np.ptp(chain.strength, axis=1).min())
+    depth = depths_of(chain, nodes, q)
+    return ControlledChain(
+        chain,
+        tuple(nodes),
+        tuple(margins),
+        (depth > 0).mean(axis=1),
+        tuple(left_out),
+        tuple(stops),
+        tour,
+        tuple(float(tour.excess[a : b + 1].max()) for _, a, b in tour.visits),
+        tuple(_gas(chain, nodes, tour)),
+        tuple(_changes(chain, nodes, depth, q, wished, tolerance)),
+        tolerance,
+    )
+
+
+def _groups(
+    result: PrescriptionResult, chain: AssistedChain
+) -> tuple[list[tuple[str, list[str], FloatArray]], list[str]]:
+    """Return name, tasks of the stops and their postures (P, n) of the groups that are held, and the other names."""
+    assert result.graph is not None
+    tasks = {task.name: task for task in result.config.wishes.tasks}
+    groups, left_out = [], []
+    for each in result.graph.nodes:
+        found = None if each.stiffness is None else _postures(result, each, [tasks[name] for name in each.tasks])
+        pressures = None if found is None else pressures_for_postures(chain, found[1])
+        if found is None or pressures is None or pressures[1] < -_TOLERANCE:
+            left_out.append(each.name)
+        else:
+            groups.append((each.name, *found))
+    return groups, left_out
+
+
+def _joined(chain: AssistedChain, groups: Sequence[FloatArray], overlap: float) -> list[FloatArray]:
+    """Return the postures of the groups, with those of neighbours extended so that both hold an overlap to change in.
+
+    Neighbours meet on the straight way between their nearest stops, where the smaller of both reserves is largest.
+    """
+    joined = list(groups)
+    for k, (one, other) in enumerate(itertools.pairwise(groups)):
+        apart = np.linalg.norm(one[:, None] - other, axis=2)
+        a, b = np.unravel_index(int(apart.argmin()), apart.shape)
+        along = (other[b] - one[a]) / max(float(apart[a, b]), 1e-9)
+        best, worth = None, 0.0
+        for share in np.linspace(0, 1, _MEETINGS):
+            meeting = one[a] + share * (other[b] - one[a]) + np.array([[-0.5], [0.5]]) * overlap * along
+            meeting = np.clip(meeting, chain.lower, chain.upper)
+            sides = [np.concatenate([joined[k], meeting]), np.concatenate([other, meeting])]
+            found = [pressures_for_postures(chain, side) for side in sides]
+            margin = min((-np.inf if each is None else each[1]) for each in found)
+            if margin > worth:
+                best, worth = sides, margin
+        if best is not None:
+            joined[k], joined[k + 1] = best
+    return joined
+
+
+def _chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> AssistedChain:
+    """Return the chain with its cylinders; springs without a device are those of the prescription in all nodes."""
+    body, springs = result.body, result.several
+    assert body.weights is not None and springs is not None
+    weights, passive = body.weights, []
+    actuators = []
+    for place, device, stiffness, rest in zip(result.places, devices, springs.stiffness, springs.rest, strict=True):
+        if device is None:
+            passive += [(list(place.joints), float(stiffness), float(rest))] if stiffness > 0 else []
+            continue
+        keys = device.keys
+        actuators.append(
+            Actuator(keys.cylinder(), keys.limits(), place.joints, *keys.settling.lags(), keys.temperature_K)
+        )
+
+    def held(q: FloatArray) -> FloatArray:
+        torque = weights.torques(q).copy()
+        for joints, stiffness, rest in passive:
+            torque[:, joints] += stiffness * (q[:, joints].sum(axis=1, keepdims=True) - rest)
+        return torque
+
+    return AssistedChain(held, body.strength, body.limits.lower, body.limits.upper, tuple(actuators))
+
+
+def _postures(result: PrescriptionResult, node: SubWorkspace, tasks: Sequence[Task]) -> tuple[list[str], FloatArray]:
+    """Return the task of each point, and the posture (P, n), rad, that reaches it with the largest reserve."""
+    body, wishes = result.body, result.config.wishes
+    assert body.weights is not None and node.stiffness is not None and node.rest is not None
+    each = [(task.name, task_points(task)) for task in tasks]
+    points = np.concatenate([some for _, some in each])
+    sampled = sample_postures(body.arm, body.weights, body.limits, result.places, points, _STARTS, wishes.seed)
+    needed = sampled.gravity.copy()
+    for s, place in enumerate(result.places):
+        if node.stiffness[s] > 0:
+            needed[:, list(place.joints)] += (node.stiffness[s] * (sampled.stretch[:, s] - node.rest[s]))[:, None]
+    reserve = np.minimum(body.strength[:, 1] - needed, needed - body.strength[:, 0]).min(axis=1)
+    best = []
+    for k in range(len(points)):
+        own = np.flatnonzero(sampled.cell == sampled.cells + k)
+        best.append(sampled.q[own[reserve[own].argmax()]])
+    return [name for name, some in each for _ in some], np.array(best)
+
+
+def _gas(chain: AssistedChain, nodes: Sequence[ChainNode], tour: ChainTour) -> Iterator[float]:
+    """Yield the gas of each change, from the pressures of its moment, kg."""
+    for k, _, after in tour.switches:
+        yield sum(
+            gas_of_change(one.cylinder, Setting(*was.tolist()), Setting(*new.tolist()), one.temperature)
+            for one, was, new in zip(chain.actuators, tour.pressures[k], nodes[after].pressures, strict=True)
+        )
+
+
+def _changes(  # noqa: PLR0917
+    chain: AssistedChain,
+    nodes: Sequence[ChainNode],
+    depth: FloatArray,
+    q: FloatArray,
+    rules: Rules,
+    tolerance: float,
+) -> Iterator[ChainChange]:
+    for a, b in itertools.permutations(range(len(nodes)), 2):
+        both = (depth[a] > 0) & (depth[b] > 0)
+        if not both.any():
+            continue
+        unsafe, missing = unsafe_changes(chain, nodes[a], nodes[b], q[both], tolerance)
+        switched = (depth[a, both] < rules.margin) & (depth[b, both] > rules.margin + rules.hysteresis)
+        yield ChainChange(a, b, q[both], switched, unsafe, missing)
