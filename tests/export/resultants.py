@@ -4,13 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 
 from mocap_id.recording.text_tables import MotionTable
+from mocap_id.store import Folder
 
 COMPONENTS = ("Fx", "Fy", "tauz")
+
+
+@dataclass(frozen=True)
+class JointPlaces:
+    """Joint centres of a run in the frames of the segments before them, and their shifts for the torques, (n, 2), m."""
+
+    centre: np.ndarray
+    shift: np.ndarray
+
+    @staticmethod
+    def of(run: Path) -> JointPlaces:
+        with h5py.File(run / "chain.h5") as chain:
+            centre = np.asarray(chain["joints/centre"])
+        shift = np.zeros_like(centre)
+        for body in Folder(run).read("poses.parquet").facts["bodies"]:
+            if "joint_shift_m" in body:
+                shift[min(body["segments"]) - 1] = body["joint_shift_m"]
+        return JointPlaces(centre, shift)
 
 
 @dataclass(frozen=True)
@@ -31,11 +52,13 @@ class Poses:
         place = [np.stack([column(name, "tx"), column(name, "ty")], axis=-1) for name in names]
         return Poses(names, np.stack(place, axis=1), np.stack([column(name, "rz") for name in names], axis=1))
 
-    def joint(self, joint: int, centres: np.ndarray) -> np.ndarray:
-        """Return the centre (T, 2) of joint j (from 0), as the mean of its positions in both bodies."""
-        c, s, (x, y) = np.cos(self.angle[:, joint]), np.sin(self.angle[:, joint]), centres[joint]
-        near = self.origin[:, joint] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
-        return (near + self.origin[:, joint + 1]) / 2
+    def joint(self, joint: int, places: JointPlaces) -> np.ndarray:
+        """Return the centre (T, 2) of joint j (from 0): the shifted mean of its positions in both bodies."""
+        c, s = np.cos(self.angle[:, joint]), np.sin(self.angle[:, joint])
+        near, shift = (
+            np.stack([c * x - s * y, s * x + c * y], axis=-1) for x, y in (places.centre[joint], places.shift[joint])
+        )
+        return (self.origin[:, joint] + near + self.origin[:, joint + 1]) / 2 + shift
 
 
 @dataclass(frozen=True)
@@ -60,7 +83,7 @@ class Needs:
         turning = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         return np.asarray((self.moment[:, first:] + turning).sum(axis=1))
 
-    def errors(self, time: np.ndarray, dynamics: pd.DataFrame, centres: np.ndarray) -> dict[str, np.ndarray]:
+    def errors(self, time: np.ndarray, dynamics: pd.DataFrame, places: JointPlaces) -> dict[str, np.ndarray]:
         """Return torques and wrench minus those of a table with tau_1 … and *_model, by column.
 
         The last body may belong to no segment; it is beyond every joint.
@@ -68,7 +91,7 @@ class Needs:
         ground = self.about(np.zeros((len(time), 2)))
         ours = dict(zip(COMPONENTS, (*self.force.sum(axis=1).T, ground), strict=True))
         found = {f"{name}_model": values for name, values in ours.items()}
-        for joint in range(len(centres)):
+        for joint in range(len(places.centre)):
             if dynamics[f"tau_{joint + 1}"].notna().any():
-                found[f"tau_{joint + 1}"] = self.about(self.poses.joint(joint, centres), joint + 1)
+                found[f"tau_{joint + 1}"] = self.about(self.poses.joint(joint, places), joint + 1)
         return {name: values - np.interp(time, dynamics["time"], dynamics[name]) for name, values in found.items()}

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from resultants import Needs, Poses
+from resultants import JointPlaces, Needs, Poses
 
 from mocap_id import recording
 from mocap_id.config import load
@@ -82,25 +82,22 @@ def test_the_files_make_up_torques_and_wrench(loose: Loose) -> None:
         moment = inertia * alpha + arm[0] * force[1] - arm[1] * force[0]
         return np.asarray({"tx": force[0], "ty": force[1], "rz": moment}[coordinate])
 
-    with h5py.File(loose[0] / "chain.h5") as chain:
-        centres = np.asarray(chain["joints/centre"])
     dynamics = pd.read_parquet(loose[0] / "dynamics.parquet")
-    errors = Needs.of(poses, needed).errors(states.time, dynamics, centres)
+    errors = Needs.of(poses, needed).errors(states.time, dynamics, JointPlaces.of(loose[0]))
     assert set(errors) == {"tau_1", "tau_2", "tau_3", "Fx_model", "Fy_model", "tauz_model"}
     for name, error in errors.items():
         assert len(error) > 400
         assert np.abs(error).max() < 1e-5, name
 
 
-def test_the_joints_file_holds_the_mean_of_a_joints_two_sides(loose: Loose) -> None:
+def test_the_joints_file_holds_the_shifted_mean_of_a_joints_two_sides(loose: Loose) -> None:
     states, joints = (recording.read_table(file(loose, f"_free_{key}.sto")) for key in ("states", "joints"))
-    with h5py.File(loose[0] / "chain.h5") as chain:
-        centres = np.asarray(chain["joints/centre"])
     poses = Poses.of(states, tuple(bodies(file(loose, "_free.osim"))), joints.time)
+    places = JointPlaces.of(loose[0])
     inside = slice(2, -2)  # at its ends a body's speed is unknown, and with it its state
     for j, name in enumerate(("ankle", "knee", "hip")):
         told = np.stack([joints[f"{name}_x"], joints[f"{name}_y"]], axis=-1)
-        np.testing.assert_allclose(told[inside], poses.joint(j, centres)[inside], atol=1e-8)
+        np.testing.assert_allclose(told[inside], poses.joint(j, places)[inside], atol=1e-8)
 
 
 def test_speeds_are_those_of_the_poses(loose: Loose) -> None:

@@ -9,11 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from resultants import COMPONENTS, Needs, Poses
+from resultants import COMPONENTS, JointPlaces, Needs, Poses
 
 from mocap_id import recording
 from mocap_id.config import load
@@ -108,15 +107,14 @@ def test_free_bodies_on_a_chair_that_is_measured(chair, opensim) -> None:
     time, dynamics = np.array(found["time"]), pd.read_parquet(folder / "dynamics.parquet")
     poses = Poses.of(recording.read_table(files / f"{folder.name}_free_states.sto"), names, time)
     needs = Needs.of(poses, lambda name, coordinate: np.array(found[f"{name}_{coordinate}"]))
-    with h5py.File(folder / "chain.h5") as chain:
-        centres = np.asarray(chain["joints/centre"])
+    places = JointPlaces.of(folder)
     assert Folder(folder).read("dynamics.h5").facts["external"][0]["segment"] == names.index("thigh")
     fx, fy, moment = (np.interp(time, dynamics["time"], dynamics[f"{name}_external"]) for name in COMPONENTS)
     given = {"Fx_model": fx, "Fy_model": fy, "tauz_model": moment, "tau_3": 0.0 * fx}
     for joint in (0, 1):
-        x, y = poses.joint(joint, centres).T
+        x, y = poses.joint(joint, places).T
         given[f"tau_{joint + 1}"] = moment - x * fy + y * fx
-    errors = needs.errors(time, dynamics, centres)
+    errors = needs.errors(time, dynamics, places)
     assert set(errors) == set(given)
     for name, error in errors.items():
         assert np.abs(error - given[name])[5:-5].max() < 1e-4, name

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from resultants import COMPONENTS, Needs, Poses
+from resultants import COMPONENTS, JointPlaces, Needs, Poses
 
 from mocap_id import recording
 from mocap_id.config import load
@@ -53,10 +52,10 @@ class Asked:
             ending = ("_moment" if coordinate == "rz" else "_force") if tool else ""
             return np.array(found[f"{name}_{coordinate}{ending}"])
 
-        with h5py.File(self.run / "chain.h5") as chain:
-            centres = np.asarray(chain["joints/centre"])
         needs = Needs.of(Poses.of(states, BODIES, time), needed)
-        return {name: error[ENDS] for name, error in needs.errors(time, self.dynamics, centres).items()}
+        return {
+            name: error[ENDS] for name, error in needs.errors(time, self.dynamics, JointPlaces.of(self.run)).items()
+        }
 
 
 @pytest.fixture(scope="module", params=TRIALS)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import builtins
 import json
 import shutil
+import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import mocap_id
-from mocap_id.recording import to_z_up, write_recording_as_text
+from mocap_id.recording import to_z_up, write_recording, write_recording_as_text
 from mocap_id.workflows.recording_trial import make_trial
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -108,17 +108,12 @@ def test_a_dataset_of_xarray_and_back() -> None:
         mocap_id.Recording.from_xarray(dataset.drop_vars("position"))
     with pytest.raises(mocap_id.RecordingError, match="plate 1 has no `moment_1`"):
         mocap_id.Recording.from_xarray(dataset.drop_vars("moment_1"))
+    with pytest.raises(mocap_id.RecordingError, match="`axis` is X, Y, Z; expected x, y, z"):
+        mocap_id.Recording.from_xarray(dataset.assign_coords(axis=list("XYZ")))
 
 
 def test_xarray_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name == "xarray":
-            raise ModuleNotFoundError("No module named 'xarray'", name="xarray")
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(mocap_id.ConfigError, match="xarray is not installed"):
         invented().to_xarray()
 
@@ -156,6 +151,20 @@ def test_a_plate_without_corners_is_kept_as_text(tmp_path: Path) -> None:
     other = replace(made.plates[0], rate=200.0)
     with pytest.raises(mocap_id.RecordingError, match="different rates"):
         write_recording_as_text(tmp_path / "two.trc", replace(made, plates=(made.plates[0], other)))
+
+
+@pytest.mark.parametrize("start", [0.004, -1.0, 2.0])
+def test_markers_and_forces_keep_one_clock(start: float, tmp_path: Path) -> None:
+    write_recording_as_text(tmp_path / "own.trc", invented(start, corners=False))
+    found = mocap_id.read(tmp_path / "own.trc", tmp_path / "own.mot")
+    assert found.plates[0].start == pytest.approx(found.time[0], abs=1e-6)
+
+
+def test_a_plate_that_starts_between_two_frames_is_not_moved(tmp_path: Path) -> None:
+    made = invented()
+    late = replace(made, plates=(replace(made.plates[0], start=0.004),))
+    with pytest.raises(mocap_id.RecordingError, match=r"starts at 0\.004 s; expected 0\.0 s"):
+        write_recording(tmp_path / "own.c3d", late)
 
 
 def as_series(values: dict[str, Any], time: Any, units: dict[str, str]) -> dict[str, Any]:

@@ -66,3 +66,14 @@ def test_frames_without_marker_or_pose_are_left_out() -> None:
     hidden = np.where(gone, np.nan, marker)
     assert hip_shift(thigh, trunk, hidden) == pytest.approx(hip_shift(kept[0], kept[1], marker[~gone]))
     assert hip_shift(thigh, trunk, np.full(len(marker), np.nan, dtype=complex)) == 0
+
+
+@pytest.mark.parametrize("part", [0.0, 0.2])
+def test_a_hip_that_hardly_turns_is_not_shifted(part: float) -> None:
+    """Otherwise a marker that slides 10 mm in step moves the hip by 36 mm at a range of 0.2 rad."""
+    phase = np.linspace(0, 10 * np.pi, 500)
+    flexion = part * (1 - np.cos(phase)) / 2
+    trunk = np.exp(1j * flexion) * HIP, flexion
+    thigh = np.zeros(500, dtype=complex), np.zeros(500)
+    marker = trunk[0] + np.exp(1j * flexion) * (FRONT + 0.01j * np.cos(phase))
+    assert hip_shift(thigh, trunk, marker) == 0

@@ -18,6 +18,7 @@ from mocap_id.geometry import so3
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.runner.execution import run
 from mocap_id.store import Folder
+from mocap_id.workflows.sensitivity.study import sensitivity
 from worn_sensors import without_recording, worn_sensors
 
 
@@ -127,3 +128,21 @@ def test_what_a_configuration_without_markers_needs(place: Path) -> None:
         (folder / "wrong.yaml").write_text(text, "utf-8")
         with pytest.raises(ConfigError, match=expected):
             load(folder / "wrong.yaml")
+
+
+def test_perturbations_need_markers(place: Path) -> None:
+    with pytest.raises(ConfigError, match="Choose a trial with markers"):
+        sensitivity(without_recording(place / "trial/trial.yaml", out="runs/alone"), out=place / "perturbed")
+
+
+def test_forces_need_markers(place: Path) -> None:
+    sensor = "[{file: a.csv, name: rail, segment: shank, at: [0, 0, 0]}]"
+    with pytest.raises(ConfigError, match="beside markers"):
+        load(without_recording(place / "trial/trial.yaml", external=sensor))
+
+
+def test_a_method_without_sensors_is_an_error(place: Path) -> None:
+    file = without_recording(place / "trial/trial.yaml")
+    file.write_text(f"{file.read_text('utf-8')}\nukf-smooth: {{method: butterworth}}\n", "utf-8")
+    with pytest.raises(ConfigError, match="method: rts"):
+        run(load(file))

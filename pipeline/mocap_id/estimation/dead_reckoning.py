@@ -91,7 +91,7 @@ class Reckoning:
 
 @dataclass(frozen=True)
 class _Unknowns:
-    """Constants of the angles (n,), biases (F, n) and (n,), and shifts of the clocks (n,)."""
+    """Constants of the angles (n,), rad, changes of the biases (F, n), rad/s, and (n,), m/s², and clocks (n,), s."""
 
     start: FloatArray
     bias: FloatArray

@@ -35,9 +35,9 @@ class Tracked:
     Parameters
     ----------
     mean : (F, n, 4) array
-        Angle, rad, velocity, acceleration and jerk.
+        Angle, rad, velocity, rad/s, acceleration, rad/s², and jerk, rad/s³.
     sd : (F, n, 3) array
-        Standard deviations of angle, velocity and acceleration.
+        Standard deviations of angle, rad, velocity, rad/s, and acceleration, rad/s².
     reckoning : Reckoning
         Motion before the filter, with biases and clocks.
     level : (n,) array
@@ -56,7 +56,14 @@ class Tracked:
 
 @dataclass(frozen=True)
 class ShownChain:
-    """A chain with its sensors, and the errors (n, 3) of a track without markers in the trial that shows them."""
+    """A chain with its sensors, and how wrong the states are without markers.
+
+    Parameters
+    ----------
+    known : KnownChain
+    errors : (n, 3) array
+        Rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s², in the trial that shows the chain.
+    """
 
     known: KnownChain
     errors: FloatArray

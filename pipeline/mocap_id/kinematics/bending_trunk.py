@@ -7,8 +7,9 @@ trunk (origin p, angle a), the hip h in the thigh and c in the trunk:
 
     p_t + e^{i a_t} h = p_b + e^{i a_b} (c + v s).
 
-The lumbar joint is about as far above the hip as it is behind the front of the pelvis, so v is near one. The movement
-determines v in part, and a normal prior the rest.
+The lumbar joint is about as far above the hip as it is behind the front of the pelvis, so v is near one; its imaginary
+part, a motion along the trunk, is near zero. The movement determines v in part, and a normal prior the rest. If the hip
+turns little, a shift of its place and its motion in step cannot be told apart, and no shift is returned.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mocap_id.arrays import ComplexArray, FloatArray
 
 _RATIO, _RATIO_SD = 0.8, 0.4  # v: height of the lumbar joint above the hip, over its distance behind the marker
 _INDEPENDENT = 3.0  # observations of v that one trial counts as: gaps recur with the movement
+_RANGE = 0.5  # rad, least range of the hip: a motion of 10 mm in step then shifts the hip by about 15 mm
 LEFT = 0.4
 """Share of the hip's error by a bending trunk that is left, as a standard deviation."""
 
@@ -40,6 +42,8 @@ def hip_shift(
     local = np.conj(above) * (marker - trunk[0])
     known = np.isfinite(local) & np.isfinite(thigh[0]) & np.isfinite(below)
     if np.count_nonzero(known) < 10:  # frames; fewer unknowns than half of the equations
+        return 0j
+    if np.ptp(np.unwrap((trunk[1] - thigh[1])[known])) < _RANGE:
         return 0j
     below, above, local, apart = (each[known] for each in (below, above, local, trunk[0] - thigh[0]))
     forwards = np.sign(local.real.mean())

@@ -1,9 +1,8 @@
 """A tour of a chain through the postures of tasks, with a controller that changes the pressures (thesis 9.6).
 
 The rule is that of one joint: the controller leaves a node where the depth of the posture is below a margin, for a node
-in which it is above margin plus hysteresis. Where its own node does not hold the posture, any node that does is taken.
-Each posture of the tour is treated as at rest: the torque of the
-acceleration and friction are left out.
+in which it is above margin plus hysteresis. Where its own node does not hold the posture, the deepest node that does is
+taken. Each posture of the tour is treated as at rest: torques of acceleration and friction are left out.
 """
 
 from __future__ import annotations

@@ -149,6 +149,9 @@ def from_dataset(dataset: xr.Dataset, *, units: str, vertical: str) -> Recording
             f"dataset: its variables are {', '.join(map(str, dataset.data_vars)) or 'none'}; expected `position` with "
             "the dimensions time, marker and axis, and a coordinate for each of them"
         )
+    axes = [str(axis) for axis in dataset["axis"].to_numpy()]
+    if sorted(axes) != list(AXES):
+        raise RecordingError(f"dataset: the coordinate `axis` is {', '.join(axes)}; expected x, y, z")
     ordered = dataset.sel(axis=list(AXES)).transpose("time", ..., "marker", "axis", missing_dims="ignore")
     rate, start = _clock("dataset", ordered["time"].to_numpy())
     plates = []

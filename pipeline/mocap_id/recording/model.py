@@ -201,7 +201,7 @@ class Recording:
         rate : float
             Frames per second.
         plates : sequence of Plate, optional
-            Their samples begin with the first frame. They are numbered from 1 in this order.
+            Each starts at its own ``start``, on the clock of the frames. They are numbered from 1 in this order.
         units : str
             Length unit of the positions: ``"m"``, ``"cm"``, ``"mm"`` or ``"in"``.
         vertical : str

@@ -84,7 +84,8 @@ def write_recording(path: Path, recording: Recording) -> None:
 def write_recording_as_text(path: Path, recording: Recording) -> None:
     """Write a recording as a TRC file, and its plates as a MOT file beside it, which needs no corners of plates.
 
-    The MOT file has each wrench as force and moment at the lab's origin; both files have Y up, as in OpenSim.
+    The MOT file has each wrench as force and moment at the lab's origin; both files have Y up, as in OpenSim. Times of
+    a TRC file follow from the frame numbers; those of the MOT file are on the same clock.
 
     Raises
     ------
@@ -93,14 +94,17 @@ def write_recording_as_text(path: Path, recording: Recording) -> None:
     """
     _check_even(recording)
     plates = [plate for plate in recording.plates if plate.usable]
+    clocks = {(plate.rate, plate.start, len(plate.force)) for plate in plates}
+    if len(clocks) > 1:
+        raise RecordingError(
+            "the plates have different rates, starts or numbers of samples; resample them to the same times"
+        )
     first = max(int(recording.frames[0]), 1)
     write_trc(path, recording.labels, recording.positions, recording.rate, first_frame=first)
     if not plates:
         return
-    clocks = {(plate.rate, plate.start, len(plate.force)) for plate in plates}
-    if len(clocks) > 1:
-        raise RecordingError("the plates have different rates, starts or numbers of samples; expected the same")
     rate, start, count = clocks.pop()
+    time = (first - 1) / recording.rate + (start - recording.time[0]) + np.arange(count) / rate
     turn = to_z_up("Y").T
     kinds = ("v", "p", "m")
     names = [f"ground_force_{k}_{kind}{axis}" for k in range(1, len(plates) + 1) for kind in kinds for axis in "xyz"]
@@ -108,7 +112,7 @@ def write_recording_as_text(path: Path, recording: Recording) -> None:
     for plate in plates:
         known = np.where(plate.ok[:, None], 1.0, np.nan)
         values += [known * plate.force @ turn.T, np.zeros((count, 3)), known * plate.moment @ turn.T]
-    text = format_motion_table(path.stem, names, np.concatenate(values, axis=1), time=start + np.arange(count) / rate)
+    text = format_motion_table(path.stem, names, np.concatenate(values, axis=1), time=time)
     _write_atomically(path.with_suffix(".mot"), lambda partial: partial.write_text(text, encoding="utf-8"))
 
 
@@ -121,8 +125,11 @@ def _signals(plate: Plate, recording: Recording) -> PlateSignals:
     """Return the channels of a plate of type 2 that give this wrench; NaN where the samples are not valid."""
     if plate.corners is None:
         raise RecordingError(f"plate {plate.index} has no corners; expected (4, 3), in m")
-    if abs(plate.start - recording.time[0]) > 0.5 / recording.rate:
-        raise RecordingError(f"plate {plate.index} starts at {plate.start} s; expected {recording.time[0]} s")
+    if abs(plate.start - recording.time[0]) > 0.5 / plate.rate:
+        raise RecordingError(
+            f"plate {plate.index} starts at {plate.start} s; expected {recording.time[0]} s, the time of the first "
+            "frame: resample the plate"
+        )
     axes = plate_axes(plate.corners)
     about_centre = plate.moment - np.cross(plate.corners.mean(axis=0), plate.force)
     channels = np.concatenate([plate.force @ axes, about_centre @ axes], axis=1)

@@ -14,7 +14,7 @@ def read_calibration(calibration: Calibration) -> Tree:
     Raises
     ------
     RecordingError
-        The file is missing or damaged, or the chain is one of the other space.
+        The file is missing or damaged, or the chain is in space where one in the plane is needed, or the reverse.
     """
     path = calibration.chain
     again = f"run `mocap-id run {calibration.trial}` again"

@@ -245,6 +245,15 @@ class TrialKeys(Settings):
             raise ValueError(f"`{twice[0]}` is used twice or reserved for the chair: give every sensor its own name")
         return value
 
+    @field_validator("external")
+    @classmethod
+    def _sensors_beside_markers(
+        cls, value: tuple[ExternalForce, ...], info: ValidationInfo
+    ) -> tuple[ExternalForce, ...]:
+        if value and "recording" in info.data and info.data["recording"] is None:
+            raise ValueError("force sensors are used beside markers: name a `recording`")
+        return value
+
     @field_validator("encoder")
     @classmethod
     def _encoder_has_a_joint(cls, value: Path | None, info: ValidationInfo) -> Path | None:

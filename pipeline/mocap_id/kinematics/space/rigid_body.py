@@ -131,7 +131,7 @@ def _moment(  # noqa: PLR0917
     there: FloatArray,
     moment: FloatArray,
 ) -> int:
-    """Write both weighted means and the moment about them; return the number of markers (k,) that are used."""
+    """Write both weighted means and the moment about them; return the number of markers that are used."""
     total, count = 0.0, 0
     here[:], there[:], moment[:] = 0.0, 0.0, 0.0
     for k in range(len(points)):

@@ -109,7 +109,7 @@ def joint_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool =
 
 
 def _end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float, float]:
-    """Return the value (K,) of a rank from the lowest, and the median standard deviation of those up to it."""
+    """Return the rank-th lowest of values (K,), and the median standard deviation of the values up to it."""
     lowest = np.argsort(values)[:rank]
     return float(values[lowest[-1]]), float(np.median(sd[lowest]))
 

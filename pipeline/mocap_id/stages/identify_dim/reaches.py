@@ -34,7 +34,7 @@ def find_reach_events(context: Context) -> Table:
     poses = SegmentPoses.from_table(context.table("poses.parquet"))
     chain = context.tree("chain.h5")
     skeleton = SpatialSkeleton.from_tree(chain)
-    ranges = joint_ranges(angles, poses, skeleton=chain.facts["frames"] == "skeleton")
+    ranges = joint_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
     facts: dict[str, Any] = {"why": "", "ranges": {name: _range(one) for name, one in ranges.items()}}
     reaches: tuple[Reach, ...] = ()
     try:

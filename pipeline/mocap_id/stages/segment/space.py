@@ -109,7 +109,7 @@ def _strayed_wrist(
     wrist = [m for name, m in named.items() if _SHOWS.get(name) == "forearm" and found.segment[m] == tip]
     before = np.flatnonzero(found.segment == tip - 1)
     away = np.linalg.norm(points[:, before] - points[:, wrist].mean(axis=1, keepdims=True), axis=2)
-    return [int(before[np.argmax(np.nanmedian(away, axis=0))]), *wrist]
+    return [int(before[np.argmax(np.nan_to_num(np.nanmedian(away, axis=0), nan=-1.0))]), *wrist]
 
 
 def _splits_arm(names: Sequence[str]) -> bool:

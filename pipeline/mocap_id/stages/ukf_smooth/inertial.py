@@ -82,8 +82,7 @@ def smooth_with_imus_in_plane(  # noqa: PLR0917
     RecordingError
         A log cannot be read.
     """
-    if settings.method != "rts" or settings.engine != "compiled":
-        raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
+    check_method(settings.method, settings.engine)
     sensors = _sensors(names, files, mirrored=False)
     states, results = inertial_smoothing.smooth_with_sensors(
         observed, time, chain.centres, chain.segment, chain.local, sensors=sensors, settings=settings
@@ -91,6 +90,12 @@ def smooth_with_imus_in_plane(  # noqa: PLR0917
     used = [0, *(s for s, each in results.items() if each.found is not None and each.why is None)]
     sensed = np.isin(np.arange(len(names)), used)
     return states, sensed[1:] & sensed[:-1], *_described(names, files, results)
+
+
+def check_method(method: str, engine: str) -> None:
+    """Raise ConfigError for settings of ukf-smooth with which no inertial sensor in the plane is used."""
+    if method != "rts" or engine != "compiled":
+        raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
 
 
 def _sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool) -> dict[int, SensorSignals]:

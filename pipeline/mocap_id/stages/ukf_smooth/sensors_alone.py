@@ -11,6 +11,7 @@ from mocap_id.errors import NumericalError, RecordingError
 from mocap_id.estimation import States
 from mocap_id.estimation.dead_reckoning import FORCE_BIAS, SWITCHED_ON
 from mocap_id.estimation.inertial import SensorSignals
+from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.inertial_tracking import ShownChain, Tracked, show_chain, track_alone
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.noise import FilterNoise
@@ -21,7 +22,7 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.sensors_alone import read_states, shown_by
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.encoder_states import no_encoder
-from mocap_id.stages.ukf_smooth.inertial import OBSERVABLE, SATURATED, clock_reason, saturated_reason
+from mocap_id.stages.ukf_smooth.inertial import OBSERVABLE, SATURATED, check_method, clock_reason, saturated_reason
 from mocap_id.stages.ukf_smooth.state_errors import SKIN, assumed_skin
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
@@ -31,8 +32,6 @@ from mocap_id.verdict import Reason
 _LONGEST_GAP = 0.5  # s without samples of a sensor
 _TURNED = np.radians(3.0)  # of a sensor out of the plane against the calibration
 _LEFT = np.radians(15.0)  # turn about the vertical, beyond twice its standard deviation
-_GRAVITY = 9.81
-"""m/s²"""
 
 
 def states_of_sensors(context: Context) -> Outputs:
@@ -40,10 +39,13 @@ def states_of_sensors(context: Context) -> Outputs:
 
     Raises
     ------
+    ConfigError
+        The method is not the usual one.
     RecordingError
         A log cannot be read or has a long gap, or the calibration does not show its sensors.
     """
     settings: UkfSmoothSettings = context.settings
+    check_method(settings.method, settings.engine)
     skeleton = Skeleton.from_tree(context.tree("chain.h5"))
     view = Trajectories(context.long("planar.parquet"))
     names = skeleton.segments[1:]
@@ -173,7 +175,7 @@ def _reasons(
 
 def _moved(tracked: Tracked, k: int, segment: str) -> list[Reason]:
     """Return a caution if gravity shows that a sensor was turned on its segment since the calibration."""
-    turned = float(np.arcsin(np.clip(abs(tracked.level[k]) / _GRAVITY, 0.0, 1.0)))
+    turned = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
     if turned <= _TURNED:
         return []
     message = (

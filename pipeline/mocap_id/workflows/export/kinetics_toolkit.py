@@ -59,7 +59,7 @@ def _columns(table: Table) -> dict[str, Any]:
     units = {column.name: column.unit for column in columns_of(table.schema, table.names)}
     numbers = {name: table[name] for name in table.names if name != "time" and table[name].dtype.kind in "fiub"}
     data = {name: values.astype(np.float64).tolist() for name, values in numbers.items()}
-    return _series(table["time"].tolist(), data, {name: units[name] for name in data if units[name]})
+    return _series(table["time"].tolist(), data, {name: units[name] for name in data if units.get(name)})
 
 
 def _series(time: list[float], data: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:

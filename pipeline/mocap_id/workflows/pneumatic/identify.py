@@ -127,7 +127,7 @@ def _of_trial(config: DeviceConfig, source: Path, joint: int) -> tuple[TorqueLog
     lasting = None
     if run.in_space:
         name = (run.facts("events.parquet").get("curl") or {}).get("condition")
-        state = config.keys.conditions.get(str(name), state)
+        state = config.condition(str(name) if name is not None and config.keys.conditions else None)
         if not state.worn:
             raise ConfigError(f"{source}: the device is not worn in condition `{name}`: choose a trial with the device")
         lasting = _lasting_errors(config, state.setting(), angle[good], motion, dynamics, good)

@@ -15,6 +15,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable, finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
+from mocap_id.stages.sensors_alone import without_markers
 from mocap_id.store import Folder
 from mocap_id.workflows.sensitivity.kinds import KINDS
 from mocap_id.workflows.sensitivity.options import SensitivityOptions
@@ -114,6 +115,11 @@ def sensitivity(
 
 def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
     """Return the selections that are possible on a trial, and a note on what is left out."""
+    if without_markers(trial.long("planar.parquet").facts):
+        raise ConfigError(
+            f"trial {trial.source.name} has inertial sensors alone, and the lengths of its calibration: no "
+            "perturbation can change them. Choose a trial with markers"
+        )
     if not trial.has_imus:
         selections = tuple(one for one in selections if not KINDS[one.kind].needs_imus)
         if not selections:
