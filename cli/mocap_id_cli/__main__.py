@@ -58,6 +58,9 @@ def exit_code(call: Callable[[], None]) -> int:
 
 
 def _command_line() -> None:
+    # Matrices are small: threads of the linear algebra would wait for each other longer than they compute.
+    for library in ("OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # we have none, and searching takes 12 ms
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # returns the memory of freed tables
     _return_memory()

@@ -19,7 +19,12 @@ def doctor(
         bool, typer.Option("--full", help="Also run the whole pipeline on a small simulated trial.")
     ] = False,
     warm: Annotated[
-        bool, typer.Option("--warm", help="Check nothing; compile the filter, so that the first run does not have to.")
+        bool,
+        typer.Option(
+            "--warm",
+            help="Check nothing; compile the filter, so that the first run does not have to. The first time this takes "
+            "about a minute of processor time.",
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -29,6 +34,8 @@ def doctor(
     """
     from mocap_id.workflows import doctor as workflow  # noqa: PLC0415  no other command has to wait for it
 
+    if warm:
+        typer.echo("compiling the filter: the first time, about a minute of processor time", err=True)
     found = []
     for check in [workflow.compile_filter()] if warm else workflow.check_installation(Path.cwd(), full=full):
         found.append(check)

@@ -3,13 +3,7 @@
 The names in ``__all__`` are public and described in docs/python.md. Everything else is private and may change.
 """
 
-import os
 from importlib import import_module
-
-# Matrices are small: threads of the linear algebra would wait for each other longer than they compute. The libraries
-# read this when they are loaded, so it has no effect on a numpy that is loaded already.
-for _library in ("OPENBLAS", "MKL"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 __version__ = "1.0.0rc1"
 

@@ -28,6 +28,16 @@ def test_warming_up_says_where_the_compiled_code_is(cli) -> None:
     assert said.code == 0, said.out
     assert said.out.startswith("ok    compiled code")
     assert "kept in" in said.out
+    assert "about a minute" in said.err
+    assert "about a minute" in cli("doctor", "--help").out
+
+
+def test_the_line_before_compiling_is_printed_before_it(cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    def killed() -> Finding:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mocap_id.workflows.doctor.compile_filter", killed)
+    assert "about a minute" in cli("doctor", "--warm").err
 
 
 def test_the_json_holds_every_check(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

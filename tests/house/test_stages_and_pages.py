@@ -34,7 +34,7 @@ def test_a_stage_reads_what_earlier_ones_wrote(stage: Stage) -> None:
 def test_a_stage_says_what_it_is(stage: Stage) -> None:
     assert re.fullmatch(r"[a-z]+(-[a-z]+)*", stage.name)
     assert stage.help.endswith(".")
-    assert set(stage.uses) <= set(TrialKeys.model_fields)
+    assert {*stage.uses, *stage.uses_alone} <= set(TrialKeys.model_fields)
     for name, field in stage.settings.model_fields.items():
         assert field.description, name
         assert not field.is_required(), name

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ast
-import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import scipy.linalg  # noqa: F401  loads the linear algebra whose threads are counted
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import mocap_id
+from mocap_id.interface import running
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -37,13 +40,29 @@ def test_an_unknown_name() -> None:
     assert set(mocap_id.__all__) <= set(dir(mocap_id))
 
 
-@pytest.mark.parametrize(("chosen", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
-def test_the_linear_algebra_has_one_thread(chosen: dict[str, str], expected: str) -> None:
-    code = "import os, mocap_id; print(os.environ['OPENBLAS_NUM_THREADS'])"
-    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
-    call = [sys.executable, "-c", code]
-    found = subprocess.run(call, env=environment | chosen, capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == expected
+def blas_threads() -> int:
+    return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+
+@pytest.mark.parametrize("chosen", [None, "3"])
+def test_a_run_has_one_thread_of_linear_algebra(chosen: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    if chosen is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", chosen)
+    seen = []
+
+    def fake_run(trial: Path, progress: object) -> SimpleNamespace:
+        seen.append(blas_threads())
+        return SimpleNamespace(folder=trial, steps=())
+
+    monkeypatch.setattr(running, "load", lambda path: path)
+    monkeypatch.setattr(running, "open_lazily", lambda folder: folder)
+    monkeypatch.setattr(running.runner, "run", fake_run)
+    with threadpool_limits(2, "blas"):
+        mocap_id.run("trial.yaml")
+        assert blas_threads() == 2
+    assert seen == [1 if chosen is None else 2]
 
 
 def test_the_users_script_has_every_name() -> None:

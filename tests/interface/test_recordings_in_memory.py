@@ -157,7 +157,37 @@ def test_a_plate_without_corners_is_kept_as_text(tmp_path: Path) -> None:
 def test_markers_and_forces_keep_one_clock(start: float, tmp_path: Path) -> None:
     write_recording_as_text(tmp_path / "own.trc", invented(start, corners=False))
     found = mocap_id.read(tmp_path / "own.trc", tmp_path / "own.mot")
-    assert found.plates[0].start == pytest.approx(found.time[0], abs=1e-6)
+    assert found.plates[0].start == pytest.approx(start, abs=1e-6)
+    assert found.time[[0, -1]] == pytest.approx([start, start + 0.99], abs=1e-6)
+
+
+def test_a_recording_that_counts_frames_from_zero_keeps_its_times(tmp_path: Path) -> None:
+    made = invented(start=0.05)
+    write_recording(tmp_path / "own.c3d", replace(made, frames=made.frames - 1))
+    np.testing.assert_allclose(mocap_id.read(tmp_path / "own.c3d").time, made.time, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [-1.0, -0.01, 0.004])
+def test_a_start_that_a_c3d_file_cannot_hold_is_refused(start: float, tmp_path: Path) -> None:
+    with pytest.raises(mocap_id.RecordingError, match=f"first frame is at {start:g} s; a C3D file holds times from 0"):
+        make_trial(invented(start), {"trial": "own", "out": tmp_path / "run"})
+    assert not list(tmp_path.rglob("recording*"))
+
+
+def test_times_too_late_for_nine_digits_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(mocap_id.RecordingError, match="expected times below 100000 s"):
+        write_recording_as_text(tmp_path / "own.trc", invented(1.7e9, corners=False))
+
+
+def test_corners_of_some_plates_only_are_refused(tmp_path: Path) -> None:
+    made = invented()
+    bare = replace(made.plates[0], index=2, corners=None)
+    with pytest.raises(mocap_id.RecordingError, match="no corners of plate 2, but those of plate 1"):
+        make_trial(replace(made, plates=(made.plates[0], bare)), {"trial": "own", "out": tmp_path / "run"})
+    unusable = replace(bare, problem="its type is unknown")
+    trial = make_trial(replace(made, plates=(made.plates[0], unusable)), {"trial": "own", "out": tmp_path / "run"})
+    assert trial.keys.recording is not None
+    assert trial.keys.recording.motion.name == "recording.c3d"
 
 
 def test_a_plate_that_starts_between_two_frames_is_not_moved(tmp_path: Path) -> None:

@@ -86,6 +86,35 @@ def test_a_notebook_shows_verdict_and_intervals(finished: Path) -> None:
     assert "<script" not in html
 
 
+@pytest.mark.parametrize("kind", [mocap_id.StoreError, mocap_id.NumericalError, mocap_id.RecordingError])
+def test_a_notebook_shows_the_numbers_without_the_player(
+    kind: type[Exception], finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(data: object) -> None:
+        raise kind("no pose in <frame> 3")
+
+    monkeypatch.setattr("mocap_id.reporting.page.trial_player", fail)
+    html = mocap_id.open(finished / "runs" / "trial")._repr_html_()
+    assert "95 % interval" in html
+    assert html.endswith("<p>There is no player: no pose in &lt;frame&gt; 3</p>")
+
+
+def test_messages_of_an_export_are_in_words_of_python(finished: Path) -> None:
+    run = mocap_id.open(finished / "runs" / "trial")
+    for formats, expected in ((("fbx",), "unknown format 'fbx'; expected some of trc"), ((), "no format; expected")):
+        with pytest.raises(mocap_id.ConfigError, match=expected):
+            run.export(*formats)
+    run.export("mot")
+    with pytest.raises(mocap_id.StoreError, match=r"`out=` .* `force=True`"):
+        run.export("mot")
+
+
+def test_what_is_no_trial() -> None:
+    for wrong in (None, 3, np.zeros((4, 2, 3))):
+        with pytest.raises(mocap_id.ConfigError, match=f"{type(wrong).__name__} is no trial; expected the path"):
+            mocap_id.run(wrong)
+
+
 def test_a_refusal_is_a_result(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     still = rng.normal(size=(4, 3)) + 0.001 * rng.normal(size=(300, 4, 3))

@@ -11,7 +11,7 @@ from mocap_id.config import load
 from mocap_id.runner import run, run_stage
 from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.stages.segment import space as segment_stage
-from mocap_id.store import Folder
+from mocap_id.store import Folder, Table
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -37,12 +37,20 @@ def test_the_joint_fit_does_not_end_in_the_wrong_minimum(space, tmp_path: Path) 
     assert found.errors["shoulder_axial, °"] < 12
 
 
-def test_landmarks_of_the_wrist_are_on_the_forearm_where_the_wrist_hardly_turns(space, tmp_path: Path) -> None:
-    configuration = hard_arm(space, tmp_path / "arm", 271_036)
+@pytest.fixture(scope="module")
+def stiff_wrist(space, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Table]:
+    """Configuration and segments.parquet of an arm whose wrist hardly turns."""
+    configuration = hard_arm(space, tmp_path_factory.mktemp("stiff"), 271_036)
     trial = load(configuration)
     for stage in ("planarise", "segment"):
         outcome = run_stage(trial, stage)
-    table = Folder(outcome.folder).table("segments.parquet")
+    return configuration, Folder(outcome.folder).table("segments.parquet")
+
+
+def test_landmarks_of_the_wrist_are_on_the_forearm_where_the_wrist_hardly_turns(
+    stiff_wrist: tuple[Path, Table],
+) -> None:
+    _, table = stiff_wrist
     names = table.facts["names"]
     assert names == ["thorax", "upper_arm", "forearm", "hand"]
     of = {
@@ -55,6 +63,20 @@ def test_landmarks_of_the_wrist_are_on_the_forearm_where_the_wrist_hardly_turns(
         assert "as its name says" in why
     assert of["M008"][0] == "forearm"
     assert of["M014"][0] == "hand"
+
+
+def test_hints_of_the_user_count_more_than_names_of_the_wrist(stiff_wrist: tuple[Path, Table]) -> None:
+    configuration, table = stiff_wrist
+    (why,) = (why for label, why in zip(table["marker"], table["reason"], strict=True) if label == "RS")
+    forearm = why.split("on the segment of ")[1].split(",")[0]
+    text = configuration.read_text("utf-8")
+    assert "\nsegment:" not in text
+    configuration.write_text(f"{text}\nsegment: {{apart: [[{forearm}, RS]]}}\n", "utf-8")
+    table = Folder(run_stage(load(configuration), "segment").folder).table("segments.parquet")
+    of = dict(zip(table["marker"], table["segment"], strict=True))
+    assert of[forearm] != of["RS"]
+    assert not any("as its name says" in why for why in table["reason"])
+    assert "segments-unsure" in {reason.code for reason in table.reasons}
 
 
 def test_a_segment_between_upper_arm_and_forearm_is_doubtful() -> None:

@@ -13,11 +13,16 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import so3
 from mocap_id.recording.imu_log import read_imu
+from mocap_id.runner.dependencies import parameters, user_files
 from mocap_id.runner.execution import run
+from mocap_id.stages import STAGES
+from mocap_id.stages.base import Context
+from mocap_id.stages.ukf_smooth.sensors_alone import _shown
 from mocap_id.store import Folder
+from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.study import sensitivity
 from worn_sensors import without_recording, worn_sensors
 
@@ -139,6 +144,31 @@ def test_forces_need_markers(place: Path) -> None:
     sensor = "[{file: a.csv, name: rail, segment: shank, at: [0, 0, 0]}]"
     with pytest.raises(ConfigError, match="beside markers"):
         load(without_recording(place / "trial/trial.yaml", external=sensor))
+
+
+def test_logs_of_a_calibration_without_common_time_are_named(place: Path) -> None:
+    keys = load(without_recording(place / "trial/trial.yaml", out="runs/alone")).keys
+    assert keys.calibration is not None
+    file, late = keys.calibration.imus["torso"], place / "calibration/late_torso.csv"
+    head, *rows = file.read_text("utf-8").splitlines()
+    times = (row.split(",", 1) for row in rows)
+    late.write_text("\n".join([head, *(f"{float(t) + 1000:.6f},{rest}" for t, rest in times), ""]), "utf-8")
+    calibration = keys.calibration.model_copy(update={"imus": {**keys.calibration.imus, "torso": late}})
+    trial = keys.model_copy(update={"calibration": calibration})
+    skeleton = Skeleton.from_tree(Folder(place / "calibration/runs/calibration").tree("chain.h5"))
+    with pytest.raises(RecordingError, match=r"late_torso\.csv.*0\.0 s in common.*use logs of one recording"):
+        _shown(Context(trial, None, {}), skeleton)
+
+
+def test_only_without_markers_the_sensors_are_read_before_the_filter(place: Path) -> None:
+    (first,) = (stage for stage in STAGES if stage.name == "planarise")
+    alone = load(without_recording(place / "trial/trial.yaml", out="runs/alone"))
+    seen = load(place / "trial/trial.yaml")
+    assert seen.keys.imus
+    assert not {role for role in user_files(seen, first) if role.startswith(("imus", "calibration"))}
+    assert not {"imus", "calibration"} & parameters(seen, first).keys()
+    assert {"imus.torso", "calibration.chain"} <= user_files(alone, first).keys()
+    assert {"imus", "calibration"} <= parameters(alone, first).keys()
 
 
 def test_a_method_without_sensors_is_an_error(place: Path) -> None:

@@ -138,6 +138,12 @@ def test_different_values_are_reported(tmp_path: Path, monkeypatch: pytest.Monke
     assert package_differences(path) == ["the c3d package reads no frames of this file"]
 
 
+def test_a_file_that_only_the_package_cannot_read_needs_no_action() -> None:
+    (said,) = package_differences(Path(__file__).parents[2] / "sample_trials" / "curl" / "trial.c3d")
+    assert "cannot read this file" in said
+    assert said.endswith("read without that package, and you need to do nothing")
+
+
 def test_the_block_size_has_no_influence(monkeypatch: pytest.MonkeyPatch) -> None:
     """The block size has no influence, even if smaller than a frame."""
     data = made(INTEL, 0.08)

@@ -198,6 +198,7 @@ def test_an_export_that_ends_within_a_row(tmp_path: Path, cut: int) -> None:
         ("c.csv", nexus().replace("Anna:foot,,", ",Anna:foot,"), "not above their columns"),
         ("c.csv", nexus().replace("\n7,0,", "\n7,1,"), "sub-frames"),
         ("d.csv", "time_s,x\n0,1\n", "neither a QTM TSV, Motive CSV nor Nexus CSV"),
+        ("d.csv", "time_s,x\n0,1\n", "skeleton log of a depth camera goes into `recording: {skeleton: FILE}`"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, name: str, text: str, reason: str) -> None:

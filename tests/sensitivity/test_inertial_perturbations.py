@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.recording.imu_log import ImuLog
 from mocap_id.workflows.sensitivity.inertial_perturbations import LOG_CHANGES
+from mocap_id.workflows.sensitivity.kinds import KINDS
 from mocap_id.workflows.sensitivity.options import SensitivityOptions
 from mocap_id.workflows.sensitivity.perturbed_trial import perturb
-from mocap_id.workflows.sensitivity.plan import KindSelection, Perturbation
-from mocap_id.workflows.sensitivity.study import sensitivity
+from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, Perturbation
+from mocap_id.workflows.sensitivity.responses import WRENCH_NAMES
+from mocap_id.workflows.sensitivity.study import _possible, sensitivity
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 from worn_sensors import worn_sensors
 
@@ -65,6 +68,21 @@ def test_no_perturbation_changes_nothing_and_a_turn_is_seen(trial: TrialInputs) 
     now = perturb(trial, Perturbation("imu-mounting", "", 0.3)).table("states.parquet")
     off = np.sqrt(np.mean((now["ddtheta_3"] - own["ddtheta_3"]) ** 2))
     assert 1e-3 < off < 0.5
+
+
+def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: TrialInputs) -> None:
+    wrench = trial.table("wrench.parquet")
+    unknown = {name: np.full_like(wrench[name], np.nan) for name in WRENCH_NAMES}
+    bare = trial.with_artefacts(replace(wrench, columns={**wrench.columns, **unknown}))
+    assert {one.kind for one in _possible(ALL_KINDS, trial)[0]} == set(KINDS)
+    selections, note = _possible(ALL_KINDS, bare)
+    assert {one.kind for one in selections} == {
+        kind.name for kind in KINDS.values() if not (kind.needs_plate or kind.needs_imus)
+    }
+    assert note.startswith("there is no force plate: only lengths and states are compared; left out: clock offset")
+    assert note.count("because they change no length: wander of the inertial sensors' clocks, drift of") == 1
+    with pytest.raises(ConfigError, match=r"has no force plate, so nothing .* change no length: wander"):
+        _possible((KindSelection("imu-clock"),), bare)
 
 
 def test_a_trial_without_sensors_says_so(robot_file: Path) -> None:

@@ -25,6 +25,7 @@ from mocap_id.estimation.smoothing import States
 
 _GATE = 8.0  # standard deviations of a sample in the filter
 _ACCELERATION_SHARE = 0.35  # of the filter's standard deviation, in simulated people: it takes lasting errors for white
+_LEAST = 1.0  # s that the logs must have in common
 _MARGIN = 0.3  # s at the ends, where the clocks of the sensors may not overlap
 
 
@@ -88,7 +89,7 @@ def show_chain(
     Raises
     ------
     NumericalError
-        A sensor contradicts the markers, or a covariance is not positive definite.
+        A sensor contradicts the markers, the logs have no time in common, or a covariance is not positive definite.
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     motions = segment_motions(states, rate)
@@ -105,6 +106,11 @@ def show_chain(
     stamps = carried[0].found.clock.stamps(time)
     first, last = max(each.time[0] for each in signals), min(each.time[-1] for each in signals)
     inside = np.flatnonzero((stamps > first + _MARGIN) & (stamps < last - _MARGIN))
+    if len(inside) < _LEAST * rate:
+        raise NumericalError(
+            f"by their times the logs have only {len(inside) / rate:.1f} s in common with each other and with the "
+            "markers: use logs of one recording, of sensors whose clocks started together"
+        )
     mean, _, _ = _tracked(signals, stamps[inside], known)
     off = mean[..., :3] - states.mean[inside][..., :3]
     return ShownChain(known, np.sqrt(np.nanmean(off**2, axis=0)))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_id import __version__
-from mocap_id.errors import StoreError
+from mocap_id.errors import MocapIdError, StoreError
 from mocap_id.runner import Step
 from mocap_id.verdict import Level, Reason
 from mocap_id.workflows.run_folder import SUMMARY, RunFolder
@@ -72,8 +72,8 @@ class Run:
         data = ReportData(self.name, __version__, self._files.artefacts, settings=settings)
         try:
             player = trial_player(data)
-        except StoreError as error:  # the numbers are shown even if a table is damaged
-            return f"{notebook_view(self.summary)}<p>{escape(str(error))}</p>"
+        except MocapIdError as error:  # the numbers do not need the tables
+            return f"{notebook_view(self.summary)}<p>There is no player: {escape(str(error))}</p>"
         return notebook_view(self.summary, player)
 
     @property

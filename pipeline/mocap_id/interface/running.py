@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import AbstractContextManager, nullcontext
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,8 +63,23 @@ def run(
         raise ConfigError(f"{source} holds the settings of its trial: change them there, or give the recording itself")
     else:
         trial = load(given)
-    outcome = runner.run(trial, progress=progress)
+    with _one_thread():
+        outcome = runner.run(trial, progress=progress)
     return Run(open_lazily(outcome.folder), outcome.steps)
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    """Return a context in which the linear algebra has one thread, unless environment variables set its threads.
+
+    The matrices are small: threads would wait for each other longer than they compute.
+    """
+    if {"OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"} & os.environ.keys():
+        return nullcontext()
+    import scipy.linalg  # noqa: F401, PLC0415  the limit holds for libraries that are loaded
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
+
+    limit: AbstractContextManager[object] = threadpool_limits(1, "blas")
+    return limit
 
 
 def open(folder: str | PathLike[str]) -> Run:

@@ -40,7 +40,10 @@ def package_differences(path: Path) -> list[str]:
                 frames = list(itertools.islice(reader.read_frames(), min(_FRAMES, layout.frames)))
         except Exception as error:  # noqa: BLE001  the package raises many kinds
             said = " ".join(str(error).split())[:120] or type(error).__name__
-            return [f"the c3d package cannot read this file ({said})"]
+            return [
+                f"the c3d package, which serves only as a comparison here, cannot read this file ({said}): its content "
+                "was read without that package, and you need to do nothing"
+            ]
         ours = layout.points, layout.channels, layout.frames
         found = [
             f"the c3d package counts {theirs} {what}, the file contains {own}"

@@ -99,7 +99,7 @@ def _parser(path: Path, start: bytes) -> Parser | None:
     if parse is None and path.suffix.lower() in _TEXTS:
         raise RecordingError(
             f"{path}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
-            "header, or as C3D or TRC"
+            "header, or as C3D or TRC. The skeleton log of a depth camera goes into `recording: {skeleton: FILE}`"
         )
     return parse
 

@@ -17,6 +17,11 @@ from mocap_id.recording.opensim_text import format_motion_table, format_trc
 from mocap_id.recording.plate_types import PlateSignals, plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+_SAME_FRAME = 0.01
+"""Largest difference between the time of the first frame and that of its number, as a share of a frame."""
+
+_LAST_TIME = 1e5
+"""Largest time in a text file, s; its nine digits are too coarse for later times."""
 
 
 def write_c3d(
@@ -69,12 +74,12 @@ def write_recording(path: Path, recording: Recording) -> None:
     Raises
     ------
     RecordingError
-        A C3D file cannot hold it: the frames are not evenly spaced, or a plate has no corners, or does not cover every
-        frame at a common rate that is a multiple of the frame rate.
+        A C3D file cannot hold it: the frames are not evenly spaced, or do not start at a whole frame from 0 s on; or a
+        plate has no corners, or does not cover every frame at a common rate that is a multiple of the frame rate.
     """
     _check_even(recording)
+    first = _first_number(recording)
     plates = [_signals(plate, recording) for plate in recording.plates if plate.usable]
-    first = max(int(recording.frames[0]), 1)
     try:
         write_c3d(path, recording.labels, recording.positions, recording.rate, first_frame=first, plates=plates)
     except ValueError as error:
@@ -84,27 +89,32 @@ def write_recording(path: Path, recording: Recording) -> None:
 def write_recording_as_text(path: Path, recording: Recording) -> None:
     """Write a recording as a TRC file, and its plates as a MOT file beside it, which needs no corners of plates.
 
-    The MOT file has each wrench as force and moment at the lab's origin; both files have Y up, as in OpenSim. Times of
-    a TRC file follow from the frame numbers; those of the MOT file are on the same clock.
+    The MOT file has each wrench as force and moment at the lab's origin; both files have Y up, as in OpenSim, and the
+    times of the recording.
 
     Raises
     ------
     RecordingError
-        The frames are not evenly spaced, or the plates do not have the same samples.
+        The frames are not evenly spaced or too late, or the plates do not have the same samples.
     """
     _check_even(recording)
+    if np.abs(recording.time).max() > _LAST_TIME:
+        raise RecordingError(
+            f"the recording runs from {recording.time[0]:g} to {recording.time[-1]:g} s; expected times below "
+            f"{_LAST_TIME:g} s: subtract a constant from all times"
+        )
     plates = [plate for plate in recording.plates if plate.usable]
     clocks = {(plate.rate, plate.start, len(plate.force)) for plate in plates}
     if len(clocks) > 1:
         raise RecordingError(
             "the plates have different rates, starts or numbers of samples; resample them to the same times"
         )
-    first = max(int(recording.frames[0]), 1)
-    write_trc(path, recording.labels, recording.positions, recording.rate, first_frame=first)
+    first, begin = max(int(recording.frames[0]), 1), float(recording.time[0])
+    write_trc(path, recording.labels, recording.positions, recording.rate, first_frame=first, start=begin)
     if not plates:
         return
     rate, start, count = clocks.pop()
-    time = (first - 1) / recording.rate + (start - recording.time[0]) + np.arange(count) / rate
+    time = start + np.arange(count) / rate
     turn = to_z_up("Y").T
     kinds = ("v", "p", "m")
     names = [f"ground_force_{k}_{kind}{axis}" for k in range(1, len(plates) + 1) for kind in kinds for axis in "xyz"]
@@ -119,6 +129,17 @@ def write_recording_as_text(path: Path, recording: Recording) -> None:
 def _check_even(recording: Recording) -> None:
     if not np.allclose(np.diff(recording.time) * recording.rate, 1.0, atol=1e-3):
         raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
+
+
+def _first_number(recording: Recording) -> int:
+    """Return the number of the first frame from its time, since frame 1 of a C3D file is at 0 s."""
+    at = float(recording.time[0] * recording.rate)
+    if at < -_SAME_FRAME or abs(at - round(at)) > _SAME_FRAME:
+        raise RecordingError(
+            f"the first frame is at {recording.time[0]:.9g} s; a C3D file holds times from 0 s on that are multiples "
+            f"of 1/{recording.rate:g} s: subtract a constant from all times, those of the plates too"
+        )
+    return round(at) + 1
 
 
 def _signals(plate: Plate, recording: Recording) -> PlateSignals:
@@ -137,17 +158,28 @@ def _signals(plate: Plate, recording: Recording) -> PlateSignals:
     return PlateSignals(2, channels, np.zeros(3), plate.corners, plate.rate)
 
 
-def write_trc(path: Path, labels: Sequence[str], positions: FloatArray, rate: float, *, first_frame: int = 1) -> None:
+def write_trc(
+    path: Path,
+    labels: Sequence[str],
+    positions: FloatArray,
+    rate: float,
+    *,
+    first_frame: int = 1,
+    start: float | None = None,
+) -> None:
     """Write markers as a TRC file (mm, Y up as in OpenSim); missing markers are blank.
 
     Parameters
     ----------
     path, labels, positions, rate, first_frame
         As in :func:`write_c3d`.
+    start : float, optional
+        Time of the first frame, s; by default that of its number, with frame 1 at 0 s.
     """
     y_up = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
     numbers = first_frame + np.arange(len(positions))
-    text = format_trc(path.name, labels, y_up, time=(numbers - 1) / rate, frames=numbers, rate=rate)
+    time = (numbers - 1) / rate if start is None else start + np.arange(len(positions)) / rate
+    text = format_trc(path.name, labels, y_up, time=time, frames=numbers, rate=rate)
     _write_atomically(path, lambda partial: partial.write_text(text, encoding="utf-8"))
 
 

@@ -17,12 +17,12 @@ from mocap_id.store import dumps, hash_bytes, hash_file
 
 def user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
     """Return the user files that a stage reads, by their YAML key such as ``recording.markers``."""
-    return {role: path for key in stage.uses for role, path in _paths(getattr(trial.keys, key), key)}
+    return {role: path for key in stage.keys_of(trial.keys) for role, path in _paths(getattr(trial.keys, key), key)}
 
 
 def parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
     """Return the stage's slice of the configuration: its trial keys and its settings, with files as names only."""
-    used = {key: _plain(getattr(trial.keys, key)) for key in stage.uses}
+    used = {key: _plain(getattr(trial.keys, key)) for key in stage.keys_of(trial.keys)}
     return {**used, stage.name: _plain(trial.settings[stage.name])}
 
 

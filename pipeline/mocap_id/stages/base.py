@@ -92,6 +92,8 @@ class Stage:
         Returns the outputs for a :class:`Context`, in the order of ``outputs``.
     help : str
         One line for the command line and the documentation.
+    uses_alone : tuple of str
+        More keys, which the function reads only if the trial has no recording: inertial sensors alone.
     """
 
     name: str
@@ -102,3 +104,8 @@ class Stage:
     settings: type[Settings]
     function: Callable[[Context], Outputs]
     help: str
+    uses_alone: tuple[str, ...] = ()
+
+    def keys_of(self, trial: TrialKeys) -> tuple[str, ...]:
+        """Return the keys that the function reads for a trial."""
+        return self.uses if trial.recording is not None else (*self.uses, *self.uses_alone)

@@ -13,7 +13,7 @@ from typing import Any
 from mocap_id.config import Trial, load
 from mocap_id.config.source import Source
 from mocap_id.config.trial import compose
-from mocap_id.errors import RecordingError, StoreError
+from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording import Recording, write_recording, write_recording_as_text
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
 from mocap_id.store.atomic import explained, replace_together
@@ -34,7 +34,7 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     ----------
     recording : Path or Recording
         Arrays in memory are written to ``recording.c3d`` in the run folder, or to ``recording.trc`` and
-        ``recording.mot`` if a plate has no corners.
+        ``recording.mot`` if the plates have no corners.
     given : mapping
         Keys of the trial, and ``forces``. Relative paths begin at the working folder.
     save : Path, optional
@@ -43,12 +43,17 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     Raises
     ------
     ConfigError
-        A key is wrong.
+        A key is wrong, or the recording is neither a path nor a Recording.
     RecordingError
-        There is no such recording, or the arrays cannot be written.
+        There is no such recording, or the arrays cannot be written with their times and plates.
     StoreError
         A file is in the way: one that was not made here, or results of another trial.
     """
+    if not isinstance(recording, Path | Recording):
+        raise ConfigError(
+            f"a {type(recording).__name__} is no trial; expected the path of a trial's YAML file or of a recording, or "
+            "a mocap_id.Recording"
+        )
     named = recording.files[:1] if isinstance(recording, Recording) else (recording,)
     stem = re.sub(r"[^\w.+-]+", "-", named[0].stem if named else "arrays").strip("-.+") or "trial"
     keys = {name.replace("_", "-"): value for name, value in given.items() if value is not None}
@@ -121,9 +126,16 @@ def _is_ours(file: Path) -> bool:
 
 
 def _write_arrays(recording: Recording, out: Path) -> Path:
+    """Write the recording; RecordingError if only some plates have corners, since no file keeps both kinds."""
+    bare = {plate.index: plate.corners is None for plate in recording.plates if plate.usable}
+    if len(set(bare.values())) > 1:
+        without, known = (", ".join(str(k) for k, one in bare.items() if one == kind) for kind in (True, False))
+        raise RecordingError(
+            f"no corners of plate {without}, but those of plate {known}; expected the corners of all plates or of none"
+        )
     with explained(out):
         out.mkdir(parents=True, exist_ok=True)
-        if all(plate.corners is not None for plate in recording.plates):
+        if not any(bare.values()):
             write_recording(out / _ARRAYS, recording)
             return out / _ARRAYS
         write_recording_as_text(out / _ARRAYS_AS_TEXT, recording)

@@ -63,8 +63,9 @@ STAGE = Stage(
     version=8,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external", "imus", "calibration"),
+    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
     settings=PlanariseSettings,
     function=_function,
     help=STAGE_HELP["planarise"],
+    uses_alone=("imus", "calibration"),
 )

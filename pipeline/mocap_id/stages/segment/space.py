@@ -72,7 +72,10 @@ def segment_bodies(context: Context) -> Outputs:
     if len(before):
         points[:, before] = np.nan
         found, names = search(hints)
-    if strayed := _strayed_wrist(context, points, labels, found, names):
+    strayed = _strayed_wrist(context, points, labels, found, names)
+    if not hints.allow(np.array(strayed, dtype=np.int64)):  # the user puts them apart
+        strayed = []
+    if strayed:
         found, names = search(marker_constraints(labels, settings, [strayed]))
     if settings.names:
         names = given_names(settings.names, found.count)

@@ -113,7 +113,8 @@ def _shown(context: Context, skeleton: Skeleton) -> tuple[ShownChain, FloatArray
     try:
         return show_chain(states, joints.time, sensors, snap**2 * dt), snap
     except NumericalError as error:
-        message = f"its inertial sensors do not fit its markers ({error}); check their segments and files"
+        files = ", ".join(file.name for file in calibration.imus.values())
+        message = f"its inertial sensors ({files}) do not fit its markers ({error}); check their segments and files"
         raise RecordingError(f"{calibration.trial}: {message}") from error
 
 

@@ -86,7 +86,8 @@ def export(
     """
     unknown = [name for name in formats if name not in FORMATS]
     if unknown or not formats:
-        raise ConfigError(f"--to: {unknown[0] if unknown else 'nothing'}: expected some of {', '.join(FORMATS)}")
+        found = f"unknown format {unknown[0]!r}" if unknown else "no format"
+        raise ConfigError(f"{found}; expected some of {', '.join(FORMATS)}")
     run = open_run(trial, progress)
     folder = run.path / "export" if out is None else out
     makers = [make for name in FORMATS if name in formats for make in (IN_SPACE if run.in_space else FORMATS)[name]]
@@ -95,7 +96,10 @@ def export(
         raise StoreError(f"{run.path} has no data for the formats {', '.join(formats)}: {'; '.join(made.notes)}")
     existing = [folder / name for name in made.files if (folder / name).exists()]
     if existing and not force:
-        raise StoreError(f"{existing[0]} exists already: choose another folder with --out, or overwrite with --force")
+        raise StoreError(
+            f"{existing[0]} exists already: choose another folder with `out=` or `--out`, or overwrite it with "
+            "`force=True` or `--force`"
+        )
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
     replace_together(folder, made.files)

@@ -124,18 +124,20 @@ def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[
         selections = tuple(one for one in selections if not KINDS[one.kind].needs_imus)
         if not selections:
             raise ConfigError(f"trial {trial.source.name} has no inertial sensors: none of their errors can be tried")
-    if trial.has_plate:
-        facts = trial.tree("dynamics.h5").facts
-        note = (
-            "" if facts["samples"] else f"nothing was identified ({facts['why']}): only lengths and states are compared"
-        )
-        return tuple(selections), note
-    possible = tuple(one for one in selections if not KINDS[one.kind].needs_plate)
+    facts = trial.tree("dynamics.h5").facts
+    if trial.has_plate and facts["samples"]:
+        return tuple(selections), ""
+    kinds = dict.fromkeys(KINDS[one.kind] for one in selections)
+    wrench = [kind.title for kind in kinds if kind.needs_plate and not trial.has_plate]
+    inertial = [kind.title for kind in kinds if kind.needs_imus]
+    note = f"nothing was identified ({facts['why']})" if trial.has_plate else "there is no force plate"
+    left = f"; left out: {', '.join(wrench)}" if wrench else ""
+    left += f"; left out, because they change no length: {', '.join(inertial)}" if inertial else ""
+    possible = tuple(one for one in selections if KINDS[one.kind].title not in (*wrench, *inertial))
     if not possible:
-        raise ConfigError(f"trial {trial.source.name} has no force plate: no perturbation of the wrench can be tried")
-    without = [KINDS[one.kind].title for one in selections if one not in possible]
-    about = f"; left out: {', '.join(without)}" if without else ""
-    return possible, f"there is no force plate: only lengths and states are compared{about}"
+        lack = "no identified parameters" if trial.has_plate else "no force plate"
+        raise ConfigError(f"trial {trial.source.name} has {lack}, so nothing can be tried{left}")
+    return possible, f"{note}: only lengths and states are compared{left}"
 
 
 def _output(result: SensitivityResult) -> Result:
