@@ -400,7 +400,8 @@ def test_the_place_of_a_joint_is_without_the_error_of_the_previous_one() -> None
     places = np.random.default_rng(5).normal(size=(200_000, 3)) * [3.0, 2.0, 4.0]
     relative = np.var(np.diff(places, axis=1, prepend=0.0), axis=0)
     np.testing.assert_allclose(without_previous(relative), [9.0, 4.0, 16.0], rtol=0.05)
-    np.testing.assert_allclose(without_previous(np.array([9.0, 8.0])), [9.0, 2.0])  # never none
+    np.testing.assert_allclose(without_previous(np.array([9.0, 8.0])), [8.0, 2.0])  # never none
+    np.testing.assert_allclose(without_previous(np.array([50.0, 50.0, 4.0])), [50.0, 4.0, 1.0])  # within the next
 
 
 @pytest.mark.parametrize(

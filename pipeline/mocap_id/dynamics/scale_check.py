@@ -36,13 +36,12 @@ _SURE = 2.58  # standard deviations, 99 %
 _ROUNDS = 3
 _STEP = 1e-4  # relative, or rad
 _LEAST_MODE = 0.1  # squared norm of a mode of the geometry's error, in standard deviations of the residual
-_RIGID = np.array([2.5, 2.0])  # N rms of Fx and Fy, up to which the segments are rigid
-_OF_RIGID = 0.25  # share of the spread between people for rigid segments that are not pinned
+_FOLLOWED = np.array([2.5, 2.0])  # N rms of Fx and Fy, up to which a pinned chain follows the person
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Standard deviations of one cause: while held near zero, while free, and of real people from a rigid chain."""
+    """Standard deviations of one cause: while held near zero, while free, and of real people from a chain."""
 
     held: float
     free: float
@@ -83,9 +82,9 @@ def check_scales(
         None if too few samples are usable, or if a pinned chain does not follow the person.
     """
     problem = _problem(prepared, gate, found, ratios)
-    if problem is None or (problem.pinned and not problem.rigid):
+    if problem is None or (problem.pinned and not problem.followed):
         return None
-    share = 0.0 if problem.pinned else _OF_RIGID if problem.rigid else 1.0
+    share = 0.0 if problem.pinned else 1.0
     held, start = problem.solve(None), found.base
     causes = {}
     for name, size in CAUSES.items():
@@ -131,7 +130,7 @@ class _Problem:
     prior_target: FloatArray
     start: FloatArray
     pinned: bool
-    rigid: bool
+    followed: bool
 
     def solve(self, free: str | None, start: FloatArray | None = None) -> _Solution:
         """Return cost and estimate with one cause free, by Gauss-Newton steps; the model is bilinear."""
@@ -224,7 +223,7 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
         prior_target=prior_target,
         start=base,
         pinned=prepared.prior is None,
-        rigid=bool(np.all(rms < _RIGID)),
+        followed=bool(np.all(rms < _FOLLOWED)),
     )
 
 

@@ -32,6 +32,7 @@ def place_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatAr
 
     The joint fit's covariance of centre j is relative to centre j - 1, in the body between them, so it contains the
     errors of both. The markers of this body place each of them, so the part of the previous one is subtracted.
+    It cannot be larger than that of centre j + 1 relative to it, which contains it as well.
     """
     own = without_previous(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
     return np.asarray(np.sqrt(own + _of_motion(context, bodies, q)))
@@ -40,8 +41,8 @@ def place_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatAr
 def without_previous(relative: FloatArray) -> FloatArray:
     """Return the variance (n,) of each joint's place from those of centres relative to the previous joint, m²."""
     own = np.zeros(len(relative))
-    for joint, variance in enumerate(relative):
-        own[joint] = max(variance - (own[joint - 1] if joint else 0.0), _OWN * variance)
+    for joint, (variance, following) in enumerate(zip(relative, [*relative[1:], np.inf], strict=True)):
+        own[joint] = min(max(variance - (own[joint - 1] if joint else 0.0), _OWN * variance), following)
     return own
 
 
