@@ -74,7 +74,14 @@ def test_torques_off_the_seat_equal_the_simulators(identified: Callable[..., Ide
 def test_their_standard_deviations_cover_the_errors(identified: Callable[..., Identified]) -> None:
     _, error, sd = identified("chosen")
     assert (rms(error / sd) < 1.5).all()
-    assert (rms(sd) < [3.0, 3.0, 6.0]).all(), "and are no larger than a hip needs whose centre is known to a centimetre"
+    assert (rms(sd) < 3.0).all(), "and are no larger than a hip needs whose centre is known to a few millimetres"
+
+
+def test_a_joint_that_gives_way_is_no_error_of_scale(identified: Callable[..., Identified]) -> None:
+    """With five repetitions, a gain of Fy of 2 to 7 % would lower the residual of nearly all such people."""
+    scales = identified("chosen")[0]["scales"]
+    assert scales["suspects"] == []
+    assert scales["causes"]["vertical gain"]["limit"] > 0.1, "people in whom nothing is wrong differ by as much"
 
 
 def test_the_pinned_chain_is_worse_at_every_joint(identified: Callable[..., Identified]) -> None:
