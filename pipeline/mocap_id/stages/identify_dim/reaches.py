@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
 from mocap_id.protocols.reach.body_targets import body_targets, level_heights
 from mocap_id.protocols.reach.ranges import HELD, AngleRange, joint_ranges, usable_samples, values
@@ -21,7 +21,6 @@ from mocap_id.store.schemas import EVENTS
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
-_NORMAL_95 = 1.96
 _LEAST_RANGE = np.radians(2.0)
 _ENDS = "the recording ends before the hand leaves"
 _PATH = 600  # points of the path of the wrist
@@ -55,7 +54,7 @@ def _range(one: AngleRange) -> dict[str, Any]:
         "low_deg": low,
         "high_deg": high,
         "range_deg": width,
-        "interval_deg": [max(width - _NORMAL_95 * spread, 0.0), width + _NORMAL_95 * spread],
+        "interval_deg": [max(width - NORMAL_95 * spread, 0.0), width + NORMAL_95 * spread],
         "low_sd_deg": low_sd,
         "high_sd_deg": high_sd,
         "used_share": one.used_share,

@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.numbers import NORMAL_95, all_known, known
+from mocap_id.reporting.numbers import all_known, known
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.estimates import Estimate
 from mocap_id.workflows.study.study_outcome import StudyOutcome, event_facts
