@@ -84,7 +84,7 @@ def support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: Trans
     apart = predicted(target, transferred.bodies, transferred.parameters) - table
     sd = _parameters_sd(target, transferred)
     difference, spread = (
-        {name: _rms(each[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME} for each in (apart, sd)
+        {name: root_mean_square(each[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME} for each in (apart, sd)
     )
     return Support(difference, spread, _at_home(source.facts.get("held_out")))
 
@@ -228,5 +228,6 @@ def _error(errors: Mapping[str, Any] | None, name: str) -> float:
     return float("nan") if one is None else float(np.hypot(one["bias"], one["sd"]))
 
 
-def _rms(values: FloatArray) -> float:
+def root_mean_square(values: FloatArray) -> float:
+    """Return the root mean square of the finite values; NaN if there are none."""
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")

@@ -26,7 +26,6 @@ from mocap_id.workflows.export.xml import Element, document, element, numbers, r
 from mocap_id.workflows.run_folder import RunFolder
 
 _PLACEHOLDER = "1 kg and 0.01 kg·m² a body"
-_AXES = ("1 0 0", "0 1 0", "0 0 1")
 _REACH = 2 * np.pi  # rad or m, at least, of every coordinate
 
 
