@@ -285,7 +285,7 @@ def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
 
 
 def _wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield the trials that do not belong together, and labels that a trial's protocol lacks or does not have."""
+    """Yield a line for trials that do not belong together, and for labels that do not suit the protocol."""
     default = parsed.defaults.get("protocol")
     protocols = [(entry.model_extra or {}).get("protocol", default) for entry in parsed.trials]
     kinds = [protocol if protocol in _INSTEAD else None for protocol in protocols]

@@ -1,4 +1,4 @@
-"""Trials of inertial sensors without markers: how stages know them, and the trial that has shown chain and sensors."""
+"""Trials of inertial sensors without markers: how stages recognise them, and the trial that calibrates them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ def without_markers(facts: Mapping[str, Any]) -> bool:
 
 
 def shown_by(trial: TrialKeys) -> Calibration:
-    """Return the trial that has shown the chain of a trial without markers."""
+    """Return the calibration trial, which has the chain of a trial without markers."""
     assert trial.calibration is not None
     return trial.calibration

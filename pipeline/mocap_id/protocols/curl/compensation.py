@@ -67,7 +67,7 @@ def compensation(
 
 
 def _of_curl(time: FloatArray, change: FloatArray, sd: FloatArray, first: float, rules: CurlRules) -> Compensation:
-    """Return the compensation of one curl from the change since the start of the first curl, and its first mean."""
+    """Return the compensation of one curl; ``first`` is the mean of the first curl."""
     error, size = float(np.sqrt(np.mean(sd**2))), float(np.ptp(change))
     half = NORMAL_95 * float(np.sqrt(2) * error)  # errors of both ends are independent at worst
     away = find_runs(np.abs(change) > rules.compensation)

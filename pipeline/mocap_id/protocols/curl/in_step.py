@@ -2,8 +2,8 @@
 
 An axis of the elbow that errs by (d_x, d_y) turns the upper arm about its y axis by d_y Δsin(flexion) + d_x
 Δcos(flexion) from one flexion to another. Skin that slides with the flexion does nearly the same, and so does a person
-who turns the upper arm in every curl: no motion tells them apart. What the first curl shows of it is therefore stated
-apart, and the compensation is what a curl has beyond it.
+who turns the upper arm in every curl: no motion tells them apart. The part in the first curl is therefore stated
+separately, and the compensation is the motion beyond this part.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ _ANATOMICAL: Mapping[str, JointKind] = {"clavicle": "ball", "shoulder": "ball", 
 
 
 _GIRDLE = "girdle"
-"""The segment that is no limb: its markers slide over the shoulder blade."""
+"""The thorax is not a limb: its markers slide over the shoulder blade."""
 
 
 def _known_kinds(joint_names: Sequence[str]) -> dict[int, JointKind]:

@@ -101,9 +101,9 @@ def segment_bodies(context: Context) -> Outputs:
 def _strayed_wrist(
     context: Context, points: FloatArray, labels: Sequence[str], found: SpatialSegmentation, names: Sequence[str]
 ) -> list[int]:
-    """Return landmarks of the wrist that were found on the hand, after a marker of the forearm; else no markers.
+    """Return a marker of the forearm and the wrist's landmarks that were assigned to the hand; or nothing.
 
-    A wrist that hardly turns does not show on which side of it they are, but their names do.
+    If the wrist hardly turns, only their names show that they belong to the forearm.
     """
     if context.settings.names or not _splits_arm(names):
         return []

@@ -1,4 +1,4 @@
-"""How a trial of a study ended, with its place in the study, and the columns of this in the tables."""
+"""How a trial of a study ended, and the columns that the tables of all studies share."""
 
 from __future__ import annotations
 
