@@ -11,8 +11,8 @@ from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
 from mocap_id.protocols.reach.body_targets import body_targets, level_heights
 from mocap_id.protocols.reach.ranges import HELD, AngleRange, joint_ranges, usable_samples, values
+from mocap_id.protocols.reach.reaches import Reach, find_reaches
 from mocap_id.protocols.reach.surface import Surface, reach_surface
-from mocap_id.protocols.reach.tasks import Reach, find_reaches
 from mocap_id.protocols.reach.visited_region import VisitedRegion, visited_region
 from mocap_id.protocols.reach.workspace import Volume, Workspace, workspace
 from mocap_id.stages.base import Context
@@ -39,7 +39,7 @@ def find_reach_events(context: Context) -> Table:
     try:
         arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
         reaches = find_reaches(angles.time, arm)
-        facts |= _arm(arm) | {"heights": _heights(angles.time, arm), "tasks": _tasks(reaches)}
+        facts |= _arm(arm) | {"heights": _heights(angles.time, arm), "tasks": _by_target(reaches)}
         facts |= _volumes(angles, poses, arm, ranges)
     except UnknownReach as unknown:
         facts["why"] = str(unknown)
@@ -98,7 +98,7 @@ def _heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
     }
 
 
-def _tasks(reaches: Sequence[Reach]) -> dict[str, Any]:
+def _by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
     found: dict[str, list[float]] = {}
     for one in reaches:
         if one.target != "none":
