@@ -52,9 +52,9 @@ def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> Gri
     return GridColumn(head, cell)
 
 
-def estimate(head: str, name: str, factor: float = 1.0) -> GridColumn:
-    """Return a column of values with their intervals, times a factor; left out where no row has one."""
-    return GridColumn(head, lambda row: show_estimate(row, name, factor), optional=True)
+def estimate(head: str, name: str) -> GridColumn:
+    """Return a column of values with their intervals; left out where no row has one."""
+    return GridColumn(head, lambda row: show_estimate(row, name), optional=True)
 
 
 def show_estimate(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:

@@ -188,7 +188,7 @@ def _moved(tracked: Tracked, k: int, segment: str) -> list[Reason]:
         return []
     message = (
         f"the sensor on the {segment} leans {np.degrees(turned):.0f}° out of the plane against the calibration: it was "
-        "worn otherwise, or the person leaned sideways. Its angles may be wrong by as much, which no interval contains."
+        "turned on it, or the person leaned sideways. Its angles may be wrong by as much, which no interval contains."
     )
     return [Reason("imu-moved", message, float(np.degrees(turned)), float(np.degrees(_TURNED)))]
 
