@@ -26,7 +26,7 @@ TrialPath = Annotated[
 
 
 def one_of(*values: str) -> Callable[[], list[str]]:
-    """Return a completion in the shell by the values of an option."""
+    """Return a shell completion that offers the values of an option."""
     return lambda: list(values)
 
 

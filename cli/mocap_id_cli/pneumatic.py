@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from mocap_id.arrays import NORMAL_95
 from mocap_id.config.device import load_device
 from mocap_id.stages.device import Condition
 from mocap_id.workflows import pneumatic as workflow
@@ -78,7 +79,7 @@ def _sample(curve: Mapping[str, Any], k: int) -> list[str]:
     return [
         f"{math.degrees(curve['angle_rad'][k]):.1f}°",
         f"{curve['torque_Nm'][k]:.2f} N·m",
-        f"{1.96 * curve['sd_torque_Nm'][k]:.2f} N·m",
+        f"{NORMAL_95 * curve['sd_torque_Nm'][k]:.2f} N·m",
         f"{curve['stiffness_Nm_rad'][k]:.2f} N·m/rad",
     ]
 

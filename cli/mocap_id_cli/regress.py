@@ -49,7 +49,7 @@ def regress(
         for trial, numbers in made.trials.items():
             if "exit_code" in numbers:
                 typer.echo(
-                    f"{trial}: failed, exit code {numbers['exit_code'].value}: the baseline has nothing else for it"
+                    f"{trial}: failed, exit code {numbers['exit_code'].value}; the baseline holds only this code"
                 )
         typer.echo(f"baseline: {short(baseline.absolute())}, {len(made.trials)} trials")
         return

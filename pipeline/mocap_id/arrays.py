@@ -1,4 +1,7 @@
-"""Array types for signatures, and helpers that split arrays. Docstrings give the shapes."""
+"""Array types for signatures, helpers that split arrays, and the half-width of 95 % intervals.
+
+Docstrings give the shapes.
+"""
 
 from typing import TypeAlias
 
@@ -9,6 +12,9 @@ FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 ComplexArray: TypeAlias = NDArray[np.complex128]
+
+NORMAL_95 = 1.96
+"""Half-width of a 95 % interval of a normal distribution, in standard deviations."""
 
 
 def chunks(count: int, size: int = 1024) -> list[slice]:

@@ -43,6 +43,13 @@ def contents(folder: Path) -> dict[str, str]:
     return {done.trial: str(done.key) for done in run_trials(find_trials([str(folder)])[0], LocalBackend())}
 
 
+def test_a_single_trial_runs_here_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "gone.yaml").write_text("trial: gone\nrecording: nowhere.trc\n")
+    done = run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend("tcp://127.0.0.1:1"))
+    assert [one["exit_code"] for one in done.rows] == [3]
+    assert "there is only one trial: it runs on this machine, without Dask" in caplog.text
+
+
 def test_one_failure_stops_no_other(here: tuple[Path, Batch]) -> None:
     folder, done = here
     table = pd.read_parquet(folder / "batch.parquet")

@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 from batch_cases import trials
 
+from mocap_id.arrays import NORMAL_95
 from mocap_id.errors import RecordingError
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, regress, update
-from mocap_id.workflows.regress.quantities import INTERVAL, Quantity, quantities
+from mocap_id.workflows.regress.quantities import Quantity, quantities
 from mocap_id.workflows.regress.regression_check import tolerance_used
 
 
@@ -88,7 +89,7 @@ def test_a_file_that_is_no_baseline(tmp_path: Path, text: str | None) -> None:
 def test_a_tolerance_is_the_stated_interval() -> None:
     length = {"lengths_m": {"shank": {"value": 0.4, "sd": 0.001}, "thigh": {"value": 0.4, "sd": None}}}
     found = quantities({"verdict": {"level": "ok", "reasons": []}, **length})
-    assert found["lengths_m.shank"] == Quantity(0.4, INTERVAL * 0.001, "m")
+    assert found["lengths_m.shank"] == Quantity(0.4, NORMAL_95 * 0.001, "m")
     assert found["lengths_m.thigh"].tolerance == pytest.approx(0.02)
 
 

@@ -12,7 +12,7 @@ from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownRe
 from mocap_id.protocols.reach.body_targets import body_targets
 from mocap_id.protocols.reach.ranges import joint_ranges
 from mocap_id.protocols.reach.reachable_set import ReachArm
-from mocap_id.protocols.reach.tasks import find_reaches
+from mocap_id.protocols.reach.reaches import find_reaches
 from mocap_id.protocols.reach.workspace import workspace
 from mocap_id.store import Table, Tree
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton

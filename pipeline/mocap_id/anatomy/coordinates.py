@@ -1,11 +1,11 @@
 """Coordinates of a joint from its rotation: their rates, accelerations and uncertainty.
 
-The coordinates q turn the child about d axes b_i, which are seen in the child's frame here:
+The coordinates q turn the child about d axes b_i, given here in the child's frame:
 
     omega = B(q) dq,   alpha = B(q) ddq + dB/dt dq,   B = [b_1 … b_d]
 
-All equations hold for any B. First and second derivatives of B carry the errors of rotation, angular velocity and
-angular acceleration into q, dq and ddq.
+All equations hold for any B. Through first and second derivatives of B, the errors of rotation, angular velocity and
+angular acceleration are propagated to q, dq and ddq.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class AxisDerivatives:
 def axes_of_turns(turns: FloatArray, q: FloatArray, offsets: FloatArray | None = None) -> AxisDerivatives:
     """Return B for successive turns, ``R = exp(a_1 q_1) O_1 exp(a_2 q_2) O_2 … exp(a_d q_d)``.
 
-    An axis seen from the child is turned by every later coordinate, hence db_i/dq_k = b_i × b_k for k > i, and zero
+    In the child's frame, every later coordinate turns an axis, hence db_i/dq_k = b_i × b_k for k > i, and zero
     otherwise.
 
     Parameters

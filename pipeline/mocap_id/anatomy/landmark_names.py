@@ -62,7 +62,7 @@ SEGMENTS = {
     **dict.fromkeys(("RS", "US"), "forearm"),
     **dict.fromkeys(("MC3", "MCP2", "MCP3", "MCP5"), "hand"),
 }
-"""Segment of each landmark. The acromion and the scapula ride on the shoulder girdle, which follows the thorax."""
+"""Segment of each landmark. The acromion and the scapula are on the shoulder girdle, which follows the thorax."""
 
 _SIDES: tuple[tuple[Side, tuple[str, ...]], ...] = (("right", ("right", "rt", "r")), ("left", ("left", "lt", "l")))
 

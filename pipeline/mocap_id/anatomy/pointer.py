@@ -159,7 +159,7 @@ def find_tip(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Poi
 
     In the frame of the cluster the tip is constant: c(t) - l e(t) = p, with the middle c of the markers, the direction
     e of the rod and the distance l from the tip to the middle. l and one p for each trial follow by least squares.
-    The noise of e, seen from one frame to the next, is no turn and is taken out.
+    The noise of e, estimated from neighbouring frames, is not a rotation and is removed.
 
     Parameters
     ----------

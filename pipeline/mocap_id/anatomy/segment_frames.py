@@ -92,7 +92,7 @@ def fit_segment_frames(
 ) -> AnatomicalFrames:
     """Return the ISB frames of the segments from landmarks in the frames of clusters.
 
-    Frames that take landmarks of two segments (the forearm takes the elbow centre) hold for the still pose.
+    Frames that use landmarks of two segments (the forearm uses the elbow centre) hold for the still pose.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _second_option(
 
 
 def _in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: SegmentPoses) -> SegmentFrame:
-    """Return a frame of the trial in its segment's frame, its sensitivities by displacements within segments."""
+    """Return a frame relative to its segment, with derivatives by displacements of landmarks in their segments."""
     k = segment[name]
     turn = pose.rotations[k]
     return SegmentFrame(

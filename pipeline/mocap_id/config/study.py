@@ -15,7 +15,7 @@ from mocap_id.config.source import Location, Source, read
 from mocap_id.config.trial import Trial, absolute, compose, trial_model
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.cohort.page_data import COHORT
-from mocap_id.stages import STAGES, Stage
+from mocap_id.stages import STAGES
 from mocap_id.stages.base import Settings
 from mocap_id.stages.curl_keys import ConditionName
 from mocap_id.stages.trial_keys import Subject, TrialKeys
@@ -145,7 +145,7 @@ class Study:
         return all(trial.trial.keys.protocol == protocol for trial in self.trials)
 
 
-def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
+def load_study(file: Path) -> Study:
     """Read and check a study's YAML file; no recording is opened.
 
     Raises
@@ -160,13 +160,13 @@ def load_study(file: Path, stages: Sequence[Stage] = STAGES) -> Study:
     parsed = parse(source, _File, "keys such as `study:`, `subjects:` and `trials:`", _completed)
     raise_mistakes((*_contradictions(parsed, source), *_wrong_labels(parsed, source)))
     out = absolute(parsed.out, source.file.parent)
-    trials = _trials(parsed, source, out, stages)
+    trials = _trials(parsed, source, out)
     return Study(source.file, parsed.study, out, parsed.subjects, trials, _reference(parsed, source, trials))
 
 
-def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
+def study_schema() -> dict[str, Any]:
     """Return the JSON Schema of a study's YAML file, for editors."""
-    schema, trial = json_schema(_File), json_schema(trial_model(stages))
+    schema, trial = json_schema(_File), json_schema(trial_model(STAGES))
     keys = {name: key for name, key in trial["properties"].items() if name not in ("subject", "out")}
     entry = schema["$defs"]["_Entry"]
     entry["properties"] = keys | entry["properties"]
@@ -184,18 +184,18 @@ def study_schema(stages: Sequence[Stage] = STAGES) -> dict[str, Any]:
     return {**schema, "title": "Study"}
 
 
-def _trials(parsed: _File, source: Source, out: Path, stages: Sequence[Stage]) -> tuple[StudyTrial, ...]:
+def _trials(parsed: _File, source: Source, out: Path) -> tuple[StudyTrial, ...]:
     """Return all trials; the mistakes of all trials are raised together, each once."""
     labels: dict[str, Any] = {
         name: (str, Field("", description=_Entry.model_fields[name].description)) for name in ("strategy", "session")
     }
-    model = create_model("StudyTrial", __base__=trial_model(stages), **labels)
+    model = create_model("StudyTrial", __base__=trial_model(STAGES), **labels)
     found: list[StudyTrial] = []
     wrong: list[str] = []
     below = _below(source)
     for index, entry in enumerate(parsed.trials):
         try:
-            trial = compose(_one(source, below, index, parsed.subjects), stages, out=out / entry.trial, model=model)
+            trial = compose(_one(source, below, index, parsed.subjects), STAGES, out=out / entry.trial, model=model)
         except ConfigError as error:
             wrong += str(error).splitlines()
         else:
@@ -285,7 +285,7 @@ def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
 
 
 def _wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield the trials that do not belong together, and labels that a trial's protocol lacks or does not have."""
+    """Yield a line for trials that do not belong together, and for labels that do not suit the protocol."""
     default = parsed.defaults.get("protocol")
     protocols = [(entry.model_extra or {}).get("protocol", default) for entry in parsed.trials]
     kinds = [protocol if protocol in _INSTEAD else None for protocol in protocols]

@@ -209,7 +209,7 @@ def _device(source: Source, given: str, condition: object) -> dict[str, Any]:
 
 
 def _calibration(source: Source, given: str, stages: Sequence[Stage], *, alone: bool) -> dict[str, Any]:
-    """Return the files of the trial whose chain is used; ``alone``: by a trial of inertial sensors without markers."""
+    """Return the files of the trial whose chain is used; ``alone``: for a trial of inertial sensors without markers."""
     where = source.where(("calibration",))
     file = (source.file.parent / _expanded(Path(given))).absolute()
     if not file.exists():

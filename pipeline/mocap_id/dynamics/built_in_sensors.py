@@ -1,8 +1,8 @@
 """Two-sensor identification (thesis 9.3): a wrench sensor built into a joint, beside the ground's.
 
-The ground's wrench is dominated by the heavy segments, so it shows those of a light distal one badly. A sensor in the
-joint before it carries that segment and everything beyond, and nothing else: W = Σ_{k ≥ s} Y_k φ_k. Its fit is combined
-with that of the ground by their covariances.
+The ground's wrench is dominated by the heavy segments, so it determines the parameters of a light distal segment badly.
+A sensor in the joint before it carries that segment and everything beyond, and nothing else: W = Σ_{k ≥ s} Y_k φ_k. Its
+fit is combined with that of the ground by their covariances.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _ROUNDS = 2  # weights from the residuals of the round before
 _LEAST_SAMPLES = 50
 _COMMON = 1e-6  # a parameter of the sensor that the ground's base parameters determine
 _GAIN_SD = 0.005  # relative error of the sensor's scale
-_SEED = 1  # of the noise of a sensor that is foreseen
+_SEED = 1  # of the noise of a sensor that is predicted
 
 
 @dataclass(frozen=True)
 class SensorFit:
-    """What one built-in sensor says: linear functions of the full parameters, with their covariance.
+    """Result of one built-in sensor: linear functions of the full parameters, with their covariance.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def with_sensors(
 
 
 def _together(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
-    """Return the first part's base parameters (b,) and their covariance (b, b) by all parts together."""
+    """Return the first part's base parameters (b,) and their covariance (b, b) from all parts together."""
     halves = [_half(each.covariance) for each in parts]
     rows = [solve_triangular(half, each.rows, lower=True) for half, each in zip(halves, parts, strict=True)]
     target = [solve_triangular(half, each.values, lower=True) for half, each in zip(halves, parts, strict=True)]
@@ -171,13 +171,13 @@ def _together(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
     return spread @ np.concatenate(target), spread @ spread.T
 
 
-def foresee_sensor(
+def predict_with_sensor(
     alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int, noise: SensorNoise
 ) -> FloatArray | None:
-    """Return the covariance (b, b) that the base parameters would have with a sensor that the trial has not.
+    """Return the covariance (b, b) that the base parameters would have with a sensor that the trial does not have.
 
     The sensor's wrench is that of the identified body, with noise and with the torque of wrong accelerations. Errors
-    that do not show in residuals, such as a plate's zero, cannot be foreseen: with them, the real gain is larger.
+    that do not show in residuals, such as a plate's zero, cannot be predicted: with them, the real gain is larger.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def foresee_sensor(
     errors = rng.standard_normal((len(rows), 3)) * [noise.force, noise.force, noise.moment]
     about_origin = np.linalg.solve(_to_joint(prepared, segment), errors[..., None])[..., 0]
     wrench = rows[:, :, first:] @ alone.full[first:] + about_origin
-    found = fit_sensor(prepared, gate, ExternalWrench("foreseen", segment, wrench, by_plates=False))
+    found = fit_sensor(prepared, gate, ExternalWrench("predicted", segment, wrench, by_plates=False))
     if found is None:
         return None
     return _together([SensorFit("ground", prepared.base.regrouping, alone.base, alone.covariance), found])[1]

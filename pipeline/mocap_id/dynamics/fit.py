@@ -176,7 +176,7 @@ def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fi
 def _searched(
     prepared: FilteredTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Return weights without and with the share of independent samples, clock offset, and whether it is a minimum."""
+    """Return weights (without, with the share of independent samples), clock offset, whether it is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
     weights = spread = np.ones(len(prepared.settings.components))
     found, at_edge = 0.0, True

@@ -12,7 +12,7 @@ _LONG = 0.75  # share of rest from which it is thinned
 
 
 def without_long_rests(velocity: FloatArray) -> BoolArray:
-    """Return which samples (T,) to use: those in motion if rests are longer, else all.
+    """Return the samples (T,) to use: those in motion if the person mostly rests, else all.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def without_long_rests(velocity: FloatArray) -> BoolArray:
 
 
 def with_short_rests(velocity: FloatArray) -> BoolArray:
-    """Return which samples (T,) to use: if rests take most of the time, as many at rest, evenly, as in motion.
+    """Return the samples (T,) to use: all, or, if rests are long, those in motion and about as many at rest.
 
     Parameters
     ----------

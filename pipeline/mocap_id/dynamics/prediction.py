@@ -221,7 +221,7 @@ def _undetermined(determined: BoolArray, torque_determined: BoolArray) -> tuple[
 def _model_errors(
     prepared: PreparedTrial, found: Identification, needed: FloatArray, noise: FloatArray
 ) -> tuple[ModelError, ...]:
-    """Return the model's error in each component; from the states alone if the plate does not show it."""
+    """Return the model's error in each component; if the plate does not show this error, from the states alone."""
     recorded = prepared.recorded
     residual = prepared.measured(found.fit.offset) - needed
     shown = [estimate_model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]

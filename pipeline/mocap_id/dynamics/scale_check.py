@@ -228,7 +228,7 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
 
 
 def _fewer_modes(effect: FloatArray) -> FloatArray:
-    """Combine independent modes (R, 3, S) to the few that matter, with the same covariance; in standard deviations."""
+    """Return fewer modes with the same covariance, from independent modes (R, 3, S) in standard deviations."""
     if effect.shape[-1] == 0:
         return effect
     flat = effect.reshape(-1, effect.shape[-1])
@@ -275,8 +275,8 @@ def _residual(columns: FloatArray, target: FloatArray, weights: FloatArray, prep
 def _weights(columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial) -> FloatArray:
     """Return the weights (3,) of the components, from the residual of a fit without causes.
 
-    A residual that is correlated in time counts as fewer samples: the squared sums over blocks of each column times the
-    residual, relative to the sums of squares.
+    A residual that is correlated in time counts as fewer samples. Their share is found from each column times the
+    residual: squared sums over blocks of time, divided by the sum of squares.
     """
     weights, residual = np.ones(3), target
     for _ in range(_ROUNDS):

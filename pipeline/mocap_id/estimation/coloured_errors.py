@@ -69,7 +69,7 @@ def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: Int
 def _gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return some frames (f,), and the squared gains a_jk (M, n, f) there, rad²/m².
 
-    They include that a residual lacks the part of a marker's error that the angles follow.
+    They allow for the part of a marker's error that the angles follow, which its residual does not contain.
     """
     states = residuals.states
     some = np.unique(np.linspace(0, len(angles) - 1, _POSTURES).round().astype(np.int64))

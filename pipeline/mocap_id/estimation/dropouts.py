@@ -176,7 +176,7 @@ def find_gaps(used: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 def memories_away(edges: IntArray, missing: IntArray, frames: int, memory: float) -> tuple[FloatArray, FloatArray]:
-    """Return the time since the gap began and until it ends, in memories; infinite beyond the trial."""
+    """Return the time since the gap began and until it ends, divided by the memory; infinite beyond the trial."""
     first, after = edges[np.searchsorted(edges[:, 0], missing, side="right") - 1].T
     since = np.where(first > 0, missing - first + 1, np.inf)
     until = np.where(after < frames, after - missing, np.inf)

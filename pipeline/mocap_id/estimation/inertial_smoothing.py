@@ -119,7 +119,7 @@ def _seen(states: States) -> BoolArray:
 
 @dataclass(frozen=True)
 class CarriedSensor:
-    """A sensor, the turn of the skin under it for the turn of each joint (n,), and the angular velocity left (F,)."""
+    """A sensor, the share (n,) of each joint's rotation that its skin follows, and the rest of the rate (F,)."""
 
     found: Calibrated
     ready: Prepared
@@ -173,7 +173,7 @@ def _as_arrays(states: States, carried: Mapping[int, CarriedSensor]) -> Inertial
 
 
 def _with_drift(states: States, carried: Mapping[int, CarriedSensor], dt: float) -> FloatArray:
-    """Return the standard deviations with what the differences of sensors and markers add up to in a gap."""
+    """Return the standard deviations, increased in gaps by the integrated differences between sensors and markers."""
     sd = states.sd.copy()
     for j in range(sd.shape[1]):
         own = [carried[s] for s in (j, j + 1) if s in carried]

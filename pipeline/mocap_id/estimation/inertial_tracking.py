@@ -1,8 +1,8 @@
 """States of a planar chain from inertial sensors alone, on a chain that a trial with markers has shown.
 
 That trial calibrates the sensors on their segments. Dead reckoning then gives angles, biases and clocks, and the filter
-smooths the corrected signals. Tracked in the same way without its markers, the trial with markers shows the errors that
-last: those of mounting, chain and skin.
+smooths the corrected signals. The trial with markers is tracked in the same way without its markers; this shows the
+lasting errors of mounting, chain and skin.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Tracked:
 
 @dataclass(frozen=True)
 class ShownChain:
-    """A chain with its sensors, and how wrong the states are without markers.
+    """A chain with its sensors, and the errors of states without markers.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class ShownChain:
 def show_chain(
     states: States, time: FloatArray, sensors: Mapping[int, SensorSignals], density: FloatArray
 ) -> ShownChain:
-    """Calibrate the sensors on a trial with markers, and track it without these.
+    """Calibrate the sensors on a trial with markers, and track the same trial without the markers.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
 
 
 def determined_angles(angles: FloatArray, used: BoolArray, chain: MarkerChain, marker_sd: float) -> BoolArray:
-    """Return which angles (F, n), rad, the markers used (F, M) of the same frame determine, for a marker noise in m."""
+    """Return whether the used markers (F, M) of a frame determine its angles (F, n), rad, for a marker noise in m."""
     found = np.empty(angles.shape, dtype=np.bool_)
     for s in chunks(len(angles)):
         found[s] = observed_angles(angle_covariance(information(angles[s], used[s], chain), marker_sd))

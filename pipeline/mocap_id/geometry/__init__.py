@@ -9,7 +9,7 @@ from mocap_id.geometry.chain import (
     spatial_jacobian,
     spatial_product,
 )
-from mocap_id.geometry.joints import Joint, Revolute
+from mocap_id.geometry.joints import Revolute
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.geometry.recursion import (
     inverse_dynamics,
@@ -21,7 +21,6 @@ from mocap_id.geometry.recursion import (
 __all__ = [
     "Ball",
     "Chain",
-    "Joint",
     "PlaneFrame",
     "Revolute",
     "body_jacobian",

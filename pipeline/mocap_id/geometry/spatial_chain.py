@@ -68,8 +68,8 @@ class SpatialJoint:
     known : bool
         False if the motion does not show the centre; then the centre has no meaning.
     slide_sd : float
-        Standard deviation along each axis of the slide of the marker clusters beside the joint, each as a whole, on the
-        bones, m; 0 if only single markers slide.
+        Standard deviation, along each axis, of the slide of whole marker clusters on the bones beside the joint, m; 0
+        if only single markers slide.
     """
 
     kind: JointKind

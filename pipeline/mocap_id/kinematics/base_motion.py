@@ -78,7 +78,7 @@ class BaseMotion:
     poses: FloatArray
 
     def undo_positions(self, positions: FloatArray, time: FloatArray) -> FloatArray:
-        """Return the positions (F, M, 3) that all but the fixed markers have relative to a base that stands still.
+        """Return the positions (F, M, 3) without the motion of the base; fixed markers keep their positions.
 
         Parameters
         ----------
@@ -204,7 +204,7 @@ def _extent(tracks: FloatArray) -> FloatArray:
 
 
 def _on_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
-    """Return fixed markers (M,) beside the feet that move and as high as they are: on a foot that keeps its place.
+    """Return markers (M,) on a foot that keeps its place: fixed, and beside the moving feet at the same height.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class Continuations:
     Which distances stay constant depends on the lag: over one frame nearly all do, over half a second only those within
     a rigid body. The scale of each distance is therefore a quantile of its own changes over the same lag, within three
     seconds before in the one column and three seconds after in the other, whichever is larger. Scales from the whole
-    trial would fail: a column that is swapped for half of it has the partners of two markers.
+    trial would fail: a column that shows another marker for half of it has the partners of both.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
     """Return which markers (M,) move and keep their distance from no other moving marker.
 
     Two markers of one segment keep their distance, and those of a limb without a joint centre nearly do. The image of a
-    marker in a mirror does not, nor does a passer-by.
+    marker in a mirror does not, nor do those of a passer-by.
 
     Parameters
     ----------

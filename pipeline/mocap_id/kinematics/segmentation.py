@@ -196,7 +196,7 @@ def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) ->
 
 
 def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
-    """Assign leftover markers to the segments that fit them, the surest first and units as one.
+    """Assign leftover markers to the segments that fit them, the most certain first; a unit stays together.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _no_chain(problem: SegmentationProblem) -> Refused:
         f"{1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}), its joint one of "
         f"{1e3 * joint.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
         f"{np.degrees(joint.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
-        "Does the chain stand on the still markers?",
+        "Check that the chain is fixed to the still markers.",
         joint.residual,
         rules.max_residual,
     )

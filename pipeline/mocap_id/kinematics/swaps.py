@@ -222,7 +222,7 @@ def _exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
 
 
 def _with_end(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
-    """Return a swap without an end, bounded where one marker shows an exchange while the other is hidden, if anywhere.
+    """Return a swap without an end, bounded by an exchange of one marker while the other is hidden, if there is any.
 
     Backwards in time, the marker that a column shows after such an exchange continues in the other column. If this is
     before the swap, the labels are exchanged between the two.

@@ -7,6 +7,7 @@ taken. Each posture of the tour is treated as at rest: torques of acceleration a
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -92,11 +93,11 @@ def simulate_tour(
     straight = [one + shares * (other - one) for one, other in itertools.pairwise(stops)]
     known = np.concatenate([stops, *straight, postures])
     deep = rules.margin + rules.hysteresis
-    tries = [_ways(chain, nodes, known, len(stops), least) for least in (deep, 0.0)]
+    ways = functools.cache(lambda least: _ways(chain, nodes, known, len(stops), least))
     q, visits, no_way = [stops[order[0]][None]], [], []
     hold, count = max(int(rules.hold / STEP), 1), 1
     for a, b in [(order[0], order[0]), *itertools.pairwise(order)]:
-        way = next((way for try_ in tries if (way := _way(*try_, a, b)) is not None), None)
+        way = next((way for least in (deep, 0.0) if (way := _way(*ways(least), a, b)) is not None), None)
         if way is None:
             no_way.append((a, b))
         points = known[[a, b] if way is None else np.array(way) % len(known)]

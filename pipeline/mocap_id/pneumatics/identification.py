@@ -35,7 +35,7 @@ _SHOWN = 0.3  # of the prior standard deviation: with a smaller posterior one, t
 _LEAST_DEAD = 1e-4  # m: a described dead length of zero cannot be scaled
 _ROUNDS = 100  # of the fit
 _MISFIT = 0.3  # of the torque: with a larger residual, the log does not fit a cylinder
-_Z = 1.959964
+_NORMAL_95 = 1.959964  # half-width of a 95 % interval, standard deviations
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> Identified:
         )
     jacobian = np.asarray(found.jac, dtype=np.float64)
     deviation = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    ends = np.clip(code + np.array([[-_Z], [_Z]]) * deviation, *bounds)[:, :count]
+    ends = np.clip(code + np.array([[-_NORMAL_95], [_NORMAL_95]]) * deviation, *bounds)[:, :count]
     values = np.where([_PRIORS[name][1] for name in names], np.exp(ends), ends)
     interval = {name: (float(low), float(high)) for name, low, high in zip(names, *values, strict=True)}
     shown = {name: bool(deviation[k] < _SHOWN * scale[k]) for k, name in enumerate(names)}

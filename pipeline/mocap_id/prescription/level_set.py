@@ -151,10 +151,8 @@ def grid_for(dynamics: JointDynamics, scheme: Scheme, horizon: float) -> StateGr
     return StateGrid(angle, np.linspace(-top, top, scheme.velocities | 1))
 
 
-def compute_reachable_set(
-    dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme(), start: float | None = None
-) -> ReachableSet:
-    """Compute the states that can be reached from rest near an angle, within the joint's limits.
+def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme()) -> ReachableSet:
+    """Compute the states that can be reached from rest at the equilibrium, within the joint's limits.
 
     Parameters
     ----------
@@ -162,15 +160,13 @@ def compute_reachable_set(
     times : sequence of float
         Times at which the set is returned, ascending, s.
     scheme : Scheme
-    start : float, optional
-        Initial angle, rad; by default the equilibrium.
 
     Raises
     ------
     ValueError
         There is no equilibrium within the limits, or the times do not ascend from 0.
     """
-    at = dynamics.equilibrium() if start is None else start
+    at = dynamics.equilibrium()
     if at is None:
         raise ValueError("the joint has no stable equilibrium within its limits to start from")
     grid = grid_for(dynamics, scheme, max(times))

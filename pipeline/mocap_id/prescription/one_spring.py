@@ -109,7 +109,7 @@ def prescribe_spring(joint: OneJoint, wishes: SpringRequirements = SpringRequire
     if without is not None and (best is None or _worth(joint, wishes, best) <= none + _HELPS):
         return Prescription(0.0, np.nan, without, free, max(bound - none, 0.0), False)
     if best is None:
-        raise ValueError("no spring lets the person hold every required angle, and what is between them, still")
+        raise ValueError("no spring lets the person hold all required angles and the angles between them")
     found = _containing(joint, best.stiffness, best.rest, wishes.required)
     assert found is not None
     return Prescription(best.stiffness, best.rest, found, free, max(bound - _worth(joint, wishes, best), 0.0), True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.prescription.alpha_shape import RADIUS_FACTOR, AlphaShape, alpha_shape, covering_radius, enclosed
 from mocap_id.prescription.arms import Arm
 from mocap_id.prescription.joint_limits import JointLimits
@@ -90,7 +90,7 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
     measures = [shape.measure for shape in shapes]
     discretisation = max(abs(measures[-1] - fewer) for fewer in measures[:-1])
     sd = _deviation(arm, limits, postures, shapes[-1])
-    reach = 1.96 * sd + discretisation
+    reach = NORMAL_95 * sd + discretisation
     return Workspace(
         shape=shapes[-1],
         postures=postures,

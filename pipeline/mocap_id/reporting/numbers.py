@@ -7,11 +7,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from mocap_id.arrays import NORMAL_95
+
 UNKNOWN = "–"
 """Text for an unknown quantity."""
-
-NORMAL_95 = 1.96
-"""Half-width of a 95 % interval in standard deviations."""
 
 
 def known(value: object) -> float | None:

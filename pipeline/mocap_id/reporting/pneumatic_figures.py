@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.pneumatics.chain_tour import ChainTour
 from mocap_id.pneumatics.switching import Controller, SwitchedMotion
 from mocap_id.pneumatics.unsafe_states import TransitionMap
 from mocap_id.reporting import paper_figures, style
 
-_Z = 1.96
 _EVERY = 10  # samples of a tour are drawn
 
 
@@ -39,7 +38,7 @@ def draw_curve(
     figure = paper_figures.new_figure(3.2)
     axes, degrees = figure.subplots(), np.degrees(angle)
     band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.15, "lw": 0, "label": "95 % interval"}
-    axes.fill_between(degrees, torque - _Z * deviation, torque + _Z * deviation, **band)
+    axes.fill_between(degrees, torque - NORMAL_95 * deviation, torque + NORMAL_95 * deviation, **band)
     axes.plot(degrees, torque, color=style.BLUE, label="torque")
     for sign, label in ((-1, "flexing"), (1, "extending")):
         axes.plot(degrees, torque + sign * friction, ":", color=style.INK, lw=0.8, label=label)

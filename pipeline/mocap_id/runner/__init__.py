@@ -3,14 +3,13 @@
 from mocap_id.runner.execution import LOG_FILE, Outcome, Progress, Step, run, run_stage, run_to
 from mocap_id.runner.log import RUN_LOG
 from mocap_id.runner.make_rules import make_rules
-from mocap_id.runner.status import StageStatus, TrialStatus, clean, status
+from mocap_id.runner.status import TrialStatus, clean, status
 
 __all__ = [
     "LOG_FILE",
     "RUN_LOG",
     "Outcome",
     "Progress",
-    "StageStatus",
     "Step",
     "TrialStatus",
     "clean",

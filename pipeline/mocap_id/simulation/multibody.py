@@ -16,9 +16,6 @@ from mocap_id.geometry import Chain, Revolute, se3, spatial_inertia
 from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.markers import MarkerSet
 
-COORDINATES = ("foot", "ankle", "knee", "hip gap x", "hip gap y", "hip", "lumbar", "shoulder")
-"""Coordinates of :attr:`LooseBody.chain`: rad; the hip gap in m along the thigh's axes."""
-
 LINKS = {"foot": 1, "shank": 2, "thigh": 3, "pelvis": 5, "trunk": 6, "arms": 7, "weight": 7}
 """Link of the chain to which each body belongs; 0 is the ground and 4 the hip's slide, both massless."""
 
@@ -86,7 +83,10 @@ class LooseBody:
 
     @cached_property
     def chain(self) -> Chain:
-        """Kinematic chain with the :data:`COORDINATES`, from the ground to the arms."""
+        """Kinematic chain from the ground to the arms.
+
+        Its coordinates: foot, ankle, knee, hip gap along both axes of the thigh (m), hip, lumbar spine, shoulder (rad).
+        """
         foot, shank, thigh, pelvis, trunk, arms = self.parts[:6]
         turn = Revolute((0.0, 0.0, 1.0))
         slide = _Gliding(((1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 0)))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 
 Only: TypeAlias = Mapping[str, tuple[str, ...]]
-"""Settings that exist in one kind of trial, with the values that exist only there; no values: the whole setting."""
+"""Settings that exist in one kind of trial only: by name, the values that exist only there; empty for all values."""
 
 
 class Settings(BaseModel):

@@ -37,10 +37,10 @@ def _fit_clusters(
 def without_skin_twist(points: FloatArray, chain: SpatialChain) -> FloatArray:
     """Return where the markers would be if the skin did not twist against the bones, (F, M, 3), m.
 
-    The skin under marker m misses the share s of the twist τ of its segment about the long axis l: in the segment's
-    frame the marker is at exp(-s τ l) x. The twist follows from the poses of the clusters, which the skin turns too;
-    poses and twist are therefore computed in turns. A marker is NaN where the pose of its own cluster is unknown, since
-    its correction is then unknown too.
+    The skin under marker m does not follow the share s of the twist τ of its segment about the long axis l: in the
+    segment's frame the marker is at exp(-s τ l) x. The twist follows from the poses of the clusters, which the skin
+    turns too; poses and twist are therefore computed in turns. A marker is NaN where the pose of its own cluster is
+    unknown, since its correction is then unknown too.
 
     Parameters
     ----------
@@ -92,10 +92,10 @@ _COMMON = 0.05
 
 
 def with_twist_errors(states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON) -> SpatialStates:
-    """Return the states with the uncertainty of the twist that all markers of a segment miss alike.
+    """Return the states with the uncertainty of the twist that no marker of a segment follows.
 
     An error c of this share turns the segment by c τ about its long axis, in every frame. It is an error of the joint
-    above, and with the opposite sign of the joints below. ``common`` is the share that they all may miss after all.
+    above, and with the opposite sign of the joints below. ``common`` is the possible size of this share.
     """
     if not len(chain.skin_sd):
         return states

@@ -155,7 +155,7 @@ class TrialKeys(Settings):
     trial: str = Field(
         pattern=r"^\w[\w.+-]*$",
         max_length=100,
-        description="name of the trial: letters and digits, inside also . _ + -",
+        description="name of the trial: letters and digits, with . _ + - between them",
     )
     recording: Files | None = Field(
         description="C3D file, or a TRC file with markers and a MOT file with forces; nothing if the trial has "

@@ -16,7 +16,7 @@ from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.provenance import Origin, Provenance, dumps
 
 if TYPE_CHECKING:
-    from mocap_id.store.artefacts import Artefact, Facts, LongTable, Node, Table, Tree
+    from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
 
 __all__ = [
     "Artefact",
@@ -26,7 +26,6 @@ __all__ = [
     "Facts",
     "Folder",
     "LongTable",
-    "Node",
     "Origin",
     "Provenance",
     "Table",

@@ -16,14 +16,14 @@ _TEMPORARY = ".mocap-id.tmp"
 _ADVICE = {
     errno.ENOSPC: "the disk is full: make room and run again",
     errno.EDQUOT: "your disk quota is used up: make room and run again",
-    errno.EFBIG: "the file is larger than this system allows: choose another folder with `out:` or `--out`",
-    errno.EROFS: "the disk is read-only: choose another folder with `out:` or `--out`",
-    errno.EACCES: "you may not write there: change its permissions or choose another folder with `out:` or `--out`",
-    errno.EPERM: "you may not write there: change its permissions or choose another folder with `out:` or `--out`",
-    errno.ENOTDIR: "there is a file where a folder is needed: move it or choose another folder with `out:` or `--out`",
-    errno.EEXIST: "there is a file where a folder is needed: move it or choose another folder with `out:` or `--out`",
-    errno.EISDIR: "a folder has the name of the file: move it or choose another folder with `out:` or `--out`",
-    errno.ENAMETOOLONG: "the name is too long: choose another folder with `out:` or `--out`",
+    errno.EFBIG: "the file is larger than this system allows: choose another folder",
+    errno.EROFS: "the disk is read-only: choose another folder",
+    errno.EACCES: "you may not write there: change its permissions or choose another folder",
+    errno.EPERM: "you may not write there: change its permissions or choose another folder",
+    errno.ENOTDIR: "there is a file where a folder is needed: move it or choose another folder",
+    errno.EEXIST: "there is a file where a folder is needed: move it or choose another folder",
+    errno.EISDIR: "a folder has the name of the file: move it or choose another folder",
+    errno.ENAMETOOLONG: "the name is too long: choose another folder",
 }
 
 

@@ -23,7 +23,8 @@ from mocap_id.store.provenance import PREFIX, Origin, Provenance
 _ROWS = 1 << 18  # written together
 _MOST_COLUMNS = 5000
 _BYTES_PER_BYTE, _LEAST_BYTES = 64, 1 << 28
-"""Largest size in memory: bytes for each byte of the file (columns of NaN compress well), and in any case allowed."""
+"""Limits of the size in memory, of which the larger one holds: a multiple of the size of the file (columns of NaN
+compress well), and a number of bytes."""
 _CELL = 8
 """Largest number of bytes of a cell: a number, or an index into a list of texts."""
 

@@ -86,9 +86,7 @@ class Trajectories:
 
     def track(self, marker: int) -> FloatArray:
         """Return a copy (F, 3) of one marker, m; NaN also during bursts."""
-        found = np.stack([np.asarray(self.planar.values[name][:, marker], np.float64) for name in "xyz"], axis=1)
-        found[self.bursts[:, marker]] = np.nan
-        return found
+        return self.in_space(np.array([marker]))[:, 0]
 
     def in_space(self, markers: IntArray) -> FloatArray:
         """Return a copy (F, m, 3) of some markers, m; NaN also during bursts."""

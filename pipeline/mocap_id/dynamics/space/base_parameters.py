@@ -84,7 +84,7 @@ def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
 
 
 def simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
-    """Return the poses (K, 4, 4) in the segments' frames of frames in which the base parameters are simple."""
+    """Return frames in which the base parameters are simple, as poses (K, 4, 4) in the segments' frames."""
     upright = se3.pose(base[:3, :3].T, np.zeros(3))
     frames = [upright]
     for joint in chain.joints:

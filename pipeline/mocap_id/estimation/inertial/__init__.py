@@ -6,8 +6,8 @@ docs/concepts/inertial-sensors.md.
 
 from mocap_id.estimation.inertial.assignment import SensorResult, calibrate_all, find_shown
 from mocap_id.estimation.inertial.calibration import Calibrated, calibrate_sensor
-from mocap_id.estimation.inertial.clock import Clock, borrowed_clock, find_clock
-from mocap_id.estimation.inertial.preparation import Prepared, disagreement, prepare_sensor
+from mocap_id.estimation.inertial.clock import Clock
+from mocap_id.estimation.inertial.preparation import Prepared, prepare_sensor
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 
 __all__ = [
@@ -17,11 +17,8 @@ __all__ = [
     "SegmentMotion",
     "SensorResult",
     "SensorSignals",
-    "borrowed_clock",
     "calibrate_all",
     "calibrate_sensor",
-    "disagreement",
-    "find_clock",
     "find_shown",
     "prepare_sensor",
 ]

@@ -7,8 +7,8 @@ twist τ about the long axis l, measures
     accelerometer  A_a Mᵀ E (f + α × r + ω × (ω × r)) + b_a       with E = exp(s τ l)
 
 at its own times; ω, α and the specific force f at the segment's origin are in the segment's axes, and A_g, A_a are
-diagonal. Both residuals are correlated over time, since markers and skin err alike in successive frames; their weights
-are divided by the number of correlated samples.
+diagonal. Both residuals are correlated over time, since errors of markers and skin persist over successive frames;
+their weights are divided by the number of correlated samples.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ def _sizes(off: FloatArray, kept: FloatArray, thin: int) -> tuple[FloatArray, Fl
 
 
 def _departure(found: Calibrated, clock: Clock, middle: float, lag: float) -> FloatArray:
-    """Return the parameters minus their values before the trial; the mounting has none."""
+    """Return the parameters minus their prior values; the mounting has no prior."""
     out = np.zeros(sum(size for _, size in _SIZES))
     for name in ("gyro_scale", "gyro_bias", "place", "acc_scale", "acc_bias"):
         out[_AT[name]] = getattr(found, name)

@@ -193,7 +193,7 @@ def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
 def _add_lasting_errors(
     covariance: FloatArray, model: ChainModel, observed: BoolArray, ready: Mapping[int, Prepared], dt: float
 ) -> None:
-    """Add to the pose, in place, what lasting errors of gyroscopes add up to between the ends of a gap."""
+    """Add the integrated lasting errors of gyroscopes in gaps to the covariance of the pose, in place."""
     for k, own in enumerate(group_columns(model)):
         both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
         if any(s not in ready for s in both):

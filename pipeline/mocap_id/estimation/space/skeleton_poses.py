@@ -93,7 +93,7 @@ def _lean(hand: FloatArray) -> FloatArray:
 
 
 def _held(values: FloatArray) -> FloatArray:
-    """Return values (F, …) of which unknown ones are those of the last frame that is known, or the first."""
+    """Return values (F, …) in which the last known frame, or else the first, fills unknown frames."""
     known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
     if not known.any():
         return np.zeros_like(values)

@@ -1,4 +1,4 @@
-"""Smoothed states of an arm from a skeleton, whose joints have lasting errors and noise with a memory."""
+"""Smoothed states of an arm from a skeleton, whose joints have lasting errors and autocorrelated noise."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Displacements of markers on the skin while they are missing, so that the pose does not step when one vanishes.
 
 The idea and the bridge are those of :mod:`mocap_id.estimation.dropouts`: a missing marker keeps the residual that it
-has beside the gap, which fades with the memory of the skin, and goes on pushing the pose.
+has beside the gap, which fades with the memory of the skin, and still contributes to the pose.
 """
 
 from __future__ import annotations

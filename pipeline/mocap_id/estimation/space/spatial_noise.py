@@ -141,15 +141,15 @@ def process_noise(
 
 
 def _shaded(power: FloatArray, noise: FloatArray, frequency: FloatArray, colour: Colour) -> FloatArray:
-    """Return the power of noise with a memory; what the movement cannot have, at high frequencies, is noise too."""
+    """Return the power of autocorrelated noise; at frequencies too high for movement, all power is noise."""
     coloured = noise * colour(frequency)
     return np.where(frequency > _FASTEST, np.maximum(coloured, power), coloured)
 
 
 def _alike(model: ChainModel, snaps: FloatArray) -> FloatArray:
-    """Return the snaps (d,), of which one coordinate of a joint of two axes is at most some times the other's.
+    """Return the snaps (d,), with a limited ratio between both coordinates of a joint of two axes.
 
-    The twist of a limb has more noise than the estimate from its markers says when its skin slides fast.
+    If skin slides fast, the twist of a limb has more noise than its markers suggest.
     """
     found = snaps.copy()
     for k, at in enumerate(model.first[1:].tolist()):

@@ -1,10 +1,10 @@
 """Covariance of the parameters of a chain in space, with soft tissue.
 
-The inverse of the normal matrix holds noise, with the number of frames that share one error. Soft tissue does worse: it
-has the same error whenever the posture is the same, and moves in step with the joints. Every marker is therefore let
-slide in proportion to each component of the rotation of its joints, with a variance from the lasting part of its
-residual. So is every cluster as a whole, which turns on the bone, and every joint between clusters that slide as a
-whole. The slides are carried through the normal equations.
+The inverse of the normal matrix holds noise, with the number of frames that share one error. Soft tissue causes larger
+errors: they move in step with the joints, and are the same whenever the posture is the same. The model therefore lets
+three things slide in proportion to the rotation of the joints: every marker, with a variance from the lasting part of
+its residual; every cluster, which turns on the bone; and every joint between clusters that slide as a whole. The slides
+are propagated through the normal equations.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def fit_spatial_chain(
 
 
 def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
-    """Return the bundle over some frames with balls alone, and the start without skin that would twist too far."""
+    """Return the bundle over some frames with balls alone, and the start without implausible twist of the skin."""
     balls = (_BALL,) * len(start.parents)
     rough = solve_bundle(*start.at(frames, balls))
     if unlike := unlike_skin(rough.problem, rough.state):
@@ -122,9 +122,9 @@ def _weigh_joints(rough: Bundle, clusters: Clusters, kinds: Mapping[int, JointKi
 
 
 def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
-    """Return the bundle over all frames, solved again until all of its kinds and skin are likely.
+    """Return the bundle over all frames, solved again until all kinds of joints and shares of the skin are plausible.
 
-    Two axes that are nearly parallel become a ball. Skin that would twist beyond reason does not twist.
+    Two axes that are nearly parallel become a ball. An implausible twist of the skin is set to zero.
     """
     every, guess = np.arange(len(start.points)), rough
     while True:

@@ -101,9 +101,9 @@ def joints_between(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, ...
 
 
 def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) -> SpatialBodyChain:
-    """Return the chain with markers near a joint on the segment before it, where both fit about as well.
+    """Return the chain with markers near a joint moved to the segment before it, if both segments fit about as well.
 
-    A marker near the centre of a joint hardly shows on which side of it it is: skin moves it more than the joint does.
+    The motion of a marker near a joint's centre hardly shows its segment: skin moves it more than the joint does.
     Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment before the joint.
     """
     bodies = list(chain.bodies)

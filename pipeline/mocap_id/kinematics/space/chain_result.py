@@ -147,7 +147,7 @@ def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
 
 
 def unlike_skin(problem: BundleProblem, state: BundleState) -> list[int]:
-    """Return the segments whose shares of the twist no skin has, because other motion than twist made them."""
+    """Return the segments whose shares of the twist are impossible for skin, because they come from another motion."""
     anchored = _anchored_skin(problem, state)
     found = []
     for j, parent in enumerate(problem.parents):
@@ -207,7 +207,7 @@ def _about_markers(problem: BundleProblem, cols: Columns, j: int, segment: int) 
 
 
 def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool:
-    """Return whether the motion shows a centre; across the first axis, along which landmarks place it."""
+    """Return whether the motion shows a centre; along a hinge's axis it need not, because landmarks locate it there."""
     if np.isnan(covariance).any():
         return True
     across = np.eye(3) if kind == "ball" else tangents(axis)

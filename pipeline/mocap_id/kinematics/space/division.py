@@ -1,4 +1,4 @@
-"""Division of the markers into rigid bodies, with skin that moves told from a joint.
+"""Division of the markers into rigid bodies, which distinguishes sliding skin from a joint.
 
 The skin of a limb slides, and follows only a part of the limb's rotation about its long axis. Two groups of markers on
 it then turn against each other by several degrees, as two segments do. But they do so with the joints next to the body

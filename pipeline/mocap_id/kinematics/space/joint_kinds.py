@@ -1,7 +1,7 @@
-"""Kind of every joint, weighed by what each kind leaves of the rotation between two clusters.
+"""Kind of every joint, chosen by the rotation between two clusters that each kind leaves unexplained.
 
-Soft tissue lets every joint look like a ball. A kind is therefore good enough when the rotation that it cannot explain
-is no larger than the shaking of the clusters themselves explains. The simplest such kind is chosen.
+With soft tissue, every joint looks like a ball. A kind is therefore good enough when the rotation that it cannot
+explain is no larger than the noise of the clusters themselves explains. The simplest such kind is chosen.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Motion of markers in a body of theirs that the joints next to the body do not explain.
 
 Skin slides and twists with the joints next to it, so its motion is a function of their angles. A joint that hides in
-the body has a motion of its own. What remains after a regression on the angles therefore tells the one from the other.
+the body has a motion of its own. The motion that remains after a regression on the angles therefore distinguishes the
+two.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _FLOOR = 0.5e-3  # m; smaller residuals are no better
 def own_motion(
     points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what the rotations against the neighbours do not explain, of the motion of a body's markers in its frame.
+    """Return the motion of a body's markers in its frame that the rotations against the neighbours do not explain.
 
     The motion is regressed on the components of each relative rotation vector and their products.
 

@@ -98,7 +98,7 @@ def _turn_onto(  # noqa: PLR0917
     """Write the results of :func:`rigid_poses`.
 
     The eigenvectors v of MᵀM, with the moment M, give the axes M v of the points. The third ones complete both frames,
-    so that the result is no reflection, and markers in one plane need no case of their own.
+    so that the result is no reflection, and markers in one plane need no special case.
     """
     here, there, moment = np.empty(3), np.empty(3), np.empty((3, 3))
     for f in range(points.shape[0]):

@@ -227,7 +227,7 @@ def _spread(off: FloatArray) -> FloatArray:
 
 
 def sensor_noise(residuals: FloatArray, rate: float) -> SensorNoise:
-    """Return the memory of the sensor's noise from residuals (F, K), m; NaN where unknown."""
+    """Return the autocorrelation of the sensor's noise from residuals (F, K), m; NaN where unknown."""
     off = residuals - np.nanmedian(residuals, axis=0)
     off = np.where(np.abs(off) < _OUTLIER * _spread(off), off, np.nan)
     total = np.nanmean(off**2)

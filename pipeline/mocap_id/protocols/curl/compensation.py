@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, find_runs
+from mocap_id.arrays import NORMAL_95, FloatArray, find_runs
 from mocap_id.protocols.curl.repetitions import Curl
 from mocap_id.protocols.curl.rules import CurlRules
-
-_NORMAL = 1.96
 
 
 @dataclass(frozen=True)
@@ -69,9 +67,9 @@ def compensation(
 
 
 def _of_curl(time: FloatArray, change: FloatArray, sd: FloatArray, first: float, rules: CurlRules) -> Compensation:
-    """Return the compensation of one curl from the change since the start of the first curl, and its first mean."""
+    """Return the compensation of one curl; ``first`` is the mean of the first curl."""
     error, size = float(np.sqrt(np.mean(sd**2))), float(np.ptp(change))
-    half = _NORMAL * float(np.sqrt(2) * error)  # errors of both ends are independent at worst
+    half = NORMAL_95 * float(np.sqrt(2) * error)  # errors of both ends are independent at worst
     away = find_runs(np.abs(change) > rules.compensation)
     longest = max((float(time[run.stop - 1] - time[run.start]) for run in away), default=0.0)
     return Compensation(

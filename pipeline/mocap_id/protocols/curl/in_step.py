@@ -2,8 +2,8 @@
 
 An axis of the elbow that errs by (d_x, d_y) turns the upper arm about its y axis by d_y Δsin(flexion) + d_x
 Δcos(flexion) from one flexion to another. Skin that slides with the flexion does nearly the same, and so does a person
-who turns the upper arm in every curl: no motion tells them apart. What the first curl shows of it is therefore stated
-apart, and the compensation is what a curl has beyond it.
+who turns the upper arm in every curl: no motion tells them apart. The part in the first curl is therefore stated
+separately, and the compensation is the motion beyond this part.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.curl.repetitions import Curl
 
-_NORMAL = 1.96
 _VARIES = 0.25  # of the uncertainty of a change of the angle: the share that does not return in every curl
 
 
@@ -71,7 +70,7 @@ def part_in_step(  # noqa: PLR0917
     curve = basis @ shape
     left = float(np.std(angle[first] - curve[first]))
     size = float(np.ptp(curve[first]))
-    half = _NORMAL * (np.sqrt(2 * np.mean(sd[first] ** 2)) if axis is None else _largest(basis[first], axis))
+    half = NORMAL_95 * (np.sqrt(2 * np.mean(sd[first] ** 2)) if axis is None else _largest(basis[first], axis))
     rest = np.sqrt(left**2 + (_VARIES * sd) ** 2 / 2)
     return InStep(curve, size, (max(size - float(half), 0.0), size + float(half)), rest)
 

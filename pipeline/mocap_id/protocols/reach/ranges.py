@@ -39,7 +39,7 @@ class AngleRange:
     low_sd, high_sd : float
         Standard deviation of each end without a constant error.
     constant_sd : float
-        Standard deviation of a constant error by the landmarks, the same at both ends.
+        Standard deviation of a constant error caused by the landmarks, the same at both ends.
     used_share : float
         Share of the samples that count: observed and, for plane and axial rotation, more than 15° from the poles.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm
 from mocap_id.protocols.reach.ranges import AngleRange
 from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, reachable_set
@@ -20,7 +20,6 @@ _CHANGES = Grid(9, 18, 12)
 _ENOUGH = 0.01, 0.02
 """The grid of the box (a region) is refined until the volume changes by less than this share."""
 _MOST = 4  # grids
-_NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ def workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: Visite
 
 def _with_interval(volumes: tuple[float, ...], sd: float) -> Volume:
     volume, change = volumes[-1], abs(volumes[-1] - volumes[-2])
-    reach = _NORMAL_95 * sd + change
+    reach = NORMAL_95 * sd + change
     return Volume(volume, change, (max(volume - reach, 0.0), volume + reach), volumes)
 
 

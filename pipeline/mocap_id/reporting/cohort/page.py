@@ -11,8 +11,7 @@ from mocap_id.reporting.cohort import tables
 from mocap_id.reporting.cohort.figures import cohort_figures
 from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
-from mocap_id.reporting.results.page import ResultPage, ResultSection
-from mocap_id.reporting.results.trial_entries import counts, headline
+from mocap_id.reporting.results.page import ResultSection, study_page
 from mocap_id.reporting.sections import KeyNumber
 
 _FOOTER = (
@@ -23,18 +22,8 @@ _FOOTER = (
 
 def cohort_page(data: CohortData) -> bytes:
     """Return the page as UTF-8."""
-    return ResultPage(
-        name=data.study,
-        headline=headline(data.trials),
-        lead=f"{counts(data.trials)}. Tables and figures are about the trials that went through.",
-        command="study",
-        level="ok" if all(trial.fate == "ok" for trial in data.trials) else "caution",
-        key_numbers=tuple(number for number in _key_numbers(data) if number.value != UNKNOWN),
-        sections=_sections(data),
-        trials=data.trials,
-        figures=cohort_figures(data),
-        footer=_FOOTER,
-    ).render()
+    numbers = [number for number in _key_numbers(data) if number.value != UNKNOWN]
+    return study_page(data.study, data.trials, numbers, _sections(data), cohort_figures(data), _FOOTER)
 
 
 def _sections(data: CohortData) -> tuple[ResultSection, ...]:

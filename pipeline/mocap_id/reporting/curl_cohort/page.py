@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pandas as pd
 
 from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.curl_cohort import tables
 from mocap_id.reporting.curl_cohort.figures import curl_figures
-from mocap_id.reporting.results.grid_columns import show_estimate
-from mocap_id.reporting.results.page import ResultPage, ResultSection
-from mocap_id.reporting.results.trial_entries import counts, headline
+from mocap_id.reporting.results.grid_columns import records, show_estimate
+from mocap_id.reporting.results.page import ResultSection, study_page
 from mocap_id.reporting.sections import KeyNumber
 
 _FOOTER = (
@@ -36,27 +36,9 @@ _COMPENSATION = (
 
 
 def curl_cohort_page(data: CohortData, reference: str) -> bytes:
-    """Return the page as UTF-8.
-
-    Parameters
-    ----------
-    data : CohortData
-        With the tables conditions, comparisons and trials.
-    reference : str
-        Condition that others are compared with.
-    """
-    return ResultPage(
-        name=data.study,
-        headline=headline(data.trials),
-        lead=f"{counts(data.trials)}. Tables and figures are about the trials that went through.",
-        command="study",
-        level="ok" if all(trial.fate == "ok" for trial in data.trials) else "caution",
-        key_numbers=tuple(_key_numbers(data, reference)),
-        sections=tuple(_sections(data, reference)),
-        trials=data.trials,
-        figures=curl_figures(data, reference),
-        footer=_FOOTER,
-    ).render()
+    """Return the page as UTF-8, from the tables conditions, comparisons and trials and the reference condition."""
+    numbers, sections = _key_numbers(data, reference), _sections(data, reference)
+    return study_page(data.study, data.trials, numbers, sections, curl_figures(data, reference), _FOOTER)
 
 
 def _sections(data: CohortData, reference: str) -> Iterator[ResultSection]:
@@ -101,9 +83,9 @@ def _key_numbers(data: CohortData, reference: str) -> Iterator[KeyNumber]:
         yield KeyNumber(str(row["comparison"]), _percent(row), f"normalised repetitions, {row['people']} people")
 
 
-def _effects(frame: pd.DataFrame, reference: str) -> list[dict[str, object]]:
+def _effects(frame: pd.DataFrame, reference: str) -> list[dict[str, Any]]:
     kept = frame[(frame["measure"] == "normalised") & (frame["first"] == reference)]
-    return [{str(key): value for key, value in row.items()} for row in kept.to_dict("records")]
+    return records(kept)
 
 
 def _percent(row: dict[str, object]) -> str:

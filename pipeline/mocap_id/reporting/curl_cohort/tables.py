@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed
-from mocap_id.reporting.results.grid_columns import GridColumn, estimate, number, text, to_grid
+from mocap_id.reporting.results.grid_columns import GridColumn, estimate, number, records, text, to_grid
 from mocap_id.reporting.results.trial_entries import FATES
 from mocap_id.reporting.tables import Grid
 
@@ -80,7 +80,7 @@ def trials(frame: pd.DataFrame) -> Grid:
 
 def _rows(frame: pd.DataFrame, measures: tuple[str, ...]) -> list[dict[str, Any]]:
     kept = frame[frame["measure"].isin(measures)]
-    return [{str(key): value for key, value in row.items()} for row in kept.to_dict("records")]
+    return records(kept)
 
 
 def _name(row: Mapping[str, Any]) -> str:

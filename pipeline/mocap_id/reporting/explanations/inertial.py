@@ -10,9 +10,9 @@ INERTIAL: Mapping[str, Explanation] = {
     "imu-disagrees": Explanation(
         ("caution",),
         "An inertial sensor contradicts the markers",
-        "The sensor turns or accelerates otherwise than its segment by the markers: it is on another segment, the file "
-        "is of another trial, its units are wrong, or the markers are. It is left out, and the result is that of the "
-        "other sensors and the markers.",
+        "The rotation or the acceleration of the sensor differs from that of its segment by the markers: the sensor is "
+        "on another segment, its file is of another trial, its units are wrong, or the markers are wrong. It is left "
+        "out, and the result is that of the other sensors and the markers.",
         "Check which sensor was on which segment, and the files under `imus:`.",
         "ukf-smooth",
         "Differences of angular velocity (limit 0.35 of the segment's) and of specific force (limit 2 m/s²), rms.",

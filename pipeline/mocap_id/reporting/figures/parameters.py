@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import IntArray
+from mocap_id.arrays import NORMAL_95, IntArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Item, Panel, Points, Rule
-from mocap_id.reporting.numbers import NORMAL_95
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import IdentifiedDynamics
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import band, envelope, spans
 from mocap_id.reporting.figure import Band, Bars, Figure, Item, Line, Panel, Spans, Text
-from mocap_id.reporting.numbers import NORMAL_95
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import JointStates
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mocap_id.arrays import NORMAL_95
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import band, envelope
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
 from mocap_id.reporting.figures.states import shades
-from mocap_id.reporting.numbers import NORMAL_95
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 

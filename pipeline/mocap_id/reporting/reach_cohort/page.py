@@ -12,9 +12,8 @@ from mocap_id.reporting.numbers import show
 from mocap_id.reporting.reach_cohort import tables
 from mocap_id.reporting.reach_cohort.figures import reach_figures
 from mocap_id.reporting.reach_cohort.page_data import Shape
-from mocap_id.reporting.results.grid_columns import show_estimate
-from mocap_id.reporting.results.page import ResultPage, ResultSection
-from mocap_id.reporting.results.trial_entries import counts, headline
+from mocap_id.reporting.results.grid_columns import records, show_estimate
+from mocap_id.reporting.results.page import ResultSection, study_page
 from mocap_id.reporting.sections import KeyNumber
 
 _FOOTER = (
@@ -50,18 +49,7 @@ def reach_cohort_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
         Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
     """
     figures = reach_figures(data, shapes)
-    return ResultPage(
-        name=data.study,
-        headline=headline(data.trials),
-        lead=f"{counts(data.trials)}. Tables and figures are about the trials that went through.",
-        command="study",
-        level="ok" if all(trial.fate == "ok" for trial in data.trials) else "caution",
-        key_numbers=tuple(_key_numbers(data)),
-        sections=tuple(_sections(data)),
-        trials=data.trials,
-        figures=figures,
-        footer=_FOOTER,
-    ).render()
+    return study_page(data.study, data.trials, _key_numbers(data), _sections(data), figures, _FOOTER)
 
 
 def _sections(data: CohortData) -> Iterator[ResultSection]:
@@ -105,4 +93,4 @@ def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
 def _of_volume(frame: pd.DataFrame) -> list[dict[str, Any]]:
     column = "spearman" if "spearman" in frame else "difference"
     known = frame[(frame["measure"] == "volume") & frame[column].notna()]
-    return [{str(key): value for key, value in row.items()} for row in known.to_dict("records")]
+    return records(known)

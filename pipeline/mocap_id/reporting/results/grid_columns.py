@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mocap_id.reporting.numbers import UNKNOWN, known, show, show_fixed
 from mocap_id.reporting.tables import Grid, grid
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -49,15 +52,20 @@ def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> Gri
     return GridColumn(head, cell)
 
 
-def estimate(head: str, name: str, factor: float = 1.0) -> GridColumn:
-    """Return a column of values with their intervals, times a factor; left out where no row has one."""
-    return GridColumn(head, lambda row: show_estimate(row, name, factor), optional=True)
+def estimate(head: str, name: str) -> GridColumn:
+    """Return a column of values with their intervals; left out where no row has one."""
+    return GridColumn(head, lambda row: show_estimate(row, name), optional=True)
 
 
 def show_estimate(row: Mapping[str, Any], name: str, factor: float = 1.0) -> str:
     """Return a value with its interval, such as ``0.312 (0.287 … 0.330)``."""
     value, low, high = (times(row[f"{name}{end}"], factor) for end in ("", "_low", "_high"))
     return show(value) if low is None or high is None else f"{show(value)} ({show(low)} … {show(high)})"
+
+
+def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a data frame by column name."""
+    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
 def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn]) -> Grid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mocap_id import __version__
@@ -9,7 +10,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.embedding import embed
 from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.page import environment
-from mocap_id.reporting.results.trial_entries import TrialEntry
+from mocap_id.reporting.results.trial_entries import TrialEntry, counts, headline
 from mocap_id.reporting.sections import KeyNumber
 from mocap_id.reporting.tables import Grid
 
@@ -51,3 +52,26 @@ class ResultPage:
             page=self, name=style.printable(self.name), product=__version__, embedded=embed(self.figures)
         )
         return html.encode("utf-8")
+
+
+def study_page(  # noqa: PLR0917
+    study: str,
+    trials: tuple[TrialEntry, ...],
+    key_numbers: Iterable[KeyNumber],
+    sections: Iterable[ResultSection],
+    figures: Drawings,
+    footer: str,
+) -> bytes:
+    """Return the page of a study of people as UTF-8; its first sentences say how the trials ended."""
+    return ResultPage(
+        name=study,
+        headline=headline(trials),
+        lead=f"{counts(trials)}. Tables and figures are about the trials that went through.",
+        command="study",
+        level="ok" if all(trial.fate == "ok" for trial in trials) else "caution",
+        key_numbers=tuple(key_numbers),
+        sections=tuple(sections),
+        trials=trials,
+        figures=figures,
+        footer=footer,
+    ).render()

@@ -52,7 +52,7 @@ def _lead(data: RobotStudyData) -> str:
     if "truth" in against:
         return "Simulated trials: the exact truth is known, and errors are against it."
     if "encoder" in against:
-        return "The truth is not known: the cameras' states are compared with the encoder's, and R with nothing."
+        return "The truth is not known: the cameras' states are compared with the encoder's; R has no comparison."
     return "Neither truth nor encoder is known, so the errors of the states are not known either."
 
 

@@ -81,7 +81,7 @@ def overview(trials: pd.DataFrame) -> Grid:
         number("torque r²", "torque_r2", 4),
         number("encoder's clock (ms)", "encoder_offset", 3, 1e3),
     )
-    caption = "Every trial by its cameras: value less reference ± standard deviation, of the reference"
+    caption = "Every trial by its cameras; errors of my₂ and Izz₂ ± standard deviation, as shares of the reference"
     return to_grid(caption, trials[trials["method"] == "cameras"].to_dict("records"), columns)
 
 

@@ -123,8 +123,8 @@ def compensation(data: ReportData) -> Grid:
     )
     caption = (
         "Compensation: range of each angle within a curl. A range below that by errors alone may be no motion. Axial "
-        "rotation is without what the first curl shows in step with the flexion: an error of the elbow's axis looks "
-        "the same as a person who turns the arm so"
+        "rotation excludes the part in step with the flexion in the first curl, because an error of the elbow's axis "
+        "looks the same"
     )
     return grid(caption, head, rows)
 

@@ -66,7 +66,7 @@ def _chain(data: ReportData, time: FloatArray) -> list[Part]:
 
 
 def _without(points: FloatArray, away: BoolArray) -> FloatArray:
-    """Return points (K, rows, 3) as (K, 3, rows), NaN where a sample is away from its time."""
+    """Return points (K, rows, 3) as (K, 3, rows), NaN where no sample is near the time of the frame."""
     return np.where(away[:, None, None], np.nan, points).swapaxes(1, 2)
 
 

@@ -1,4 +1,4 @@
-"""Reach in the summary and on the page: volume, ranges, surface, heights and tasks."""
+"""Reach in the summary and on the page: volume, ranges, surface, heights and targets."""
 
 from __future__ import annotations
 

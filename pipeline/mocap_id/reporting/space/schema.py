@@ -13,7 +13,7 @@ class AngleEntry(Entry):
     Plane and axial rotation of the shoulder have no meaning within 15° of an elevation of 0 or 180°; ``used_share`` is
     the share of the samples outside this neighbourhood and outside gaps. ``interval_deg`` is the 95 % interval of
     ``range_deg``, which is ``high_deg`` minus ``low_deg``. ``sd_deg`` is the typical standard deviation of a change of
-    the angle, ``constant_sd_deg`` that of a constant error by the landmarks; the interval holds both.
+    the angle, ``constant_sd_deg`` that of a constant error from the landmarks; the interval holds both.
     """
 
     low_deg: float | None

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.circle import on_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
-from mocap_id.reporting.numbers import NORMAL_95, all_known, known
+from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import AngleEntry, ImuEntry, LandmarkEntry
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown

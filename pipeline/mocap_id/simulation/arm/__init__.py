@@ -1,7 +1,7 @@
 """Simulated trials in space with exact truth: an arm, and plain chains."""
 
 from mocap_id.simulation.arm.arm import generate_arm, simulate_arm
-from mocap_id.simulation.arm.chain import generate_chain, simulate_chain
+from mocap_id.simulation.arm.chain import simulate_chain
 from mocap_id.simulation.arm.cohort import ReachCohort, simulate_reach_cohort
 from mocap_id.simulation.arm.curl_cohort import CurlStudy, simulate_curl_study
 from mocap_id.simulation.arm.files import write_arm, write_chain
@@ -15,7 +15,6 @@ __all__ = [
     "ReachCohort",
     "SpatialTrial",
     "generate_arm",
-    "generate_chain",
     "simulate_arm",
     "simulate_chain",
     "simulate_curl_study",

@@ -89,7 +89,7 @@ class CurlStudy:
                 raise ConfigError(f"simulate curl-study: {name} is {value!r}; expected 1 … {most}")
         unknown = [one for one in self.conditions if one not in EFFECTS]
         if unknown or "AC" not in self.conditions:
-            expected = f"expected AC and others of {', '.join(EFFECTS)}"
+            expected = f"expected AC, and any of {', '.join(EFFECTS)}"
             raise ConfigError(f"simulate curl-study: conditions is {', '.join(self.conditions)!r}; {expected}")
 
 

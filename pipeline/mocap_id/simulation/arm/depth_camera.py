@@ -154,7 +154,7 @@ def _camera(rng: np.random.Generator, trial: SpatialTrial) -> tuple[FloatArray, 
 
 
 def _noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray:
-    """Return noise (K, J, 3) with a memory."""
+    """Return autocorrelated noise (K, J, 3)."""
     fades = float(np.exp(-1 / (RATE * _MEMORY)))
     steps = rng.normal(0, 1, (count, joints, 3))
     slow = np.empty_like(steps)

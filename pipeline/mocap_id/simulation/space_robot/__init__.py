@@ -2,14 +2,6 @@
 
 from mocap_id.simulation.space_robot.files import simulate_space_robot
 from mocap_id.simulation.space_robot.options import SpaceRobotOptions
-from mocap_id.simulation.space_robot.robot import SpaceRobot, draw_robot
 from mocap_id.simulation.space_robot.trial import SpaceRobotTrial, generate_space_robot
 
-__all__ = [
-    "SpaceRobot",
-    "SpaceRobotOptions",
-    "SpaceRobotTrial",
-    "draw_robot",
-    "generate_space_robot",
-    "simulate_space_robot",
-]
+__all__ = ["SpaceRobotOptions", "SpaceRobotTrial", "generate_space_robot", "simulate_space_robot"]

@@ -187,7 +187,7 @@ def _frames(
     poses: _ClusterPoses,
     option: int,
 ) -> AnatomicalFrames:
-    """Return the ISB frames in the frames of the chain; ``where`` are the numbers of segments and of landmarks'."""
+    """Return the ISB frames in the frames of the chain; ``where`` has the segment of each frame and landmark."""
     at = _about_centres(fit, {name: place.local for name, place in places.items()}, where)
     spread: dict[str, FloatArray | float] = {name: place.sd for name, place in places.items()}
     standing = poses.standing()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.sensors_alone import shown_by
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
@@ -13,7 +13,7 @@ from mocap_id.verdict import Reason
 def calibrated_chain(context: Context) -> Outputs:
     """Return chain.h5 of a trial without markers."""
     calibration = shown_by(context.trial)
-    tree = read_calibration(calibration)
+    tree = read_chain(calibration)
     name = calibration.trial.name
     note = Reason("calibrated", f"the joint centres and the segments' axes are those of {name}.", level="ok")
     kept = tuple(reason for reason in tree.reasons if reason.level != "ok")

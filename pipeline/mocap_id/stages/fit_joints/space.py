@@ -14,7 +14,7 @@ from mocap_id.kinematics.space.axis_refinement import has_known_axes, refine_axe
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames, points_near_joints
 from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
@@ -67,7 +67,7 @@ _ANATOMICAL: Mapping[str, JointKind] = {"clavicle": "ball", "shoulder": "ball", 
 
 
 _GIRDLE = "girdle"
-"""The segment that is no limb: its markers slide over the shoulder blade."""
+"""The thorax is not a limb: its markers slide over the shoulder blade."""
 
 
 def _known_kinds(joint_names: Sequence[str]) -> dict[int, JointKind]:
@@ -141,7 +141,7 @@ _REFINED_BY = 600
 def _calibrated(context: Context) -> Tree:
     """Return the calibration's chain, with the markers that this trial has and axes that its motion corrects."""
     assert context.trial.calibration is not None
-    tree = read_calibration(context.trial.calibration)
+    tree = read_chain(context.trial.calibration)
     segments = context.table("segments.parquet")
     there = {str(label) for label, k in zip(segments["marker"], segments["segment"], strict=True) if k >= 0}
     keep = np.array([name in there for name in tree.texts("markers/name")], dtype=np.bool_)

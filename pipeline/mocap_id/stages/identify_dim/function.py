@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.built_in_sensors import with_sensors
@@ -257,7 +257,7 @@ def _loose_torques(context: Context, result: artefacts.IdentifiedDynamics, movem
     """
     if result.measured_poses or not context.tree("chain.h5").facts.get("single_markers"):
         return ()
-    half = validation.NORMAL * np.where(movement.free[:, None], result.model.torque_sd, np.nan)
+    half = NORMAL_95 * np.where(movement.free[:, None], result.model.torque_sd, np.nan)
     half = half[np.isfinite(half).any(axis=1)]
     rms = np.sqrt(np.nanmean(half**2, axis=0)) if len(half) else np.zeros(0)
     loose = np.flatnonzero(rms > _TORQUE)

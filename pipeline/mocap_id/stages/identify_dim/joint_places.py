@@ -39,7 +39,7 @@ def place_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatAr
 
 
 def without_previous(relative: FloatArray) -> FloatArray:
-    """Return the variance (n,) of each joint's place from those of centres relative to the previous joint, m²."""
+    """Return the variance (n,) of each joint's place, m², given those of centres relative to the previous joint."""
     own = np.zeros(len(relative))
     for joint, (variance, following) in enumerate(zip(relative, [*relative[1:], np.inf], strict=True)):
         own[joint] = min(max(variance - (own[joint - 1] if joint else 0.0), _OWN * variance), following)

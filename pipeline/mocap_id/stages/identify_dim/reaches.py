@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
 from mocap_id.protocols.reach.body_targets import body_targets, level_heights
 from mocap_id.protocols.reach.ranges import HELD, AngleRange, joint_ranges, usable_samples, values
+from mocap_id.protocols.reach.reaches import Reach, find_reaches
 from mocap_id.protocols.reach.surface import Surface, reach_surface
-from mocap_id.protocols.reach.tasks import Reach, find_reaches
 from mocap_id.protocols.reach.visited_region import VisitedRegion, visited_region
 from mocap_id.protocols.reach.workspace import Volume, Workspace, workspace
 from mocap_id.stages.base import Context
@@ -21,7 +21,6 @@ from mocap_id.store.schemas import EVENTS
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
-_NORMAL_95 = 1.96
 _LEAST_RANGE = np.radians(2.0)
 _ENDS = "the recording ends before the hand leaves"
 _PATH = 600  # points of the path of the wrist
@@ -40,7 +39,7 @@ def find_reach_events(context: Context) -> Table:
     try:
         arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
         reaches = find_reaches(angles.time, arm)
-        facts |= _arm(arm) | {"heights": _heights(angles.time, arm), "tasks": _tasks(reaches)}
+        facts |= _arm(arm) | {"heights": _heights(angles.time, arm), "tasks": _by_target(reaches)}
         facts |= _volumes(angles, poses, arm, ranges)
     except UnknownReach as unknown:
         facts["why"] = str(unknown)
@@ -55,7 +54,7 @@ def _range(one: AngleRange) -> dict[str, Any]:
         "low_deg": low,
         "high_deg": high,
         "range_deg": width,
-        "interval_deg": [max(width - _NORMAL_95 * spread, 0.0), width + _NORMAL_95 * spread],
+        "interval_deg": [max(width - NORMAL_95 * spread, 0.0), width + NORMAL_95 * spread],
         "low_sd_deg": low_sd,
         "high_sd_deg": high_sd,
         "used_share": one.used_share,
@@ -99,7 +98,7 @@ def _heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
     }
 
 
-def _tasks(reaches: Sequence[Reach]) -> dict[str, Any]:
+def _by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
     found: dict[str, list[float]] = {}
     for one in reaches:
         if one.target != "none":

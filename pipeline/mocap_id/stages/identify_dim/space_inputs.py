@@ -57,7 +57,7 @@ class SpatialInputs:
 
 
 def read_spatial_inputs(context: Context) -> SpatialInputs:
-    """Read the artefacts of a trial in space, prepare it, and say why nothing can be identified if so.
+    """Read the artefacts of a trial in space and prepare it; the result also says why nothing can be identified, if so.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _without_plate(context: Context, inputs: SpatialInputs) -> NotIdentifiable |
 
 
 def _not_carried(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
-    """Return why a plate does not carry the base alone, by what the base is; None for a robot."""
+    """Return why the base is not carried by a plate alone, from the kind of base; None for a robot."""
     person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
     if not person and all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
         return None

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
 from mocap_id.dynamics.comparison import Agreement, agreement
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
@@ -25,8 +25,6 @@ SERIES = (*WRENCH_COMPONENTS, "cop_x")
 """Compared quantities, in the order of the columns of `dynamics.parquet`."""
 _JUDGED = ("Fy", "tauz", "cop_x")
 _FAR = 1.5  # times the error within the fit; expected with fewer than three independent observations a parameter
-NORMAL = 1.96
-"""Half the width of a 95 % interval of a normal distribution, in standard deviations."""
 _NOTICEABLE = 1e-4  # share of the measured variance; with a smaller error the model is practically exact
 
 
@@ -132,7 +130,7 @@ def _inside(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] |
         own, others = left_out.samples & (left_out.part == k), left_out.samples & (left_out.part != k)
         if others.any():
             sd = np.sqrt(np.nanmean(series[others] ** 2, axis=0))
-            within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= NORMAL * sd, np.nan)
+            within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= NORMAL_95 * sd, np.nan)
     if np.isnan(within).all():
         return None
     return dict(zip([SERIES[k] for k in seen], np.nanmean(within, axis=0).tolist(), strict=True))

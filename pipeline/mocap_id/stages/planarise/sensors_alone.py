@@ -15,7 +15,7 @@ from mocap_id.plates import PlateChoice
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
 from mocap_id.stages.planarise.ground_wrench import ground_wrench
 from mocap_id.stages.planarise.plate_facts import wrench_facts
@@ -42,7 +42,7 @@ def upright_sensors(context: Context) -> Outputs:
     Refused
         A moving segment has no sensor, here or in the calibration.
     """
-    tree = read_calibration(shown_by(context.trial))
+    tree = read_chain(shown_by(context.trial))
     _check_complete(context.trial, tree.texts("segments/name"))
     files = context.trial.imus
     time = _common_times(files, context.trial.window)

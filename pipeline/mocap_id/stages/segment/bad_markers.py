@@ -118,7 +118,7 @@ def _segmented(view: Trajectories, frames: int, segmented: Callable[[FloatArray]
 
 
 def _fact(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the facts of a stretch; a marker that is elsewhere during a known swap is swapped, and said to be once."""
+    """Return the facts of a stretch; a marker that is elsewhere during a known swap counts as swapped, once."""
     marker, first, last = view.labels[stretch.marker], view.time[stretch.first], view.time[stretch.last]
     known = any(each["marker"] == marker and each["first_s"] < last and first < each["last_s"] for each in swapped)
     how = "swapped" if known and stretch.how == "elsewhere" else stretch.how

@@ -40,7 +40,7 @@ def with_foot(
     labels: Sequence[str],
     longer: Callable[[int], SegmentedMarkers],
 ) -> SegmentedMarkers:
-    """Return the segmentation with one more segment if that is surely the foot, which lifts, or else the one given.
+    """Return the segmentation with one more segment if this is clearly a foot that lifts, else the given one.
 
     Parameters
     ----------

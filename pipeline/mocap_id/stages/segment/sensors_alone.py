@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.segment.known_segments import facts_without_search
 from mocap_id.stages.sensors_alone import shown_by
 from mocap_id.store import Table
@@ -14,7 +14,7 @@ from mocap_id.store.schemas import SEGMENTS
 
 def calibrated_segments(context: Context) -> Outputs:
     """Return segments.parquet of a trial without markers."""
-    tree = read_calibration(shown_by(context.trial))
+    tree = read_chain(shown_by(context.trial))
     names = tree.texts("segments/name")
     segment = tree.integers("markers/segment")
     columns = {

@@ -15,7 +15,7 @@ from mocap_id.kinematics import Constraints
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration_chain import read_calibration
+from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
@@ -101,9 +101,9 @@ def segment_bodies(context: Context) -> Outputs:
 def _strayed_wrist(
     context: Context, points: FloatArray, labels: Sequence[str], found: SpatialSegmentation, names: Sequence[str]
 ) -> list[int]:
-    """Return landmarks of the wrist that were found on the hand, after a marker of the forearm; else no markers.
+    """Return a marker of the forearm and the wrist's landmarks that were assigned to the hand; or nothing.
 
-    A wrist that hardly turns does not show on which side of it they are, but their names do.
+    If the wrist hardly turns, only their names show that they belong to the forearm.
     """
     if context.settings.names or not _splits_arm(names):
         return []
@@ -236,7 +236,7 @@ def _calibrated(context: Context, view: Trajectories) -> Table:
     """Return the assignment of the calibration, for the markers that this trial has."""
     assert context.trial.calibration is not None
     settings: SegmentSettings = context.settings
-    tree = read_calibration(context.trial.calibration)
+    tree = read_chain(context.trial.calibration)
     local, owner = tree.numbers("markers/local", (-1, 3)), tree.integers("markers/segment")
     place = {label: k for k, label in enumerate(tree.texts("markers/name"))}
     out = marker_columns(view.labels, settings.ignore, "segment: ignore")

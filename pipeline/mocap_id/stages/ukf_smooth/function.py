@@ -20,6 +20,7 @@ from mocap_id.kinematics.rigid_body import count_places
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.stages.ukf_smooth.columns import predicted_markers, state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
 from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
 from mocap_id.stages.ukf_smooth.measured_poses import measured_poses
@@ -31,7 +32,6 @@ from mocap_id.stages.ukf_smooth.noise_reasons import (
     oscillation_reason,
     repeated_reason,
 )
-from mocap_id.stages.ukf_smooth.predicted_markers import predicted_markers
 from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, assumed_skin, known_skin, lasting_errors
 from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
 from mocap_id.store import LongTable, Table, Tree
@@ -83,7 +83,7 @@ def ukf_smooth(context: Context) -> Outputs:
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
     facts |= {"imus": sensed.imus} if sensed.imus else {}
     return (
-        Table(STATES, _state_columns(states, view.time), facts, reasons),
+        Table(STATES, state_columns(view.time, states.mean, states.sd, states.observed), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
         slips,
         encoder,
@@ -203,17 +203,6 @@ def _facts(
         "method": settings.method,
         "engine": settings.engine,
     }
-
-
-def _state_columns(states: States, time: FloatArray) -> dict[str, FloatArray | BoolArray]:
-    columns: dict[str, FloatArray | BoolArray] = {"time": time}
-    for j in range(states.mean.shape[1]):
-        for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
-            columns[f"{name}_{j + 1}"] = states.mean[:, j, d]
-        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
-            columns[f"sd_{name}_{j + 1}"] = states.sd[:, j, d]
-        columns[f"observed_{j + 1}"] = states.observed[:, j]
-    return columns
 
 
 def _for_comparison(settings: UkfSmoothSettings) -> tuple[Reason, ...]:

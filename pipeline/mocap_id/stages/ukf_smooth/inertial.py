@@ -157,8 +157,9 @@ def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> l
     limit = _DIFFERS * max(_LEAST_TURN, 0.0 if found is None else found.moved)
     if off > limit:
         message = (
-            f"the {name} turns by {off:.2f} rad/s rms otherwise by its sensor ({file}) than by its markers; below "
-            f"{limit:.2f} is usual. The markers may be on another segment or hidden for long, or the sensor is loose."
+            f"the angular velocity of the {name} by its sensor ({file}) differs from that by its markers by {off:.2f} "
+            f"rad/s rms; below {limit:.2f} is usual. The markers may be on another segment or hidden for long, or the "
+            "sensor is loose."
         )
         reasons.append(Reason("imu-differs", message, off, limit))
     if found is not None and not found.clock.observable:

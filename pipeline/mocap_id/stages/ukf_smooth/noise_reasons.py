@@ -37,7 +37,7 @@ def find_repeated_frames(observed: FloatArray) -> BoolArray:
 
 
 def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> BoolArray:
-    """Return which angles (F, n) are observed if short runs of repeated frames (F,) count as those beside them."""
+    """Return which angles (F, n) are observed if short runs of repeated frames (F,) count as the frames beside them."""
     found = observed.copy()
     for run in find_runs(repeated):
         if run.stop - run.start <= _SHORT * rate and run.start > 0 and run.stop < len(found):

@@ -19,8 +19,10 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.sensors_alone import read_states, shown_by
+from mocap_id.stages.calibration import read_states
+from mocap_id.stages.sensors_alone import shown_by
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.stages.ukf_smooth.columns import state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import no_encoder
 from mocap_id.stages.ukf_smooth.inertial import OBSERVABLE, SATURATED, check_method, clock_reason, saturated_reason
 from mocap_id.stages.ukf_smooth.state_errors import SKIN, assumed_skin
@@ -71,7 +73,12 @@ def states_of_sensors(context: Context) -> Outputs:
     skin = assumed_skin(states, residual, skeleton.covariance)
     labels = [label for label, k in zip(skeleton.markers, skeleton.marker_segment, strict=True) if k > 0]
     return (
-        Table(STATES, _columns(tracked, view.time), facts, _reasons(context, tracked, names, signals)),
+        Table(
+            STATES,
+            state_columns(view.time, tracked.mean, tracked.sd, states.observed),
+            facts,
+            _reasons(context, tracked, names, signals),
+        ),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(tracked, skeleton)),
         skin_artefact.as_tree(skin, labels, None, "no markers"),
         no_encoder("the trial has inertial sensors alone"),
@@ -181,7 +188,7 @@ def _moved(tracked: Tracked, k: int, segment: str) -> list[Reason]:
         return []
     message = (
         f"the sensor on the {segment} leans {np.degrees(turned):.0f}° out of the plane against the calibration: it was "
-        "worn otherwise, or the person leaned sideways. Its angles may be wrong by as much, which no interval contains."
+        "turned on it, or the person leaned sideways. Its angles may be wrong by as much, which no interval contains."
     )
     return [Reason("imu-moved", message, float(np.degrees(turned)), float(np.degrees(_TURNED)))]
 
@@ -197,17 +204,6 @@ def _left(tracked: Tracked, k: int, segment: str) -> list[Reason]:
         f"{np.degrees(sd):.0f}°): the motion left its plane, and angles between segments are not those in the plane."
     )
     return [Reason("imu-heading", message, float(np.degrees(turn)), float(np.degrees(limit)))]
-
-
-def _columns(tracked: Tracked, time: FloatArray) -> dict[str, np.ndarray[Any, Any]]:
-    columns: dict[str, np.ndarray[Any, Any]] = {"time": time}
-    for j in range(tracked.mean.shape[1]):
-        for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
-            columns[f"{name}_{j + 1}"] = tracked.mean[:, j, d]
-        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
-            columns[f"sd_{name}_{j + 1}"] = tracked.sd[:, j, d]
-        columns[f"observed_{j + 1}"] = np.zeros(len(time), dtype=np.bool_)
-    return columns
 
 
 def _as_states(tracked: Tracked, skeleton: Skeleton, snap: FloatArray) -> States:

@@ -41,7 +41,7 @@ _ANATOMICAL = {
     "elbow": ("upper_arm", "forearm", elbow_angles),
     "wrist": ("forearm", "hand", wrist_angles),
 }
-"""Angles of the ISB, with the segments that they are between."""
+"""Angles of the ISB, with the two segments of each."""
 
 
 def smooth_rotations(context: Context) -> Outputs:

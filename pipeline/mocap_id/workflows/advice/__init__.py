@@ -2,15 +2,6 @@
 
 from mocap_id.workflows.advice.advice import Advice, advise
 from mocap_id.workflows.advice.options import AdviceOptions, angle_range, support_range
-from mocap_id.workflows.advice.output import advice_output, csv_text, lines
+from mocap_id.workflows.advice.output import advice_output, lines
 
-__all__ = [
-    "Advice",
-    "AdviceOptions",
-    "advice_output",
-    "advise",
-    "angle_range",
-    "csv_text",
-    "lines",
-    "support_range",
-]
+__all__ = ["Advice", "AdviceOptions", "advice_output", "advise", "angle_range", "lines", "support_range"]

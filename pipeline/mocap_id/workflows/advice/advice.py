@@ -16,7 +16,7 @@ from mocap_id.design.predicted_covariance import CovariancePredictor, Identified
 from mocap_id.design.trajectory import recorded_trajectory
 from mocap_id.design.wave_movement import static_pressure
 from mocap_id.dynamics.base_parameters import base_names, base_units
-from mocap_id.dynamics.built_in_sensors import SensorNoise, foresee_sensor
+from mocap_id.dynamics.built_in_sensors import SensorNoise, predict_with_sensor
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.preparation import PreparedTrial
@@ -122,7 +122,7 @@ def _with_sensor(found: Identification, prepared: PreparedTrial, gate: BoolArray
     segment = len(prepared.recorded.centres)
     if any(each.segment == segment for each in prepared.recorded.built_in) or prepared.prior is not None:
         return None
-    covariance = foresee_sensor(found, prepared, gate, segment, SensorNoise())
+    covariance = predict_with_sensor(found, prepared, gate, segment, SensorNoise())
     return None if covariance is None else np.asarray(np.sqrt(np.diag(covariance)))
 
 

@@ -95,8 +95,8 @@ def _table(advised: Advice) -> Iterator[str]:
         yield name.ljust(width) + "".join(f"{100 * sd[i] / found.size[i]:10.2f}" for _, sd in shown)
     if advised.sensor_sd is not None:
         yield (
-            f"sensor: the same movement with a wrench sensor in the {advised.joints[-1]}, at best: by the noise of the "
-            "sensor and of the accelerations alone"
+            f"sensor: the same movement with a wrench sensor in the {advised.joints[-1]}, at best: with no errors but "
+            "the noise of the sensor and of the accelerations"
         )
     yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
 

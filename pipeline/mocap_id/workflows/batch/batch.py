@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,9 @@ from mocap_id.reporting.results.result import write_files
 from mocap_id.store.atomic import explained
 from mocap_id.workflows.batch.named_trials import find_trials
 from mocap_id.workflows.batch.table import BATCH, read_trial, row, unreadable_trial
-from mocap_id.workflows.parallel import Backend, LocalBackend, OnError, TrialRun, run_trials
+from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ def run_batch(
     table : Path
         Parquet file of the table.
     backend : Backend, optional
-        Where trials run; this process by default.
+        Where trials run; this process by default, and always for a single trial.
     on_error : {"continue", "stop"}
     begin : callable, optional
         Called with the number of trials before the first one runs.
@@ -67,6 +70,8 @@ def run_batch(
     table = table.absolute()
     with explained(table):
         table.parent.mkdir(parents=True, exist_ok=True)
+    if len(trials) == 1 and isinstance(backend, DaskBackend):
+        _log.warning("there is only one trial: it runs on this machine, without Dask")
     begin(len(trials))
     runs = run_trials(trials, backend or LocalBackend(), tell, on_error)
     rows = [row(read_trial(trial, run, table.parent)) for trial, run in zip(trials, runs, strict=True)]

@@ -4,8 +4,7 @@
 trial, `tables` declares the tables, and `conditions_table` and `comparisons_table` make their rows.
 """
 
-from mocap_id.workflows.curl_study.page import page
 from mocap_id.workflows.curl_study.tables import make_tables
 from mocap_id.workflows.curl_study.trial_results import read_curl_result
 
-__all__ = ["make_tables", "page", "read_curl_result"]
+__all__ = ["make_tables", "read_curl_result"]

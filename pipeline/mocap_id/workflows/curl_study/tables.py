@@ -10,22 +10,18 @@ from mocap_id.store import TableSchema
 from mocap_id.workflows.curl_study.comparisons_table import comparison_rows
 from mocap_id.workflows.curl_study.conditions_table import condition_rows
 from mocap_id.workflows.curl_study.trial_results import ANGLES, MEASURES, CurlResult, normalise
+from mocap_id.workflows.study.study_outcome import TRIAL_COLUMNS, VERDICT_COLUMNS, estimate_columns
 
-_END = {"": "", "_low": ", lower end of the 95 % interval", "_high": ", upper end of the 95 % interval"}
 _MEASURE = text("measure", "what is measured: " + ", ".join(MEASURES))
 
 TRIALS = TableSchema(
     "trials.parquet",
     1,
     (
-        text("trial", "name of the trial and of its run folder", lambda trial: trial.name),
-        text("subject", "id of the person", lambda trial: trial.subject),
+        *TRIAL_COLUMNS,
         text("condition", "condition of the trial", lambda trial: trial.condition),
         whole("number", "number of the trial of the person in this condition, from 1", lambda trial: trial.number),
-        text("verdict", "ok, caution, refused, or failed without a verdict", lambda trial: trial.level),
-        text("codes", "codes of the verdict's reasons", lambda trial: ", ".join(trial.codes)),
-        whole("exit_code", "exit code of `mocap-id run` for the trial", lambda t: t.run.exit_code),
-        text("message", "why the trial failed or was refused, without names of files", lambda t: t.run.published),
+        *VERDICT_COLUMNS,
         count("partial", "failed attempts", lambda trial: trial.curl.get("partial")),
         count("after_end", "complete curls after the end, not counted", lambda trial: trial.curl.get("after_end")),
         number("end", "s", "end of the trial", lambda trial: (trial.curl.get("end") or {}).get("time_s")),
@@ -52,7 +48,7 @@ CONDITIONS = TableSchema(
         whole("people", "number of people"),
         whole("trials", "number of trials with the measure"),
         whole("of_trials", "number of trials"),
-        *(number(f"mean{end}", "", f"mean over people, in the measure's unit{words}") for end, words in _END.items()),
+        *estimate_columns("mean", "", "mean over people, in the measure's unit"),
         *(
             number(name, "", f"{meaning} of the trials, in the measure's unit")
             for name, meaning in (
@@ -76,7 +72,7 @@ COMPARISONS = TableSchema(
         text("subject", "id of the person; `cohort` = mean over all people"),
         whole("people", "number of people"),
         whole("pairs", "number of pairs of trials of the same person and number"),
-        *(number(f"difference{end}", "", f"difference, in the measure's unit{words}") for end, words in _END.items()),
+        *estimate_columns("difference", "", "difference, in the measure's unit"),
         number("p", "1", "cohort: two-sided permutation p-value, not corrected for several tests"),
         number("sd_between", "", "cohort: standard deviation between people of their mean differences"),
         number("sd_within", "", "standard deviation of the differences of one person"),

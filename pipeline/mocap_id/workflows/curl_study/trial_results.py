@@ -11,9 +11,8 @@ import numpy as np
 
 from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.numbers import known
-from mocap_id.store import Folder
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.study_outcome import StudyOutcome
+from mocap_id.workflows.study.study_outcome import StudyOutcome, event_facts
 from mocap_id.workflows.trial_outcome import read_summary
 
 
@@ -111,15 +110,8 @@ MEASURES: Mapping[str, Measure] = {
 
 def read_curl_result(study: Study, trial: StudyTrial, run: TrialRun) -> CurlResult:
     """Read the result of a trial from its run folder."""
-    out = trial.trial.out
-    facts = Folder(out).read("events.parquet").facts if run.exit_code == 0 else {}
-    return CurlResult(
-        trial=trial,
-        run=run,
-        reference=study.reference,
-        summary=read_summary(out, run),
-        curl=facts.get("curl") or {},
-    )
+    facts, summary = event_facts(trial, run, "curl"), read_summary(trial.trial.out, run)
+    return CurlResult(trial=trial, run=run, reference=study.reference, summary=summary, curl=facts)
 
 
 def normalise(trials: Sequence[CurlResult]) -> list[CurlResult]:

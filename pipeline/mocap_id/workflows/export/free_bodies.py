@@ -22,11 +22,11 @@ from mocap_id.store.views import Skeleton
 from mocap_id.workflows.export.files import ExportFiles, free_model_file, free_poses_file, model_file, torques_file
 from mocap_id.workflows.export.inertia import about_centre
 from mocap_id.workflows.export.model import (
-    body_element,
     coordinate_element,
     gravity,
     marker_elements,
     object_set,
+    planar_body,
     planar_joint,
 )
 from mocap_id.workflows.export.motions import sampled
@@ -176,7 +176,7 @@ def _model(run: RunFolder, bodies: FreeBodies) -> bytes:
         element("length_units", text="meters"),
         element("force_units", text="N"),
         element("gravity", text=numbers([0.0, -bodies.moving.gravity, 0.0])),
-        object_set("BodySet", (body_element(*each) for each in zip(bodies.names, inertia, strict=True))),
+        object_set("BodySet", (planar_body(*each) for each in zip(bodies.names, inertia, strict=True))),
         object_set("JointSet", _poses(bodies)),
         object_set("MarkerSet", marker_elements(run, bodies.names, skeleton.markers, places)),
     ]

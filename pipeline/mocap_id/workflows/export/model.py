@@ -18,7 +18,7 @@ from mocap_id.store.views import JointStates, Skeleton
 from mocap_id.workflows.export.inertia import Bodies, BodyInertia
 from mocap_id.workflows.export.markers import depths, marker_labels
 from mocap_id.workflows.export.names import BASE, body_names, coordinate_names, joint_names, legal
-from mocap_id.workflows.export.xml import Element, document, element, numbers, remark
+from mocap_id.workflows.export.xml import Element, body_element, document, element, numbers, offset_frame, remark
 from mocap_id.workflows.run_folder import RunFolder
 
 _BASE_COORDINATES = (f"{BASE}_rz", f"{BASE}_tx", f"{BASE}_ty")
@@ -77,20 +77,13 @@ def gravity(run: RunFolder) -> float:
     return float(settings.get("gravity", 9.81))
 
 
-def body_element(name: str, found: BodyInertia, components: Sequence[Element] = ()) -> Element:
-    """Return a body with its mass and its inertia about the centre of mass."""
-    children = [
-        element("mass", text=numbers([found.mass])),
-        element("mass_center", text=numbers([*found.centre, 0.0])),
-        element("inertia", text=numbers([found.inertia] * 3 + [0.0] * 3)),
-    ]
-    if components:
-        children.insert(0, element("components", children=components))
-    return element("Body", name=name, children=children)
-
-
 def _body(chain: _Chain, k: int) -> Element:
-    return body_element(chain.bodies[k], chain.inertia[k], [_cylinder(chain, k)] if k else ())
+    return planar_body(chain.bodies[k], chain.inertia[k], [_cylinder(chain, k)] if k else ())
+
+
+def planar_body(name: str, found: BodyInertia, components: Sequence[Element] = ()) -> Element:
+    """Return a body with its inertia in the plane; the same about all axes."""
+    return body_element(name, found.mass, [*found.centre, 0.0], [found.inertia] * 3 + [0.0] * 3, components)
 
 
 def _cylinder(chain: _Chain, k: int) -> Element:
@@ -101,25 +94,8 @@ def _cylinder(chain: _Chain, k: int) -> Element:
         element("radius", text=numbers([_RADIUS])),
         element("half_height", text=numbers([half])),
     ]
-    return _offset(
-        f"{chain.bodies[k]}_middle",
-        "..",
-        np.array([0.0, half]),
-        [element("attached_geometry", children=[element("Cylinder", name="stick", children=cylinder)])],
-    )
-
-
-def _offset(name: str, parent: str, at: FloatArray, more: Sequence[Element] = ()) -> Element:
-    return element(
-        "PhysicalOffsetFrame",
-        name=name,
-        children=[
-            *more,
-            element("socket_parent", text=parent),
-            element("translation", text=numbers([*at, 0.0])),
-            element("orientation", text=numbers([0.0] * 3)),
-        ],
-    )
+    geometry = element("attached_geometry", children=[element("Cylinder", name="stick", children=cylinder)])
+    return offset_frame(f"{chain.bodies[k]}_middle", "..", [0.0, half, 0.0], components=[geometry])
 
 
 def planar_joint(name: str, body: str, coordinates: Iterable[Element]) -> Element:
@@ -153,7 +129,9 @@ def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
                 element("socket_parent_frame", text=frame),
                 element("socket_child_frame", text=f"/bodyset/{chain.bodies[j + 1]}"),
                 element("coordinates", children=[coordinate_element(coordinate, first[j], ranges[j])]),
-                element("frames", children=[_offset(frame, f"/bodyset/{parent}", chain.skeleton.centres[j])]),
+                element(
+                    "frames", children=[offset_frame(frame, f"/bodyset/{parent}", [*chain.skeleton.centres[j], 0.0])]
+                ),
             ],
         )
 

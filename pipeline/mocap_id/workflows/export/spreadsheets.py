@@ -7,7 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from mocap_id.store import Table, TableSchema
+from mocap_id.store import Table
+from mocap_id.store.parquet import columns_of
 from mocap_id.store.views import IdentifiedDynamics, Skeleton
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.run_folder import RunFolder
@@ -35,22 +36,30 @@ def spreadsheets(run: RunFolder) -> ExportFiles:
         "dynamics": _dynamics(run),
         "skeleton": _skeleton(run),
         "parameters": parameter_table(run),
-        "events": _artefact(run, "events.parquet"),
+        "events": artefact_table(run, "events.parquet"),
     }
     sources = {"markers": "planar.parquet", "states": "states.parquet", "skeleton": "chain.h5"}
-    missing = [name for name, table in tables.items() if table is None]
-    notes = tuple(f"csv: no {name}: {run.why_missing(sources.get(name, 'dynamics.h5'))}" for name in missing)
+    found = csv_files(run, tables, sources)
     if (run.facts("dynamics.h5").get("motion") or {}).get("used"):
-        notes += (
+        note = (
             "csv: torques and modelled wrench are those of bodies on their measured poses; states and base parameters "
-            "are those of the chain",
+            "are those of the chain"
         )
+        return found + ExportFiles(notes=(note,))
+    return found
+
+
+def csv_files(run: RunFolder, tables: Mapping[str, pd.DataFrame | None], sources: Mapping[str, str]) -> ExportFiles:
+    """Return a file for each table, and a note for each missing one; other sources than these are dynamics.h5."""
     files = {
         f"{run.name}_{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
         for name, table in tables.items()
         if table is not None
     }
-    return ExportFiles(files, notes)
+    missing = [name for name, table in tables.items() if table is None]
+    return ExportFiles(
+        files, tuple(f"csv: no {name}: {run.why_missing(sources.get(name, 'dynamics.h5'))}" for name in missing)
+    )
 
 
 def headed(name: str, unit: str) -> str:
@@ -58,23 +67,17 @@ def headed(name: str, unit: str) -> str:
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
-def _units(schema: TableSchema) -> dict[str, str]:
-    """Return units by column, or by the prefix of repeated columns."""
-    groups = (schema.columns, schema.repeated, *schema.optional)
-    return {column.name.replace("{k}", ""): column.unit for group in groups for column in group}
-
-
-def _unit(name: str, units: Mapping[str, str]) -> str:
-    return units.get(name, units.get(name.rstrip("0123456789"), ""))
-
-
-def _artefact(run: RunFolder, file: str) -> pd.DataFrame | None:
+def artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
     """Return an artefact's table with units in its headers."""
     table = run.artefacts.get(file)
     if not isinstance(table, Table):
         return None
-    units = _units(table.schema)
-    return table.frame.rename(columns=lambda name: headed(str(name), _unit(str(name), units)))
+    units = _units(table)
+    return table.frame.rename(columns=lambda name: headed(str(name), units.get(str(name), "")))
+
+
+def _units(table: Table) -> dict[str, str]:
+    return {column.name: column.unit for column in columns_of(table.schema, table.names)}
 
 
 def marker_table(run: RunFolder) -> pd.DataFrame | None:
@@ -92,18 +95,18 @@ def _states(run: RunFolder) -> pd.DataFrame | None:
     table, tree = run.artefacts.get("states.parquet"), run.tree("chain.h5")
     if not isinstance(table, Table) or tree is None:
         return None
-    units, columns = _units(table.schema), {"time (s)": table["time"]}
+    units, columns = _units(table), {"time (s)": table["time"]}
     for j, joint in enumerate(Skeleton.from_tree(tree).joints, start=1):
         for symbol, word in _STATES.items():
-            columns[headed(f"{joint} {word}", units[f"{symbol}_"])] = table[f"{symbol}_{j}"]
+            columns[headed(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
 
 
 def _dynamics(run: RunFolder) -> pd.DataFrame | None:
     """Return wrenches and torques with the joints' names, or only the measured wrench if there is no dynamics."""
-    found = _artefact(run, "dynamics.parquet")
+    found = artefact_table(run, "dynamics.parquet")
     if found is None:
-        return _artefact(run, "wrench.parquet")
+        return artefact_table(run, "wrench.parquet")
     tree = run.tree("chain.h5")
     joints = () if tree is None else Skeleton.from_tree(tree).joints
     for j, joint in enumerate(joints, start=1):

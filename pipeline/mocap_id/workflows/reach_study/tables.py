@@ -12,9 +12,9 @@ from mocap_id.workflows.reach_study.differences_table import difference_rows
 from mocap_id.workflows.reach_study.people_table import correlation_rows, person_rows
 from mocap_id.workflows.reach_study.trial_results import MEASURES, ReachResult
 from mocap_id.workflows.study.estimates import Estimate
+from mocap_id.workflows.study.study_outcome import INTERVAL_ENDS, TRIAL_COLUMNS, VERDICT_COLUMNS, estimate_columns
 
 _SCORE = "clinical score of the person; NaN if none"
-_END = {"": "", "_low": ", lower end of the 95 % interval", "_high": ", upper end of the 95 % interval"}
 _MEASURE = text("measure", "measure of reach: " + ", ".join(MEASURES))
 _LEVELS = ("waist", "mouth", "overhead")
 
@@ -22,7 +22,7 @@ _LEVELS = ("waist", "mouth", "overhead")
 def _estimates(*, with_values: bool = False) -> Iterator[Column]:
     """Yield the columns of every measure, which take their values from a trial or have none."""
     for name, measure in MEASURES.items():
-        for end, words in _END.items():
+        for end, words in INTERVAL_ENDS.items():
             part = end[1:] or "value"
             value = _of(measure.of, part) if with_values else None
             yield number(f"{name}{end}", measure.unit, f"{measure.meaning}{words}", value)
@@ -44,15 +44,11 @@ TRIALS = TableSchema(
     "trials.parquet",
     1,
     (
-        text("trial", "name of the trial and of its run folder", lambda trial: trial.name),
-        text("subject", "id of the person", lambda trial: trial.subject),
+        *TRIAL_COLUMNS,
         text("side", "side of the arm", lambda trial: trial.side),
         text("session", "session of the recording", lambda trial: trial.session),
         number("score", "1", _SCORE, lambda trial: trial.score),
-        text("verdict", "ok, caution, refused, or failed without a verdict", lambda trial: trial.level),
-        text("codes", "codes of the verdict's reasons", lambda trial: ", ".join(trial.codes)),
-        whole("exit_code", "exit code of `mocap-id run` for the trial", lambda t: t.run.exit_code),
-        text("message", "why the trial failed or was refused, without names of files", lambda t: t.run.published),
+        *VERDICT_COLUMNS,
         *_estimates(with_values=True),
         *(count(level, f"1: reached the height of {level}; 0: did not", _reached(level)) for level in _LEVELS),
         text("why", "why the volume is unknown; else empty", lambda trial: trial.why),
@@ -77,10 +73,7 @@ CORRELATION = TableSchema(
     (
         _MEASURE,
         whole("people", "number of people with score and measure"),
-        *(
-            number(f"spearman{end}", "1", f"Spearman's correlation with the score{words}")
-            for end, words in _END.items()
-        ),
+        *estimate_columns("spearman", "1", "Spearman's correlation with the score"),
         number("p", "1", "two-sided permutation p-value against no correlation"),
     ),
 )
@@ -93,7 +86,7 @@ DIFFERENCES = TableSchema(
         text("subject", "id of the person; `cohort` = mean over all people"),
         text("label", "session of a difference of sides, or side of a difference of sessions"),
         whole("people", "number of people in the row"),
-        *(number(f"difference{end}", "", f"difference, in the measure's unit{words}") for end, words in _END.items()),
+        *estimate_columns("difference", "", "difference, in the measure's unit"),
         number("sd", "", "cohort: standard deviation of the differences, in the measure's unit"),
     ),
 )

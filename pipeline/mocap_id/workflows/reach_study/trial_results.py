@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.numbers import NORMAL_95, all_known, known
-from mocap_id.store import Folder
+from mocap_id.reporting.numbers import all_known, known
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.estimates import Estimate
-from mocap_id.workflows.study.study_outcome import StudyOutcome
+from mocap_id.workflows.study.study_outcome import StudyOutcome, event_facts
 from mocap_id.workflows.trial_outcome import read_summary
 
 SIDES = ("right", "left")
@@ -89,12 +89,5 @@ MEASURES: Mapping[str, Measure] = {
 
 def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachResult:
     """Read the result of a trial from its run folder."""
-    out = trial.trial.out
-    facts = Folder(out).read("events.parquet").facts if run.exit_code == 0 else {}
-    return ReachResult(
-        trial=trial,
-        run=run,
-        score=study.subjects[trial.subject].score,
-        summary=read_summary(out, run),
-        reach=facts.get("reach") or {},
-    )
+    facts, summary = event_facts(trial, run, "reach"), read_summary(trial.trial.out, run)
+    return ReachResult(trial=trial, run=run, score=study.subjects[trial.subject].score, summary=summary, reach=facts)

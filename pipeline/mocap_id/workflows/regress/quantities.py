@@ -11,8 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-INTERVAL = 1.96
-"""Half-width of a 95 % interval in standard deviations."""
+from mocap_id.arrays import NORMAL_95
 
 Value: TypeAlias = float | str | None
 
@@ -72,7 +71,7 @@ def _skeleton(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
             yield f"joints.{joint['name']}.known", Quantity(str(joint["known"]))
     for name, angle in (summary.get("angles") or {}).items():
         low, high = angle["interval_deg"] or (None, None)
-        sd = None if low is None or high is None else (high - low) / (2 * INTERVAL)
+        sd = None if low is None or high is None else (high - low) / (2 * NORMAL_95)
         yield f"angles.{name}.range_deg", _with_interval(angle["range_deg"], sd, "deg")
     for name, length in (summary.get("lengths_m") or {}).items():
         yield f"lengths_m.{name}", _with_interval(length["value"], length["sd"], "m")
@@ -106,7 +105,7 @@ def _with_interval(value: float | None, sd: float | None, unit: str) -> Quantity
     """Return a quantity with its 95 % interval as tolerance, or 5 % if the standard deviation is unknown."""
     if sd is None or not math.isfinite(sd):
         return _relative(value, 0.05, unit)
-    return Quantity(value, INTERVAL * sd, unit)
+    return Quantity(value, NORMAL_95 * sd, unit)
 
 
 def _relative(value: float | None, share: float, unit: str) -> Quantity:

@@ -33,8 +33,12 @@ class Kind:
     free: bool = False  # targets are any numbers; ``targets`` are the defaults
     worse: Worse = "more"  # direction in which the levels get worse
     random: bool = False  # the perturbation is drawn at random, from the seed
-    needs_plate: bool = False  # the perturbation changes the measured wrench
     needs_imus: bool = False  # the perturbation changes the logs of inertial sensors
+
+    @property
+    def changes_lengths(self) -> bool:
+        """Whether it can change lengths of segments, and not only states and dynamics."""
+        return self.entry == "fit-joints"
 
     @property
     def counted(self) -> bool:
@@ -95,7 +99,6 @@ KINDS: Mapping[str, Kind] = {
             "s",
             _both_ways(0.001, 0.01, 0.1),
             *_CLOCK,
-            needs_plate=True,
         ),
         Kind(
             "clock-offset-ignored",
@@ -104,7 +107,6 @@ KINDS: Mapping[str, Kind] = {
             "s",
             _both_ways(0.001, 0.003, 0.01, 0.03, 0.1),
             *_CLOCK,
-            needs_plate=True,
         ),
         Kind(
             "wrench-bias",
@@ -114,7 +116,6 @@ KINDS: Mapping[str, Kind] = {
             (0.1, 1.0, 10.0),
             *_NUMBER,
             targets=COMPONENTS,
-            needs_plate=True,
         ),
         Kind(
             "wrench-noise",
@@ -125,7 +126,6 @@ KINDS: Mapping[str, Kind] = {
             *_SIZE,
             targets=COMPONENTS,
             random=True,
-            needs_plate=True,
         ),
         Kind(
             "board-steps",
@@ -135,7 +135,6 @@ KINDS: Mapping[str, Kind] = {
             (0.1, 0.5, 2.0),
             *_SIZE,
             random=True,
-            needs_plate=True,
         ),
         Kind(
             "stamp-jitter",
@@ -145,7 +144,6 @@ KINDS: Mapping[str, Kind] = {
             (0.003, 0.01, 0.03),
             *_SIZE,
             random=True,
-            needs_plate=True,
         ),
         Kind("camera-noise", "camera noise", "fit-joints", "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
         Kind("marker-count", "markers a segment", "fit-joints", "", (4, 3, 2), *_MARKERS, worse="less", random=True),

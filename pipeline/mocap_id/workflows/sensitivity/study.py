@@ -127,13 +127,10 @@ def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[
     facts = trial.tree("dynamics.h5").facts
     if trial.has_plate and facts["samples"]:
         return tuple(selections), ""
-    kinds = dict.fromkeys(KINDS[one.kind] for one in selections)
-    wrench = [kind.title for kind in kinds if kind.needs_plate and not trial.has_plate]
-    inertial = [kind.title for kind in kinds if kind.needs_imus]
+    possible = tuple(one for one in selections if KINDS[one.kind].changes_lengths)
+    others = dict.fromkeys(KINDS[one.kind].title for one in selections if one not in possible)
     note = f"nothing was identified ({facts['why']})" if trial.has_plate else "there is no force plate"
-    left = f"; left out: {', '.join(wrench)}" if wrench else ""
-    left += f"; left out, because they change no length: {', '.join(inertial)}" if inertial else ""
-    possible = tuple(one for one in selections if KINDS[one.kind].title not in (*wrench, *inertial))
+    left = f"; left out, because they change no length: {', '.join(others)}" if others else ""
     if not possible:
         lack = "no identified parameters" if trial.has_plate else "no force plate"
         raise ConfigError(f"trial {trial.source.name} has {lack}, so nothing can be tried{left}")

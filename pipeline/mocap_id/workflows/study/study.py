@@ -124,9 +124,15 @@ _SIT_TO_STAND = StudyKind(("strategy",), read_trial_result, make_tables, _page)
 
 def _kind(study: Study) -> StudyKind:
     if study.curl:
-        from mocap_id.workflows import curl_study  # noqa: PLC0415  other studies do not need it
+        from mocap_id.reporting.curl_cohort.page import curl_cohort_page  # noqa: PLC0415  other studies do not need it
+        from mocap_id.workflows import curl_study  # noqa: PLC0415
 
-        return StudyKind(("condition",), curl_study.read_curl_result, curl_study.make_tables, curl_study.page)
+        return StudyKind(
+            ("condition",),
+            curl_study.read_curl_result,
+            curl_study.make_tables,
+            lambda data, trials: curl_cohort_page(data, trials[0].reference),
+        )
     if not study.reach:
         return _SIT_TO_STAND
     from mocap_id.workflows import reach_study  # noqa: PLC0415  as above

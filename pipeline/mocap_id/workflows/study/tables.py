@@ -8,6 +8,7 @@ from typing import Any
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import count, number, text, whole
 from mocap_id.store import TableSchema
+from mocap_id.workflows.study.study_outcome import TRIAL_COLUMNS, VERDICT_COLUMNS
 from mocap_id.workflows.study.trial_results import TrialResult
 from mocap_id.workflows.transfer import SERIES
 
@@ -54,13 +55,9 @@ TRIALS = TableSchema(
     "trials.parquet",
     1,
     (
-        text("trial", "name of the trial and of its run folder", lambda trial: trial.name),
-        text("subject", "id of the person", lambda trial: trial.subject),
+        *TRIAL_COLUMNS,
         _STRATEGY,
-        text("verdict", "ok, caution, refused, or failed without a verdict", lambda trial: trial.level),
-        text("codes", "codes of the verdict's reasons", lambda trial: ", ".join(trial.codes)),
-        whole("exit_code", "exit code of `mocap-id run` for the trial", lambda t: t.run.exit_code),
-        text("message", "why the trial failed or was refused, without names of files", lambda t: t.run.published),
+        *VERDICT_COLUMNS,
         count("segments", "number of segments with the base", _summary("segments", "count")),
         number("confidence", "1", "probability that the segments are right", _summary("segments", "confidence")),
         number("shank", "m", "length of the shank, knee to ankle", lambda trial: trial.length("shank")),

@@ -25,6 +25,7 @@ from mocap_id.workflows.transfer.support import (
     doubts,
     inside,
     predicted,
+    root_mean_square,
     series,
     stated_sd,
     support,
@@ -158,7 +159,7 @@ def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransf
         bodies=bodies,
         registration=registration,
         support=known,
-        stated={name: _root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
+        stated={name: root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
         inside=shares,
         reasons=(*before, *_reasons(source, target, registration, bodies), *worse_than_stated(shares)),
     )
@@ -181,7 +182,7 @@ def _registered(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFram
                 f"{100 * LEAST_SPREAD:g} cm, to align it in both. Markers are matched by label: give markers at the "
                 "same place the same label"
             )
-    mirrored, residual = (_root_mean_square(each[there.jointed]) for each in (found.mirrored, found.residual))
+    mirrored, residual = (root_mean_square(each[there.jointed]) for each in (found.mirrored, found.residual))
     if mirrored < _TURNED_OVER * residual:
         raise ConfigError(
             f"{target.source}: the person of trial {target.name} faces the other direction than in trial "
@@ -245,10 +246,6 @@ def _measured(target: IdentifiedTrial) -> FloatArray:
 def _errors(model: FloatArray, measured: FloatArray, samples: BoolArray) -> dict[str, Agreement | None]:
     pairs = zip(model.T, measured.T, strict=True)
     return {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
-
-
-def _root_mean_square(values: FloatArray) -> float:
-    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
 
 
 def _reasons(

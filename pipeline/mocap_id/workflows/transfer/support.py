@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.parameter_transfer import Registration, transfer_covariance, transfer_parameters
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -32,7 +32,6 @@ TOLD_APART = ("tauz", "cop_x")
 _TIMES = 2.0  # least difference from the allometric body's prediction, standard deviations
 _JOINTS = 0.03  # m: joints that bend enough agree within a few millimetres, under moving skin within two centimetres
 _ELSEWHERE = 1.4  # factor on the error on the model's own trial: measured on twenty pairs of real trials
-_NORMAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _INSIDE = 0.8  # least share of the samples in the 95 % intervals
 
 
@@ -85,7 +84,7 @@ def support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: Trans
     apart = predicted(target, transferred.bodies, transferred.parameters) - table
     sd = _parameters_sd(target, transferred)
     difference, spread = (
-        {name: _rms(each[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME} for each in (apart, sd)
+        {name: root_mean_square(each[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME} for each in (apart, sd)
     )
     return Support(difference, spread, _at_home(source.facts.get("held_out")))
 
@@ -116,7 +115,7 @@ def inside(ours: FloatArray, measured: FloatArray, sd: FloatArray, samples: Bool
     times = np.abs(ours - measured)[samples] / sd[samples]
     known = np.isfinite(times)
     count = known.sum(axis=0)
-    share = np.sum(known & (np.nan_to_num(times) <= _NORMAL), axis=0) / np.where(count, count, np.nan)
+    share = np.sum(known & (np.nan_to_num(times) <= NORMAL_95), axis=0) / np.where(count, count, np.nan)
     return dict(zip(SERIES, share.tolist(), strict=True))
 
 
@@ -229,5 +228,6 @@ def _error(errors: Mapping[str, Any] | None, name: str) -> float:
     return float("nan") if one is None else float(np.hypot(one["bias"], one["sd"]))
 
 
-def _rms(values: FloatArray) -> float:
+def root_mean_square(values: FloatArray) -> float:
+    """Return the root mean square of the finite values; NaN if there are none."""
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")

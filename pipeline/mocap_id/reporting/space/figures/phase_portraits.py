@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray
+from mocap_id.arrays import NORMAL_95, BoolArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, in_lines
-from mocap_id.reporting.numbers import NORMAL_95
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.spatial_views import SpatialAngles
 

@@ -22,11 +22,10 @@ from mocap_id.workflows.export.model import coordinate_element, gravity, object_
 from mocap_id.workflows.export.names import legal
 from mocap_id.workflows.export.opensim import kinematics_setup
 from mocap_id.workflows.export.space.joints import ModelBodies, ModelJoint, euler_angles, model_joints
-from mocap_id.workflows.export.xml import Element, document, element, numbers, remark
+from mocap_id.workflows.export.xml import Element, body_element, document, element, numbers, offset_frame, remark
 from mocap_id.workflows.run_folder import RunFolder
 
 _PLACEHOLDER = "1 kg and 0.01 kg·m² a body"
-_AXES = ("1 0 0", "0 1 0", "0 0 1")
 _REACH = 2 * np.pi  # rad or m, at least, of every coordinate
 
 
@@ -93,27 +92,21 @@ def _model(
         element("length_units", text="meters"),
         element("force_units", text="N"),
         element("gravity", text=numbers([0.0, -gravity(run), 0.0])),
-        object_set("BodySet", (_body(name, each) for name, each in named)),
+        object_set(
+            "BodySet",
+            (body_element(name, each.mass, each.centre.tolist(), each.inertia.tolist()) for name, each in named),
+        ),
         object_set("JointSet", map(_joint, joints)),
         object_set("MarkerSet", _markers(run, skeleton, bodies)),
     ]
     return document(element("Model", name=legal([run.name])[run.name], children=children))
 
 
-def _body(name: str, found: SpatialInertia) -> Element:
-    children = [
-        element("mass", text=numbers([found.mass])),
-        element("mass_center", text=numbers(found.centre.tolist())),
-        element("inertia", text=numbers(found.inertia.tolist())),
-    ]
-    return element("Body", name=name, children=children)
-
-
 def _joint(joint: ModelJoint) -> Element:
     parent = joint.parent if joint.parent.startswith("/") else f"/bodyset/{joint.parent}"
     frames = [
-        _offset(f"{joint.name}_on_parent", parent, joint.at, joint.parent_rotation),
-        _offset(f"{joint.name}_on_child", f"/bodyset/{joint.child}", np.zeros(3), joint.child_rotation),
+        offset_frame(f"{joint.name}_on_parent", parent, joint.at.tolist(), _angles(joint.parent_rotation)),
+        offset_frame(f"{joint.name}_on_child", f"/bodyset/{joint.child}", [0.0] * 3, _angles(joint.child_rotation)),
     ]
     children = [
         element("socket_parent_frame", text=f"{joint.name}_on_parent"),
@@ -135,16 +128,8 @@ def _coordinates(joint: ModelJoint) -> Iterator[Element]:
         yield coordinate_element(name, first, (min(low - 1.0, -_REACH), max(high + 1.0, _REACH)))
 
 
-def _offset(name: str, parent: str, at: FloatArray, rotation: FloatArray) -> Element:
-    return element(
-        "PhysicalOffsetFrame",
-        name=name,
-        children=[
-            element("socket_parent", text=parent),
-            element("translation", text=numbers(at.tolist())),
-            element("orientation", text=numbers(euler_angles(rotation[None])[0].tolist())),
-        ],
-    )
+def _angles(rotation: FloatArray) -> list[float]:
+    return list(euler_angles(rotation[None])[0].tolist())
 
 
 def _transform(joint: ModelJoint) -> Element:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from mocap_id.store import Table
-from mocap_id.store.parquet import columns_of
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.workflows.export.files import ExportFiles
-from mocap_id.workflows.export.spreadsheets import headed, marker_table, parameter_table
+from mocap_id.workflows.export.spreadsheets import artefact_table, csv_files, marker_table, parameter_table
 from mocap_id.workflows.run_folder import RunFolder
 
 _SOURCES = {
@@ -30,29 +28,14 @@ def spreadsheets(run: RunFolder) -> ExportFiles:
     """
     tables = {
         "markers": marker_table(run),
-        "angles": _artefact(run, "angles.parquet"),
-        "poses": _artefact(run, "poses.parquet"),
+        "angles": artefact_table(run, "angles.parquet"),
+        "poses": artefact_table(run, "poses.parquet"),
         "skeleton": _skeleton(run),
         "landmarks": _landmarks(run),
-        "wrench": _artefact(run, "wrench.parquet"),
+        "wrench": artefact_table(run, "wrench.parquet"),
         "parameters": parameter_table(run),
     }
-    missing = [name for name, table in tables.items() if table is None]
-    files = {
-        f"{run.name}_{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
-        for name, table in tables.items()
-        if table is not None
-    }
-    return ExportFiles(files, tuple(f"csv: no {name}: {run.why_missing(_SOURCES[name])}" for name in missing))
-
-
-def _artefact(run: RunFolder, file: str) -> pd.DataFrame | None:
-    """Return an artefact's table with units in its headers."""
-    table = run.artefacts.get(file)
-    if not isinstance(table, Table):
-        return None
-    units = {column.name: column.unit for column in columns_of(table.schema, table.names)}
-    return table.frame.rename(columns=lambda name: headed(str(name), units.get(str(name), "")))
+    return csv_files(run, tables, _SOURCES)
 
 
 def _skeleton(run: RunFolder) -> pd.DataFrame | None:

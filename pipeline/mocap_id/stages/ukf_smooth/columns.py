@@ -1,4 +1,4 @@
-"""Marker positions predicted from the joint states, and their residuals: markers.parquet."""
+"""Columns of states.parquet and markers.parquet of a trial in the plane."""
 
 from __future__ import annotations
 
@@ -11,10 +11,24 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.store.views import Trajectories
 
 
+def state_columns(
+    time: FloatArray, mean: FloatArray, sd: FloatArray, observed: BoolArray
+) -> dict[str, FloatArray | BoolArray]:
+    """Return time (F,), states (F, n, 4), standard deviations (F, n, 3 or 4) and flags (F, n) as columns."""
+    columns: dict[str, FloatArray | BoolArray] = {"time": time}
+    for j in range(mean.shape[1]):
+        for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
+            columns[f"{name}_{j + 1}"] = mean[:, j, d]
+        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+            columns[f"sd_{name}_{j + 1}"] = sd[:, j, d]
+        columns[f"observed_{j + 1}"] = observed[:, j]
+    return columns
+
+
 def predicted_markers(
     states: States, view: Trajectories, columns: IntArray, chain: MarkerChain
 ) -> dict[str, FloatArray | BoolArray]:
-    """Return predicted ``x``, ``y`` (eq. 3.18), ``residual`` (distance to the measurement) and ``used`` of all markers.
+    """Return the markers that the joint states predict, ``x`` and ``y`` (eq. 3.18), with ``residual`` and ``used``.
 
     Parameters
     ----------
@@ -29,7 +43,8 @@ def predicted_markers(
     Returns
     -------
     dict of str to (F, M) array
-        m; NaN where an angle is not given. The residual is also NaN where the marker is not visible.
+        m; NaN where an angle is not given. The residual is the distance to the measurement, NaN where the marker is not
+        visible.
     """
     used: BoolArray = np.zeros((len(view.time), len(columns)), dtype=np.bool_)
     used[:, chain.segment > 0] = states.used

@@ -1,0 +1,56 @@
+"""Artefacts of the calibration: a trial of the same person and markers whose chain is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from mocap_id import store
+from mocap_id.errors import RecordingError
+from mocap_id.stages.trial_keys import Calibration
+from mocap_id.store import Table, Tree, hdf5, parquet
+from mocap_id.store.schemas import CHAIN, STATES
+
+_T = TypeVar("_T")
+
+
+def read_chain(calibration: Calibration) -> Tree:
+    """Return chain.h5 of the calibration.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing or damaged, or the chain is in space where one in the plane is needed, or the reverse.
+    """
+    path = calibration.chain
+    tree = _read(calibration, path, lambda content: hdf5.decode(content, CHAIN)[0])
+    plane = calibration.states is not None
+    if tree.has("joints/kind") == plane:
+        found, expected = ("space", "the plane") if plane else ("the plane", "space")
+        raise RecordingError(f"{path} is a chain in {found}, expected one in {expected}; check `calibration:`")
+    return tree
+
+
+def read_states(calibration: Calibration) -> Table:
+    """Return states.parquet of the calibration of a trial without markers.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing or damaged.
+    """
+    assert calibration.states is not None
+    table = _read(calibration, calibration.states, lambda content: parquet.decode(content, STATES)[0])
+    assert isinstance(table, store.Table)
+    return table
+
+
+def _read(calibration: Calibration, path: Path, decode: Callable[[bytes], _T]) -> _T:
+    again = f"run `mocap-id run {calibration.trial}` again"
+    try:
+        return decode(path.read_bytes())
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror}): {again}") from error
+    except ValueError as error:
+        raise RecordingError(f"{path} {error}: {again}") from error
