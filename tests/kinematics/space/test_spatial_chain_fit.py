@@ -52,6 +52,16 @@ def test_ball_joints_of_a_plain_chain() -> None:
     assert all(joint.known for joint in fit.chain.joints)
 
 
+def test_a_named_acromion_shows_the_glide_that_its_skin_hides() -> None:
+    trial = simulate_arm(281003, preset="hard", cycles=1, severity=0.5)
+    acromion = trial.labels.index("AC")
+    hidden, shown = _fit(trial, kinds=_ARM), _fit(trial, kinds=_ARM, girdle=[acromion])
+    assert not hidden.chain.on_glide.any()
+    assert np.flatnonzero(shown.chain.on_glide).tolist() == [acromion]
+    assert shown.chain.joints[0].glide[1] > 0.005
+    assert _centre_errors(shown, trial)[0] < _centre_errors(hidden, trial)[0]
+
+
 def test_a_hinge_is_found_and_its_place_along_the_axis_is_open() -> None:
     fit = _fit(simulate_chain(3, kinds="SH", arc_deg=15))
     assert [each.kind for each in fit.evidence] == ["ball", "hinge"]

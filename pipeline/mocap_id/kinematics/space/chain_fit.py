@@ -53,6 +53,7 @@ def fit_spatial_chain(
     estimator: Estimator = "bundle",
     near: Mapping[int, FloatArray] | None = None,
     firm: Collection[int] = (),
+    girdle: Collection[int] = (),
     up: Sequence[float] = _UP,
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories in one bundle.
@@ -76,6 +77,8 @@ def fit_spatial_chain(
         segment, m; NaN where unknown.
     firm : collection of int
         Segments, 1 … n, whose skin does not follow a twist, such as a shoulder girdle.
+    girdle : collection of int
+        Markers, 0 … M - 1, on the shoulder girdle by their names; others are found by their motion.
     up : (3,) sequence
         Direction from which the elevation of the girdle is measured, in the frame of the trial.
 
@@ -91,7 +94,8 @@ def fit_spatial_chain(
     beside = {k: track[used] for k, track in (near or {}).items()}
     above = np.asarray(up, dtype=np.float64)
     slides = slide_sizes(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents))
-    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, frozenset(firm))
+    named = np.isin(np.arange(len(segment)), list(girdle))
+    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, named, frozenset(firm))
     start, rough = _rough_bundle(start, few)
     evidence = _weigh_joints(rough, clusters, kinds)
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
@@ -128,7 +132,7 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
     """
     every, guess = np.arange(len(start.points)), rough
     while True:
-        bundle = solve_bundle(*start.at(every, kinds, guess, _riders(rough, kinds)))
+        bundle = solve_bundle(*start.at(every, kinds, guess, _riders(rough, kinds, start.named)))
         if parallel := _parallel_axes(bundle):
             kinds = tuple(_BALL if j in parallel else kind for j, kind in enumerate(kinds))
             guess = rough  # the wrong axes have pulled the bundle far away
@@ -189,6 +193,7 @@ class _Start:
     up: FloatArray
     near: Mapping[int, FloatArray]
     slides: FloatArray
+    named: BoolArray
     firm: frozenset[int] = frozenset()
 
     def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
@@ -289,10 +294,11 @@ def _axes_of(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[Joint
     return pair or two_axes(turn), pair is not None
 
 
-def _riders(rough: Bundle, kinds: tuple[JointKind, ...]) -> BoolArray:
+def _riders(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
     """Return the markers that ride on the girdle: those of the base that follow the elevation of segment 1."""
     problem, state = rough.problem, rough.state
     if kinds[0] != "ball" or problem.parents[0] != 0:
         return np.zeros(len(problem.segment), dtype=bool)
     seen = problem.weights > 0
-    return markers_on_girdle(residuals(problem, state), seen, problem.segment == 0, share_of_glide(problem, state))
+    base, share = problem.segment == 0, share_of_glide(problem, state)
+    return markers_on_girdle(residuals(problem, state), seen, base, share, named)
