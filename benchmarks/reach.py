@@ -151,7 +151,8 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     codes = Counter(code for each in outcomes for code in each.codes)
     head = (
         f"**{name}**, {len(outcomes)} trials, seeds from {first}: {int(known.sum())} with a volume, "
-        f"{int(flagged.sum())} not `ok`, {int((far & ~flagged).sum())} beyond the limit and `ok`; bias of the volume {np.mean(errors[known]):+.1f} %. "
+        f"{int(flagged.sum())} not `ok`, {int((far & ~flagged).sum())} beyond the limit and `ok`; "
+        f"bias of the volume {np.mean(errors[known]):+.1f} %. "
         f"Codes: {', '.join(f'`{code}` {count}' for code, count in codes.most_common()) or 'none'}."
     )
     kept = ~far | flagged if row.flagged else ~far

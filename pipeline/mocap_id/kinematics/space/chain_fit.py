@@ -98,6 +98,8 @@ def fit_spatial_chain(
     start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, named, frozenset(firm))
     start, rough = _rough_bundle(start, few)
     evidence = _weigh_joints(rough, clusters, kinds)
+    if any(each.kind != "hinge" for j, each in enumerate(evidence, start=1) if j not in kinds):
+        evidence = _simpler(evidence, _weigh_joints(_without_skin(start, few), clusters, kinds))
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
     if estimator != "bundle":
         problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
@@ -115,6 +117,24 @@ def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
         start = replace(start, firm=start.firm | set(unlike))
         rough = solve_bundle(*start.at(frames, balls))
     return start, rough
+
+
+def _without_skin(start: _Start, frames: IntArray) -> Bundle:
+    """Return the bundle over some frames with balls alone, and markers that all follow the bones."""
+    every = range(1, len(start.parents) + 1)
+    return solve_bundle(*replace(start, firm=frozenset(every)).at(frames, (_BALL,) * len(start.parents)))
+
+
+def _simpler(evidence: tuple[JointEvidence, ...], without_skin: tuple[JointEvidence, ...]) -> tuple[JointEvidence, ...]:
+    """Return the evidence of each joint for the simpler kind.
+
+    A twist of the skin that all markers of a segment share is hardly seen, so that its error can tilt an axis. A kind
+    that explains the rotation without such a twist needs none.
+    """
+    simplest: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
+    return tuple(
+        min(pair, key=lambda each: simplest.index(each.kind)) for pair in zip(evidence, without_skin, strict=True)
+    )
 
 
 def _weigh_joints(rough: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
