@@ -18,6 +18,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +151,21 @@ def pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] 
 def measured_by(file: str, trials: str) -> str:
     """Return the sentence that names the benchmark and its trials."""
     return f"Measured by `benchmarks/{Path(file).name}` on {trials}."
+
+
+def rows_on_page(name: str, rows: Mapping[str, str], order: Sequence[str], folder: Path = ROOT / "docs") -> str:
+    """Return the rows of a section, each headed ``**row**, …``, in their order; those not measured as on the page."""
+    texts = (page.read_text("utf-8") for page in folder.rglob("*.md"))
+    pattern = re.compile(rf"<!-- begin {re.escape(name)} -->(.*?)<!-- end {re.escape(name)} -->", re.DOTALL)
+    old = next((found[1] for text in texts if (found := pattern.search(text))), "")
+    heads = [*re.finditer(r"^\*\*(.+?)\*\*, ", old, re.MULTILINE), None]
+    kept = {
+        head[1]: old[head.start() : None if after is None else after.start()].strip()
+        for head, after in pairwise(heads)
+        if head is not None
+    }
+    every = kept | dict(rows)
+    return "\n\n".join(every[row] for row in order if row in every)
 
 
 def publish(sections: Mapping[str, str], *, write: bool, folder: Path = ROOT / "docs") -> None:

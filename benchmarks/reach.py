@@ -139,7 +139,7 @@ def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: floa
     )
 
 
-def table(name: str, outcomes: Sequence[Outcome]) -> str:
+def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
     row = ROWS[name]
     errors = np.array([each.error for each in outcomes])
@@ -150,8 +150,9 @@ def table(name: str, outcomes: Sequence[Outcome]) -> str:
     inside = [each.low <= each.truth <= each.high for each in outcomes if np.isfinite(each.volume)]
     codes = Counter(code for each in outcomes for code in each.codes)
     head = (
-        f"**{name}**, {len(outcomes)} trials: {int(known.sum())} with a volume, {int(flagged.sum())} not `ok`, "
-        f"{int((far & ~flagged).sum())} beyond the limit and `ok`; bias of the volume {np.mean(errors[known]):+.1f} %. "
+        f"**{name}**, {len(outcomes)} trials, seeds from {first}: {int(known.sum())} with a volume, "
+        f"{int(flagged.sum())} not `ok`, {int((far & ~flagged).sum())} beyond the limit and `ok`; "
+        f"bias of the volume {np.mean(errors[known]):+.1f} %. "
         f"Codes: {', '.join(f'`{code}` {count}' for code, count in codes.most_common()) or 'none'}."
     )
     kept = ~far | flagged if row.flagged else ~far
@@ -261,14 +262,13 @@ def main() -> None:
     every = [*ROWS, "cohort"]
     parser.add_argument("--only", nargs="*", default=every, choices=every, help="rows to measure")
     given = parser.parse_args()
-    sections, tables = {}, []
+    sections, tables = {}, {}
     for name in (each for each in given.only if each in ROWS):
         tasks = [(name, given.first + k, SEVERITIES[k % len(SEVERITIES)]) for k in range(given.trials)]
-        tables.append(table(name, harness.run_all(measure, tasks, given.jobs)))
-        harness.progress(tables[-1])
+        tables[name] = table(name, harness.run_all(measure, tasks, given.jobs), given.first)
+        harness.progress(tables[name])
     if tables:
-        about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
-        sections["reach"] = "\n\n".join([about, *tables])
+        sections["reach"] = harness.rows_on_page("reach", tables, list(ROWS))
     if "cohort" in given.only:
         sections["reach-cohort"] = cohort(given.jobs)
     harness.publish(sections, write=given.write)

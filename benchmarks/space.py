@@ -245,14 +245,14 @@ def _chain(
     return {"centres, mm": best}, inside
 
 
-def table(name: str, outcomes: Sequence[Outcome]) -> str:
+def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
     right = [each for each in outcomes if each.right]
     flagged = sum(not each.right and (each.confidence < 0.5 or bool(each.codes)) for each in outcomes)
     codes = Counter(code for each in outcomes for code in each.codes)
     lines = [
-        f"**{name}**, {len(outcomes)} trials: chain right {len(right)}, else flagged {flagged}, kinds right "
-        f"{sum(each.kinds for each in outcomes)}. Cautions: "
+        f"**{name}**, {len(outcomes)} trials, seeds from {first}: chain right {len(right)}, else "
+        f"flagged {flagged}, kinds right {sum(each.kinds for each in outcomes)}. Cautions: "
         + (", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none")
         + "."
     ]
@@ -279,14 +279,13 @@ def main() -> None:
     parser = harness.command_line(__doc__, parallel=True, trials=30, first=210_000)
     parser.add_argument("--only", nargs="*", default=list(ROWS), choices=list(ROWS), help="rows to measure")
     given = parser.parse_args()
-    tables = []
+    tables = {}
     for name in given.only:
         seeds = range(given.first, given.first + given.trials)
         outcomes = harness.run_all(measure, [(name, seed) for seed in seeds], given.jobs)
-        tables.append(table(name, outcomes))
-        harness.progress(tables[-1])
-    about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
-    harness.publish({"space": "\n\n".join([about, *tables])}, write=given.write)
+        tables[name] = table(name, outcomes, given.first)
+        harness.progress(tables[name])
+    harness.publish({"space": harness.rows_on_page("space", tables, list(ROWS))}, write=given.write)
 
 
 if __name__ == "__main__":

@@ -89,6 +89,7 @@ def record(trial: SpaceRobotTrial) -> SpatialRecord:
         alpha_sd=np.full(motion.alpha[:, 1:, 0].shape, 0.1),
         observed=np.ones(len(trial.time), dtype=np.bool_),
         wrench=plate_wrench(trial),
+        plate=FRAME.to_plane(trial.signals.corners.mean(axis=0)),
     )
 
 

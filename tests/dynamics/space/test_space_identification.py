@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from space_cases import SIX, identified, record, robot, true_base
@@ -43,6 +45,22 @@ def test_intervals_contain_the_truth() -> None:
     assert max(error) < 0.03
 
 
+def test_a_wrong_zero_of_horizontal_forces_changes_no_parameter() -> None:
+    trial = robot(1)
+    recorded = record(trial)
+    plate, zero = recorded.base[:3, 3] - [0.02, 0.1, 0.03], np.array([8.0, 0.0, -5.0])
+    plain, shifted = (
+        identify(
+            prepare(replace(recorded, plate=plate, wrench=recorded.wrench + error), SIX),
+            everywhere(trial),
+            trial.options.errors,
+        )
+        for error in (np.zeros(6), np.concatenate([zero, np.cross(plate, zero)]))
+    )
+    np.testing.assert_allclose(shifted.base, plain.base, atol=1e-5)
+    np.testing.assert_allclose(shifted.plate_bias - plain.plate_bias, [8.0, -5.0, 0.0], atol=1e-5)
+
+
 def test_torques_lie_within_their_intervals() -> None:
     trial, (prepared, found) = robot(1), identified(1)
     model = predict(prepared, found)
@@ -73,6 +91,7 @@ def test_a_turned_and_shifted_laboratory_changes_nothing() -> None:
         **{
             **vars_of(recorded),
             "base": se3.pose(turn, shift) @ recorded.base,
+            "plate": turn @ recorded.plate + shift,
             "rotation": turn @ recorded.rotation,
             "omega": recorded.omega @ turn.T,
             "alpha": recorded.alpha @ turn.T,

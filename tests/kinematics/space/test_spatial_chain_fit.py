@@ -14,6 +14,7 @@ from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.simulation.arm import simulate_arm, simulate_chain
+from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
 
 _UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _ARM: Any = {1: "ball", 2: "two-axis", 3: "two-axis"}
@@ -50,6 +51,22 @@ def test_ball_joints_of_a_plain_chain() -> None:
     true = np.asarray(trial.document["lengths_m"])[0]
     assert abs(fit.lengths[0] - true) < 4 * fit.length_sd[0] < 3e-3
     assert all(joint.known for joint in fit.chain.joints)
+
+
+def test_a_named_acromion_shows_the_glide_that_its_skin_hides() -> None:
+    trial = simulate_arm(281003, preset="hard", cycles=1, severity=0.5)
+    acromion = trial.labels.index("AC")
+    hidden, shown = _fit(trial, kinds=_ARM), _fit(trial, kinds=_ARM, girdle=[acromion])
+    assert not hidden.chain.on_glide.any()
+    assert np.flatnonzero(shown.chain.on_glide).tolist() == [acromion]
+    assert shown.chain.joints[0].glide[1] > 0.005
+    assert _centre_errors(shown, trial)[0] < _centre_errors(hidden, trial)[0]
+
+
+def test_skin_that_twists_as_a_whole_hides_no_hinge() -> None:
+    trial = generate_space_robot(SpaceRobotOptions(seed=284018))
+    fit = fit_spatial_chain(trial.points @ _UP.T, trial.robot.chain.segment, (0, 1))
+    assert [each.kind for each in fit.evidence] == ["hinge", "hinge"]
 
 
 def test_a_hinge_is_found_and_its_place_along_the_axis_is_open() -> None:

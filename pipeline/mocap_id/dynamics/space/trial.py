@@ -49,6 +49,9 @@ class SpatialRecord:
         the plate's clock; NaN where unknown.
     averaged : float
         Time over which each plate sample is averaged, s; 0 for instantaneous samples.
+    plate : (3,) array, optional
+        Centre of the plate's surface, m, about which its errors are: a wrong zero of Fx is no moment there. Default:
+        origin of the base.
     """
 
     time: FloatArray
@@ -61,6 +64,7 @@ class SpatialRecord:
     observed: BoolArray
     wrench: FloatArray
     averaged: float = 0.0
+    plate: FloatArray | None = None
 
     @property
     def rate(self) -> float:
@@ -73,14 +77,23 @@ class SpatialRecord:
         return se3.pose(self.base[:3, :3], np.zeros(3))
 
     @property
-    def to_base(self) -> FloatArray:
-        """Matrix (6, 6) that moves wrenches from the origin of the trial's frame to that of the base."""
-        return moved_wrench(-self.base[:3, 3])
+    def reference(self) -> FloatArray:
+        """Point (3,) of the moments in the fit: the plate's centre, m."""
+        return self.base[:3, 3] if self.plate is None else self.plate
+
+    @property
+    def to_plate(self) -> FloatArray:
+        """Matrix (6, 6) that moves wrenches from the origin of the trial's frame to the plate's centre."""
+        return moved_wrench(-self.reference)
 
     @property
     def to_trial(self) -> FloatArray:
-        """The inverse of :attr:`to_base`."""
-        return moved_wrench(self.base[:3, 3])
+        """The inverse of :attr:`to_plate`."""
+        return moved_wrench(self.reference)
+
+    def regressor(self, motion: SpatialMotion, frames: FloatArray, gravity: float) -> FloatArray:
+        """Return the regressor (T, 6, 10K) of the wrench about the plate's centre, in frames of the segments."""
+        return moved_wrench(self.base[:3, 3] - self.reference) @ segment_regressor(motion.in_frames(frames), gravity)
 
     @cached_property
     def motion(self) -> SpatialMotion:
@@ -90,7 +103,7 @@ class SpatialRecord:
 
 @dataclass(frozen=True)
 class SpatialTrial:
-    """A trial in space prepared for identification; moments are about the origin of the base.
+    """A trial in space prepared for identification; moments are about the plate's centre.
 
     Parameters
     ----------
@@ -148,13 +161,13 @@ class SpatialTrial:
         return self.filtered_wrench(stamped)
 
     def measured(self, offset: float) -> FloatArray:
-        """Return the wrench (T, 6) about the origin of the base at the cameras' times, for a clock offset, s."""
+        """Return the wrench (T, 6) about the plate's centre at the cameras' times, for a clock offset, s."""
         sampled = SampledWrench.of(self.recorded.time, _whole(self.recorded))
         return sampled(self.recorded.time - offset)
 
     def rows_of(self, motion: SpatialMotion, gravity: float) -> FloatArray:
         """Return the minimal regressor (T, 6, b) of another motion of the segments."""
-        return segment_regressor(motion.in_frames(self.structure.frames), gravity)[:, :, self.base.kept]
+        return self.recorded.regressor(motion, self.structure.frames, gravity)[:, :, self.base.kept]
 
 
 def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
@@ -167,7 +180,7 @@ def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
         With six components (:data:`COMPONENTS`).
     """
     structure = structural_base(recorded.chain, recorded.centred)
-    regressor = segment_regressor(recorded.motion.in_frames(structure.frames), settings.gravity)
+    regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
     moving = known(regressor)
     cutoff = settings.cutoff or cutoff_from_velocity(_speeds(recorded), recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
@@ -205,6 +218,6 @@ def _speeds(recorded: SpatialRecord) -> FloatArray:
 
 
 def _whole(recorded: SpatialRecord) -> FloatArray:
-    """Return the wrench (T, 6) about the origin of the base, NaN in all components if any is unknown."""
-    wrench = recorded.wrench @ recorded.to_base.T
+    """Return the wrench (T, 6) about the plate's centre, NaN in all components if any is unknown."""
+    wrench = recorded.wrench @ recorded.to_plate.T
     return np.where(known(wrench)[:, None], wrench, np.nan)

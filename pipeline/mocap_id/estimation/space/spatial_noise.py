@@ -7,9 +7,10 @@ acceleration,
 
     sum over frequencies of H² I − 2 H (I − N),
 
-up to a constant, with the power I of the measured acceleration and the power N of its noise. The likelihood, in
-contrast, is misled by slow movement, which has less power than white snap would give it. Only moving samples count,
-because a still start would suggest less snap than the movement has.
+up to a constant, with the power I of the measured acceleration and the power N of its noise. Where I comes near N, the
+movement is taken to fall steadily. The likelihood of white snap, in contrast, is misled by slow movement, which has
+less power than white snap would give it. Only moving samples count, because a still start would suggest less snap than
+the movement has.
 """
 
 from __future__ import annotations
@@ -38,9 +39,11 @@ _MOST = 100  # windows
 _MOSTLY = 0.5  # share of moving samples in a window
 _GAP_SHARE = 0.36  # s^½; with it, white snap and a constant snap err alike after 0.3 s
 _REACH = 1.9  # times the corner
-_CAUTION = 1.3  # times the best snap: it costs little accuracy, and fast movement needs more than the average
 _LEAST = 16  # frames of a window
 _FASTEST = 4.0  # Hz, of movement that is larger than noise with a memory
+_NEAR = 10.0  # ratio of the powers of measurement and noise below which the movement's is modelled
+_STEEPNESS = np.array([4.0, 6.0, 8.0, 12.0, 16.0])  # of the fall of movement against noise; 4 is a constant movement
+_CROSSINGS = 80  # frequencies at which both may be equal
 _TRIALS = 120  # values of the snap
 
 
@@ -122,12 +125,13 @@ def process_noise(
         if colour is not None:
             frequency = np.asarray(np.fft.rfftfreq(size, dt), dtype=np.float64)
             spectra = [(power, _shaded(power, noise, frequency, colour), white) for power, noise, white in spectra]
+        spectra = [(_falling(power, noise), noise, white) for power, noise, white in spectra]
         trials = np.geomspace(*SNAP_BOUNDS, _TRIALS)[:, None]
         risk = np.zeros(_TRIALS)
         for power, noise, white in spectra:
             passed = 1 / (1 + turning ** (2 * ORDER) * white / trials**2)
             risk += np.sum(passed**2 * power - 2 * passed * (power - noise), axis=1)
-        snap = _CAUTION * float(trials[np.argmin(risk), 0])
+        snap = float(trials[np.argmin(risk), 0])
         if group:
             snap = max(snap, (2 * math.pi * slowest) ** ORDER * math.sqrt(max(white for _, _, white in spectra)))
         snaps[columns], lasting = snap, 0.0
@@ -138,6 +142,26 @@ def process_noise(
             lasting = max(lasting, float(np.sum(passed**2 * power * turning**4)) / dt**4)
         gaps[columns] = max(snap, _GAP_SHARE * math.sqrt(lasting / dt))
     return _alike(model, snaps), gaps, errors
+
+
+def _falling(power: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return the power with a steady fall of the movement's where it comes near the noise's.
+
+    The power from few windows scatters. Where it is by chance twice that of the noise, at a high frequency, movement
+    would seem to be there. From the first frequency at which the noise has a tenth of it, the power is therefore
+    1 + (c / k)^q times that of the noise at frequency k, with the likeliest c and q for a periodogram.
+    """
+    ratio = power[1:] / noise[1:]
+    near = np.flatnonzero(ratio < _NEAR)
+    if not near.size:
+        return power
+    first = int(near[0]) + 1
+    k = np.arange(first, len(power))
+    crossings = np.geomspace(0.25, len(power), _CROSSINGS)
+    modelled = 1.0 + (crossings[:, None, None] / k) ** _STEEPNESS[:, None]
+    loss = np.sum(np.log(modelled) + ratio[first - 1 :] / modelled, axis=2)
+    best = modelled[np.unravel_index(np.argmin(loss), loss.shape)]
+    return np.concatenate([power[:first], noise[first:] * best])
 
 
 def _shaded(power: FloatArray, noise: FloatArray, frequency: FloatArray, colour: Colour) -> FloatArray:

@@ -53,6 +53,7 @@ def fit_spatial_chain(
     estimator: Estimator = "bundle",
     near: Mapping[int, FloatArray] | None = None,
     firm: Collection[int] = (),
+    girdle: Collection[int] = (),
     up: Sequence[float] = _UP,
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories in one bundle.
@@ -76,6 +77,8 @@ def fit_spatial_chain(
         segment, m; NaN where unknown.
     firm : collection of int
         Segments, 1 … n, whose skin does not follow a twist, such as a shoulder girdle.
+    girdle : collection of int
+        Markers, 0 … M - 1, on the shoulder girdle by their names; others are found by their motion.
     up : (3,) sequence
         Direction from which the elevation of the girdle is measured, in the frame of the trial.
 
@@ -91,9 +94,12 @@ def fit_spatial_chain(
     beside = {k: track[used] for k, track in (near or {}).items()}
     above = np.asarray(up, dtype=np.float64)
     slides = slide_sizes(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents))
-    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, frozenset(firm))
+    named = np.isin(np.arange(len(segment)), list(girdle))
+    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, named, frozenset(firm))
     start, rough = _rough_bundle(start, few)
     evidence = _weigh_joints(rough, clusters, kinds)
+    if any(each.kind != "hinge" for j, each in enumerate(evidence, start=1) if j not in kinds):
+        evidence = _simpler(evidence, _weigh_joints(_without_skin(start, few), clusters, kinds))
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
     if estimator != "bundle":
         problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
@@ -113,6 +119,24 @@ def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
     return start, rough
 
 
+def _without_skin(start: _Start, frames: IntArray) -> Bundle:
+    """Return the bundle over some frames with balls alone, and markers that all follow the bones."""
+    every = range(1, len(start.parents) + 1)
+    return solve_bundle(*replace(start, firm=frozenset(every)).at(frames, (_BALL,) * len(start.parents)))
+
+
+def _simpler(evidence: tuple[JointEvidence, ...], without_skin: tuple[JointEvidence, ...]) -> tuple[JointEvidence, ...]:
+    """Return the evidence of each joint for the simpler kind.
+
+    A twist of the skin that all markers of a segment share is hardly seen, so that its error can tilt an axis. A kind
+    that explains the rotation without such a twist needs none.
+    """
+    simplest: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
+    return tuple(
+        min(pair, key=lambda each: simplest.index(each.kind)) for pair in zip(evidence, without_skin, strict=True)
+    )
+
+
 def _weigh_joints(rough: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
     turns = joint_rotations(rough.problem, rough.state)
     return tuple(
@@ -128,7 +152,7 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
     """
     every, guess = np.arange(len(start.points)), rough
     while True:
-        bundle = solve_bundle(*start.at(every, kinds, guess, _riders(rough, kinds)))
+        bundle = solve_bundle(*start.at(every, kinds, guess, _riders(rough, kinds, start.named)))
         if parallel := _parallel_axes(bundle):
             kinds = tuple(_BALL if j in parallel else kind for j, kind in enumerate(kinds))
             guess = rough  # the wrong axes have pulled the bundle far away
@@ -189,6 +213,7 @@ class _Start:
     up: FloatArray
     near: Mapping[int, FloatArray]
     slides: FloatArray
+    named: BoolArray
     firm: frozenset[int] = frozenset()
 
     def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
@@ -289,10 +314,11 @@ def _axes_of(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[Joint
     return pair or two_axes(turn), pair is not None
 
 
-def _riders(rough: Bundle, kinds: tuple[JointKind, ...]) -> BoolArray:
+def _riders(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
     """Return the markers that ride on the girdle: those of the base that follow the elevation of segment 1."""
     problem, state = rough.problem, rough.state
     if kinds[0] != "ball" or problem.parents[0] != 0:
         return np.zeros(len(problem.segment), dtype=bool)
     seen = problem.weights > 0
-    return markers_on_girdle(residuals(problem, state), seen, problem.segment == 0, share_of_glide(problem, state))
+    base, share = problem.segment == 0, share_of_glide(problem, state)
+    return markers_on_girdle(residuals(problem, state), seen, base, share, named)

@@ -17,7 +17,9 @@ _RANGE = 0.15  # of u; below, the arm is hardly raised
 _FEWEST = 4  # markers of the base that do not ride
 
 
-def markers_on_girdle(off: FloatArray, seen: BoolArray, base: BoolArray, share: FloatArray) -> BoolArray:
+def markers_on_girdle(
+    off: FloatArray, seen: BoolArray, base: BoolArray, share: FloatArray, named: BoolArray
+) -> BoolArray:
     """Return the markers of the base that move with the elevation of the next segment (M,).
 
     Parameters
@@ -29,6 +31,9 @@ def markers_on_girdle(off: FloatArray, seen: BoolArray, base: BoolArray, share: 
         Markers of the base.
     share : (F,) array
         u = (1 - cos elevation) / 2.
+    named : (M,) bool array
+        Markers that ride by their name. Their sliding skin may hide it, but a shoulder that is taken to be fixed makes
+        every raised arm seem higher.
     """
     found = np.zeros(off.shape[1], dtype=bool)
     low, high = np.quantile(share, [0.05, 0.95])
@@ -45,7 +50,7 @@ def markers_on_girdle(off: FloatArray, seen: BoolArray, base: BoolArray, share: 
         motion[m] = np.linalg.norm(slope)
         explained[m] = motion[m] ** 2 * (u @ u) / np.sum(y**2)
     usual = np.median(motion[base])
-    found = base & (motion > np.maximum(_LEAST, _STANDS_OUT * usual)) & (explained > _EXPLAINED)
+    found = base & (named | (motion > np.maximum(_LEAST, _STANDS_OUT * usual)) & (explained > _EXPLAINED))
     if base.sum() - found.sum() < _FEWEST:
         return np.zeros_like(found)
     return np.asarray(found)

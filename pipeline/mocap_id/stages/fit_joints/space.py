@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.anatomy.landmark_names import find_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry.spatial_chain import JointKind, SpatialJoint
@@ -18,6 +19,7 @@ from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames, points_near_joints
 from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
+from mocap_id.stages.trial_keys import given_landmarks
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.spatial_views import SpatialSkeleton, is_skeleton
@@ -46,8 +48,17 @@ def fit_chain_in_space(context: Context) -> Outputs:
     assert settings.estimator != "circle"
     near = points_near_joints(context, view, names)
     firm = [k for k, name in enumerate(names) if name == _GIRDLE]
-    parents = segments.facts["parents"]
-    fit = fit_spatial_chain(points, segment, parents, kinds, estimator=settings.estimator, near=near, firm=firm)
+    acromion = find_landmarks(view.labels, given_landmarks(context.trial), context.trial.side).markers.get("AC")
+    fit = fit_spatial_chain(
+        points,
+        segment,
+        segments.facts["parents"],
+        kinds,
+        estimator=settings.estimator,
+        near=near,
+        firm=firm,
+        girdle=np.flatnonzero(columns == (-1 if acromion is None else acromion)).tolist(),
+    )
     framed = in_anatomical_frames(context, view, fit, columns, names)
     facts = {
         "estimator": settings.estimator,

@@ -60,7 +60,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=8,
+    version=9,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.plates import PlateChoice
-from mocap_id.recording import PlateSamples
+from mocap_id.recording import Plate, PlateSamples
 from mocap_id.stages.planarise.external_wrenches import COMPONENTS, summed
 
 
@@ -89,6 +89,18 @@ def ground_wrench_in_space(
         vertical = np.where(total[:, 1] > threshold, total[:, 1], np.nan)
     columns = dict(zip(_IN_SPACE, total.T.copy(), strict=True))
     return {"time": time, **columns, "cop_x": total[:, 5] / vertical, "plate_ok": ok}
+
+
+def plates_centre(
+    plates: Sequence[Plate], choice: PlateChoice, frame: PlaneFrame, *, mirrored: bool
+) -> list[float] | None:
+    """Return the centre (3,) of the feet's plates in the frame of a trial in space, m; None if it is not known."""
+    centres = [plates[index].centre for index in choice.indices("feet")]
+    known = [each for each in centres if each is not None]
+    if not known or len(known) < len(centres):
+        return None
+    centre = frame.to_plane(np.mean(known, axis=0))
+    return [float(x) for x in (centre * [1.0, 1.0, -1.0] if mirrored else centre)]
 
 
 def lateral_pressure(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:

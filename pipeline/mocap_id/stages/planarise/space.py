@@ -15,7 +15,7 @@ from mocap_id.recording import ThinnedFrames
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
-from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space
+from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space, plates_centre
 from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
 from mocap_id.stages.planarise.skeleton import read_upright
 from mocap_id.stages.planarise.used_part import bursts, read_recording, trajectories, used_part
@@ -69,6 +69,7 @@ def upright_recording(context: Context) -> Outputs:
     facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)
     threshold = settings.cop_threshold_N
     columns = ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
+    facts["centre_m"] = plates_centre(source.plates, choice, frame, mirrored=left)
     if not free:  # reaches and curls are recorded without plates
         reasons = tuple(replace(each, level="ok") for each in reasons)
     return planar, Table(WRENCH, columns, facts, (*unit_doubts(doubted), *reasons))
