@@ -52,8 +52,9 @@ def sensed(chain, model, pose: Pose, rng: np.random.Generator, *, jacobian: bool
     count = len(chain.joints) + 1
     none, axes = np.zeros((1, count, 3)), np.array([[0.0, 1.0, 0.0], *(each.long_axis for each in chain.joints)])
     place, lag = 0.2 * rng.standard_normal((count, 3)), np.array([0.0, *rng.uniform(0, 0.3, count - 1)])
-    variance = np.zeros((1, count, 2))
-    sensors = Sensors(np.arange(count), place, lag, axes, none, none, variance, variance[0], 9.81)
+    variance, parent = np.zeros((1, count, 2)), np.array([0, *(each.parent for each in chain.joints)])
+    rest = np.array([[0.0, 1.0, 0.0], *(each.untwisted @ each.long_axis for each in chain.joints)])
+    sensors = Sensors(np.arange(count), place, lag, axes, parent, rest, none, none, variance, variance[0], 9.81)
     gyro, force = np.zeros((1, count, 3)), np.zeros((1, count, 3))
     rows = np.zeros((int(jacobian), count, 6, 3 * degrees_of_freedom(model)))
     predict_sensors(model, pose, sensors, gyro, force, rows)
@@ -109,13 +110,13 @@ def test_measurements_are_derivatives_along_a_movement() -> None:
         by = np.concatenate([t * rate + t**2 / 2 * grows, np.zeros(2 * d)])
         at = moved(chain, model, start, by)
         origins, turns = chain.place(at.origin, at.turn[:, 0], at.turn[:, 1:])
-        poses.append((origins[0] + np.einsum("sij,sj->si", turns[0], place), turns[0], at.turn[0]))
+        twists = [0.0, *(joint.twist(at.turn[0, k]) for k, joint in enumerate(chain.joints, start=1))]
+        poses.append((origins[0] + np.einsum("sij,sj->si", turns[0], place), turns[0], np.array(twists)))
     turn = poses[1][1]
     force = (poses[0][0] - 2 * poses[1][0] + poses[2][0]) / step**2 + [0.0, 9.81, 0.0]
     np.testing.assert_allclose(values[:, 3:], np.einsum("sji,sj->si", turn, force), atol=1e-5)
     spin = so3.log(np.swapaxes(poses[0][1], 1, 2) @ poses[2][1]) / (2 * step)
-    joint = so3.log(np.swapaxes(poses[0][2], 1, 2) @ poses[2][2]) / (2 * step)
-    twist = lag * np.sum(joint * axes, axis=1)
+    twist = lag * (poses[2][2] - poses[0][2]) / (2 * step)
     np.testing.assert_allclose(values[:, :3], spin - twist[:, None] * axes, atol=1e-6)
 
 
