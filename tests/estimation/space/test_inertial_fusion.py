@@ -155,6 +155,21 @@ def test_a_gap_stays_bounded(case, both) -> None:
     assert np.mean(off < 1.96 * np.sqrt(3) * np.degrees(states.sd_rotation[GAP, :3])) > 0.88
 
 
+def test_two_seconds_without_markers_do_not_interpolate_the_twist(case, both) -> None:
+    trial, sensors = case
+    twist = np.unwrap(np.asarray(trial.angles["shoulder_axial"] + trial.angles["shoulder_plane"]))
+    starts = range(600, len(twist) - 600, 60)
+    first = max(starts, key=lambda k: np.abs(twist[k : k + 240] - np.linspace(twist[k], twist[k + 239], 240)).max())
+    gap = slice(first, first + 240)
+    points = trial.positions @ UP.T
+    points[gap] = np.nan
+    states, _ = fused(trial, {s: sensors[s] for s in ON}, points)
+    between = np.swapaxes(both[0].rotations[gap], 2, 3) @ states.rotations[gap]
+    off = np.degrees(np.linalg.norm(so3.log(between), axis=-1))[:, :3]
+    assert np.abs(twist[gap] - np.linspace(twist[first], twist[first + 239], 240)).max() > 0.2
+    assert off.max() < 1.5
+
+
 def test_swapped_sensors_are_named_and_left_out(case) -> None:
     trial, sensors = case
     alone = smooth_in_space(trial.positions @ UP.T, trial.rate, true_chain(trial))
