@@ -15,12 +15,14 @@ from typing import Any
 
 import harness
 import numpy as np
+import sensor_arms
 import sensor_conditions
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.arm.options import Preset
 from mocap_id.simulation.simulated_trial import generate
 from mocap_id.simulation.trial_files import c3d_bytes
 from mocap_id.store import Folder
@@ -256,6 +258,33 @@ def inertial(first: int, trials: int, jobs: int | None) -> str:
     return found
 
 
+def measure_arm(task: tuple[int, Preset]) -> Outcome:
+    """Simulate an arm with inertial sensors, and run it with them, without them, and with a gap."""
+    with tempfile.TemporaryDirectory() as place:
+        return Outcome(*sensor_arms.measure(*task, Path(place)))
+
+
+def arms(first: int, trials: int, jobs: int | None) -> str:
+    """Return the tables of inertial sensors beside the markers of an arm."""
+    tables = []
+    for preset, limit in sensor_arms.LIMITS.items():
+        limits = {
+            "acceleration of the forearm, rad/s²": limit,
+            "from markers alone, rad/s²": limit,
+            "acceleration of the upper arm, rad/s²": limit,
+            "of the upper arm from markers alone, rad/s²": limit,
+            "clock where the motion shows it, ms": 2.0,
+            "upper arm in 2 s without markers, degrees": 3.0,
+            "forearm in 2 s without markers, degrees": 3.0,
+            "upper arm in the same 2 s with markers, degrees": 3.0,
+            "forearm in the same 2 s with markers, degrees": 3.0,
+        }
+        outcomes = harness.run_all(measure_arm, [(seed, preset) for seed in range(first, first + trials)], jobs)
+        tables.append(table(f"reaches, {preset} errors, a sensor on every segment", outcomes, limits))
+        harness.progress(tables[-1])
+    return "\n\n".join(tables)
+
+
 def measure_alone(seed: int) -> Outcome:
     """Simulate two trials of a person, and run the second one with its inertial sensors alone."""
     with tempfile.TemporaryDirectory() as place:
@@ -296,7 +325,14 @@ def conditions(first: int, trials: int, jobs: int | None) -> str:
     return found
 
 
-SECTIONS = {"boards": boards, "wrists": wrists, "inertial": inertial, "alone": alone, "conditions": conditions}
+SECTIONS = {
+    "boards": boards,
+    "wrists": wrists,
+    "inertial": inertial,
+    "arms": arms,
+    "alone": alone,
+    "conditions": conditions,
+}
 
 
 def main() -> None:

@@ -131,6 +131,7 @@ def test_a_relative_file_finds_its_recording_from_anywhere(
         (SENSOR + "    at: RHAND\n    force: body\n", 8, ["`external[0].force` is 'body'", "did you mean `on-body`?"]),
         (SENSOR + "    at: RHAND\n    clock_offset_s: 5 ms\n", 8, ["`external[0].clock_offset_s`", "without a unit"]),
         (f"{SENSOR}    at: A\n{TWICE}    at: B\n", 3, ["`external`", "`hand` is used twice"]),
+        (f"space: 3d\n{SENSOR}    at: A\n", 4, ["`external`", "need `space: plane`", "through the elbow"]),
         (SENSOR.replace("hand\n", "seat\n") + "    at: A\n", 3, ["`external`", "reserved for the chair"]),
         ("out: 7\n", 3, ["`out` is 7", 'in quotes, "7"']),
         ("protocol: free\nprotocol: free\n", 4, ["`protocol` is given twice", "first on line 3"]),

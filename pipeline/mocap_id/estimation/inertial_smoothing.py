@@ -27,12 +27,13 @@ from mocap_id.estimation.inertial import (
     prepare_sensor,
 )
 from mocap_id.estimation.inertial.signals import GRAVITY
-from mocap_id.estimation.smoothing import FilterSettings, States, smooth
+from mocap_id.estimation.smoothing import FilterSettings, States, prepare_states
 from mocap_id.geometry import so3
 
 SHARES = (1.5, 1.5)  # of the residuals, which last: more than for balls, since a hinge can follow turning skin
 _SHARE_SD = 0.05  # of a joint's turn, by which the skin under a sensor turns
 _COVERED, _QUANTILE = 0.95, 1.645  # share of stretches, in movement and rest, whose drift is covered
+_SOME = 500  # frames, for the residual
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
 
 
@@ -73,7 +74,8 @@ def smooth_with_sensors(
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     times = time[0] + np.arange(len(time)) / rate
-    alone = smooth(observed.copy(), rate, centres, segment, local, settings=settings, overwrite=True)
+    prepared = prepare_states(observed, rate, centres, segment, local, settings=settings)
+    alone = prepared.estimate()
     motions = segment_motions(alone, rate)
     results = calibrate_all(sensors, motions, times)
     kept = {s: each.found for s, each in results.items() if each.found is not None and each.why is None and s > 0}
@@ -83,7 +85,7 @@ def smooth_with_sensors(
     results |= {s: replace(results[s], found=each.found) for s, each in carried.items()}
     inertial = _as_arrays(alone, carried)
     try:
-        both = smooth(observed, rate, centres, segment, local, settings=settings, overwrite=True, inertial=inertial)
+        both = prepared.estimate(inertial)
         if not _residual(both, observed) < _WORSE * _residual(alone, observed):
             raise NumericalError("the sensors pull the chain away from the markers")
     except NumericalError as error:
@@ -145,7 +147,7 @@ def carry_sensor(  # noqa: PLR0917
         force=np.einsum("fij,fj->fi", so3.exp(-turn[:, None] * axis), motion.force),
     )
     clock = replace(found.clock, sd=np.inf) if found.clock.observable else found.clock
-    again = calibrate_sensor(signals, skin, time, clock, follows=False) or found
+    again = calibrate_sensor(signals, skin, time, clock, follows=False, start=replace(found, lag=0.0)) or found
     ready = prepare_sensor(signals, again, skin, time, seen, SHARES)
     return CarriedSensor(again, ready, share, ready.gyro[:, 2] - skin.omega[:, 2])
 
@@ -205,5 +207,6 @@ def _drift(left: FloatArray, count: int, dt: float) -> FloatArray:
 
 
 def _residual(states: States, observed: FloatArray) -> float:
-    squares = np.sum((observed - states.predicted) ** 2, axis=2)[states.used]
+    some = slice(None, None, max(1, len(observed) // _SOME))
+    squares = np.sum((observed[some] - states.predicted_in(some)) ** 2, axis=2)[states.used[some]]
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

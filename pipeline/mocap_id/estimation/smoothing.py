@@ -119,7 +119,6 @@ def smooth(
     *,
     settings: FilterSettings | None = None,
     overwrite: bool = False,
-    inertial: InertialSignals | None = None,
 ) -> States:
     """Estimate the states of every joint at every frame.
 
@@ -140,8 +139,6 @@ def smooth(
     overwrite : bool
         Allow changes of ``observed``, which saves a copy: where markers are missing, the others are moved by
         :func:`mocap_id.estimation.dropouts.compensate_dropouts`.
-    inertial : InertialSignals, optional
-        Inertial sensors, for ``rts`` by the compiled engine.
 
     Returns
     -------
@@ -152,21 +149,71 @@ def smooth(
     NumericalError
         A covariance is not positive definite.
     """
+    if not overwrite:
+        observed = observed.copy()
+    return prepare_states(observed, rate, centres, segment, local, settings=settings).estimate()
+
+
+@dataclass(frozen=True)
+class PreparedStates:
+    """Noise and markers of a trial, as often as they are smoothed.
+
+    Parameters
+    ----------
+    problem : FilterProblem
+        Of the moving segments' markers.
+    noise : FilterNoise
+    chain : MarkerChain
+        With all M markers.
+    settings : FilterSettings
+    """
+
+    problem: FilterProblem
+    noise: FilterNoise
+    chain: MarkerChain
+    settings: FilterSettings
+
+    def estimate(self, inertial: InertialSignals | None = None) -> States:
+        """Return the states, from the markers alone or with inertial sensors (``rts`` by the compiled engine).
+
+        Raises
+        ------
+        NumericalError
+            A covariance is not positive definite.
+        """
+        problem = self.problem if inertial is None else replace(self.problem, inertial=inertial)
+        found = _estimate(problem, self.settings)
+        mean, sd = found.mean, found.sd
+        determined = _determined(found, problem, self.noise, self.settings)
+        mean[sd[..., 0] > self.settings.angle_sd_limit] = math.nan
+        mean[..., 0] -= _turns(mean[..., 0])
+        used = np.zeros((len(mean), len(self.chain.segment)), dtype=np.bool_)
+        used[:, self.chain.segment > 0] = found.used
+        return States(mean, sd, determined, used, self.noise, found.log_likelihood, self.chain)
+
+
+def prepare_states(
+    observed: FloatArray,
+    rate: float,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    *,
+    settings: FilterSettings | None = None,
+) -> PreparedStates:
+    """Estimate the noise of a trial, and prepare its markers for :meth:`PreparedStates.estimate`.
+
+    Parameters
+    ----------
+    observed, rate, centres, segment, local, settings
+        As for :func:`smooth`; ``observed`` is changed as by ``overwrite``.
+    """
     settings = settings or FilterSettings()
     moves = segment > 0
-    moving = observed[:, moves] if not moves.all() else observed if overwrite else observed.copy()
+    moving = observed if moves.all() else observed[:, moves]
     chain = MarkerChain(centres.copy(), segment[moves], local[moves])  # numba would recompile for read-only arrays
     noise, problem = _filter_problem(moving, 1.0 / rate, chain, settings)
-    if inertial is not None:
-        problem = replace(problem, inertial=inertial)
-    found = _estimate(problem, settings)
-    mean, sd = found.mean, found.sd
-    determined = _determined(found, problem, noise, settings)
-    mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
-    mean[..., 0] -= _turns(mean[..., 0])
-    used = np.zeros(observed.shape[:2], dtype=np.bool_)
-    used[:, moves] = found.used
-    return States(mean, sd, determined, used, noise, found.log_likelihood, MarkerChain(centres, segment, local))
+    return PreparedStates(problem, noise, MarkerChain(centres, segment, local), settings)
 
 
 def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:

@@ -36,6 +36,10 @@ def _down() -> FloatArray:
     return np.array([0.0, 1.0, 0.0])
 
 
+LEAST_TWIST = 0.1
+"""Least 1 + cos of the swing with which the rate of a twist is computed; the cosine is -0.9 at 154°."""
+
+
 @dataclass(frozen=True)
 class SpatialJoint:
     """The joint between a segment and its parent.
@@ -108,6 +112,17 @@ class SpatialJoint:
         quaternion = so3.quaternion(self.untwisted.T @ rotation)
         angle = 2 * np.arctan2(quaternion[..., 1:] @ self.long_axis, quaternion[..., 0])
         return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+    def twist_axis(self, rotation: FloatArray) -> FloatArray:
+        """Return the vector (..., 3), in the child's axes, whose product with the joint's velocity is the twist's rate.
+
+        With the long axis l and the direction l' that it has without swing, both in the child's axes, it is
+        (l + l') / (1 + l · l'): the twist is that of the shortest swing, so a swing that turns also changes it. Where
+        the segment points almost backwards, the rate has no limit; there it is reduced.
+        """
+        rest = np.swapaxes(rotation, -1, -2) @ (self.untwisted @ self.long_axis)
+        size = np.maximum(1.0 + rest @ self.long_axis, LEAST_TWIST)
+        return np.asarray((self.long_axis + rest) / size[..., None])
 
     def origin(self, rotation: FloatArray) -> FloatArray:
         """Return the child's origin in the parent's frame (..., 3), m, for its rotation (..., 3, 3)."""

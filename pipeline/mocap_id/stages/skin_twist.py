@@ -105,12 +105,12 @@ def with_twist_errors(states: SpatialStates, chain: SpatialChain, *, common: flo
         if not len(own) or not np.any(chain.skin[chain.segment == k]):
             continue
         sd = float(np.hypot(np.mean(own), common))
-        axis = joint.long_axis
+        axis, twisting = joint.long_axis, joint.twist_axis(states.joint_rotations[:, k - 1])
         size = sd * np.stack(
             [
                 joint.twist(states.joint_rotations[:, k - 1]),
-                states.velocity[:, k - 1] @ axis,
-                states.acceleration[:, k - 1] @ axis,
+                np.sum(states.velocity[:, k - 1] * twisting, axis=1),
+                np.sum(states.acceleration[:, k - 1] * twisting, axis=1),
             ],
             axis=1,
         )

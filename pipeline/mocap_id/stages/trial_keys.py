@@ -252,6 +252,11 @@ class TrialKeys(Settings):
     ) -> tuple[ExternalForce, ...]:
         if value and "recording" in info.data and info.data["recording"] is None:
             raise ValueError("force sensors are used beside markers: name a `recording`")
+        if value and info.data.get("space") == "3d":
+            raise ValueError(
+                "force sensors need `space: plane`. In space, only plates under a fixed base show inertial parameters; "
+                "the force at a hand does not: the wrench through the elbow is as unknown"
+            )
         return value
 
     @field_validator("encoder")

@@ -52,8 +52,9 @@ def sensed(chain, model, pose: Pose, rng: np.random.Generator, *, jacobian: bool
     count = len(chain.joints) + 1
     none, axes = np.zeros((1, count, 3)), np.array([[0.0, 1.0, 0.0], *(each.long_axis for each in chain.joints)])
     place, lag = 0.2 * rng.standard_normal((count, 3)), np.array([0.0, *rng.uniform(0, 0.3, count - 1)])
-    variance = np.zeros((1, count, 2))
-    sensors = Sensors(np.arange(count), place, lag, axes, none, none, variance, variance[0], 9.81)
+    variance, parent = np.zeros((1, count, 2)), np.array([0, *(each.parent for each in chain.joints)])
+    rest = np.array([[0.0, 1.0, 0.0], *(each.untwisted @ each.long_axis for each in chain.joints)])
+    sensors = Sensors(np.arange(count), place, lag, axes, parent, rest, none, none, variance, variance[0], 9.81)
     gyro, force = np.zeros((1, count, 3)), np.zeros((1, count, 3))
     rows = np.zeros((int(jacobian), count, 6, 3 * degrees_of_freedom(model)))
     predict_sensors(model, pose, sensors, gyro, force, rows)
@@ -109,13 +110,13 @@ def test_measurements_are_derivatives_along_a_movement() -> None:
         by = np.concatenate([t * rate + t**2 / 2 * grows, np.zeros(2 * d)])
         at = moved(chain, model, start, by)
         origins, turns = chain.place(at.origin, at.turn[:, 0], at.turn[:, 1:])
-        poses.append((origins[0] + np.einsum("sij,sj->si", turns[0], place), turns[0], at.turn[0]))
+        twists = [0.0, *(joint.twist(at.turn[0, k]) for k, joint in enumerate(chain.joints, start=1))]
+        poses.append((origins[0] + np.einsum("sij,sj->si", turns[0], place), turns[0], np.array(twists)))
     turn = poses[1][1]
     force = (poses[0][0] - 2 * poses[1][0] + poses[2][0]) / step**2 + [0.0, 9.81, 0.0]
     np.testing.assert_allclose(values[:, 3:], np.einsum("sji,sj->si", turn, force), atol=1e-5)
     spin = so3.log(np.swapaxes(poses[0][1], 1, 2) @ poses[2][1]) / (2 * step)
-    joint = so3.log(np.swapaxes(poses[0][2], 1, 2) @ poses[2][2]) / (2 * step)
-    twist = lag * np.sum(joint * axes, axis=1)
+    twist = lag * (poses[2][2] - poses[0][2]) / (2 * step)
     np.testing.assert_allclose(values[:, :3], spin - twist[:, None] * axes, atol=1e-6)
 
 
@@ -152,6 +153,21 @@ def test_a_gap_stays_bounded(case, both) -> None:
     off = np.degrees(np.linalg.norm(so3.log(between), axis=-1))[:, :3]
     assert off.max() < 3.0
     assert np.mean(off < 1.96 * np.sqrt(3) * np.degrees(states.sd_rotation[GAP, :3])) > 0.88
+
+
+def test_two_seconds_without_markers_do_not_interpolate_the_twist(case, both) -> None:
+    trial, sensors = case
+    twist = np.unwrap(np.asarray(trial.angles["shoulder_axial"] + trial.angles["shoulder_plane"]))
+    starts = range(600, len(twist) - 600, 60)
+    first = max(starts, key=lambda k: np.abs(twist[k : k + 240] - np.linspace(twist[k], twist[k + 239], 240)).max())
+    gap = slice(first, first + 240)
+    points = trial.positions @ UP.T
+    points[gap] = np.nan
+    states, _ = fused(trial, {s: sensors[s] for s in ON}, points)
+    between = np.swapaxes(both[0].rotations[gap], 2, 3) @ states.rotations[gap]
+    off = np.degrees(np.linalg.norm(so3.log(between), axis=-1))[:, :3]
+    assert np.abs(twist[gap] - np.linspace(twist[first], twist[first + 239], 240)).max() > 0.2
+    assert off.max() < 1.5
 
 
 def test_swapped_sensors_are_named_and_left_out(case) -> None:

@@ -143,6 +143,13 @@ def test_a_firm_segment_has_no_skin(reach: tuple[Any, SpatialFit]) -> None:
     assert np.abs(firm.chain.skin[trial.assignment == 1]).max() < 0.01
 
 
+def test_the_upper_arm_twists_from_the_hanging_arm(reach: tuple[Any, SpatialFit]) -> None:
+    shoulder = reach[1].chain.joints[0]
+    np.testing.assert_allclose(shoulder.untwisted @ shoulder.long_axis, shoulder.rest, atol=1e-9)
+    assert abs(shoulder.twist(np.eye(3))) < 1e-9
+    assert np.arccos(shoulder.long_axis @ shoulder.rest) > np.radians(10)
+
+
 @pytest.mark.parametrize("estimator", ["score", "sphere", "helical"])
 def test_other_estimators(estimator: Any) -> None:
     trial = simulate_chain(3, kinds="SS", arc_deg=40)

@@ -23,7 +23,7 @@ from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 from mocap_id.geometry import so3
 
 _ROUNDS = 12
-_MOST = 3000  # frames
+_MOST, _FEW, _ENOUGH = 3000, 500, 25.0  # frames, and frames a second: residuals are correlated over 0.5 s or more
 _FAR = 5.0  # times the rms residual; farther samples do not count
 _GYRO_SD, _FORCE_SD = 0.05, 0.5  # rad/s and m/s², first weights
 _PRIOR = {
@@ -89,7 +89,13 @@ class Calibrated:
 
 
 def calibrate_sensor(
-    signals: SensorSignals, motion: SegmentMotion, time: FloatArray, clock: Clock, *, follows: bool = True
+    signals: SensorSignals,
+    motion: SegmentMotion,
+    time: FloatArray,
+    clock: Clock,
+    *,
+    follows: bool = True,
+    start: Calibrated | None = None,
 ) -> Calibrated | None:
     """Estimate the parameters of a sensor on a segment.
 
@@ -104,6 +110,8 @@ def calibrate_sensor(
         Start of the search; its ``sd`` limits it if finite.
     follows : bool
         Whether the skin under the sensor may follow the twist only in part; if false, it follows fully.
+    start : Calibrated, optional
+        Start of the search with this clock, such as the result for almost the same motion.
 
     Returns
     -------
@@ -111,7 +119,7 @@ def calibrate_sensor(
         None if sensor and segment have too few samples in common.
     """
     frame = float(time[1] - time[0])
-    thin = max(1, -(-len(time) // _MOST))
+    thin = _step(len(time), frame)
     some = np.arange(0, len(time), thin)
     seen = motion.known[some]
     some = some[seen & np.isfinite(signals.at(clock.stamps(time[some]), frame)[0][:, 0])]
@@ -119,8 +127,7 @@ def calibrate_sensor(
         return None
     given = _at_frames(motion, some)
     follows = follows and bool(np.std(given.twist) > 0)
-    prior = _prior(clock, follows)
-    found = _start(signals, given, time[some], clock, frame)
+    prior, found = _prior(clock, follows), start or _start(signals, given, time[some], clock, frame)
     weight = np.array([_GYRO_SD, _FORCE_SD])
     middle = float(time[len(time) // 2])
     for _ in range(_ROUNDS):
@@ -142,6 +149,11 @@ def calibrate_sensor(
     moved = float(np.sqrt(np.mean(np.sum(given.omega**2, axis=1))))
     settled = replace(found.clock, sd=of_clock, observable=of_clock <= OBSERVABLE_SD)
     return replace(found, clock=settled, sd=spread, left=left, together=together * thin, moved=moved)
+
+
+def _step(frames: int, frame: float) -> int:
+    """Return the step between the frames that are used."""
+    return max(1, -(-frames // _MOST), min(int(1.0 / (_ENOUGH * frame)), frames // _FEW))
 
 
 def _at_frames(motion: SegmentMotion, some: IntArray) -> SegmentMotion:

@@ -21,7 +21,7 @@ _MOST_OFF = 0.35  # of the segment's rms angular velocity
 _LEAST_MOVED = 0.15  # rad/s
 _MOST_FORCE = 2.0  # m/s²
 _UNKNOWN_LAG = 0.08  # share of the twist: skin under markers and sensor misses it by different and changing shares
-_UNKNOWN_TWIST = 0.3  # rad, where no marker shows the segment
+_UNKNOWN_TWIST, _BRIDGED_TWIST = 0.3, 0.1  # rad, where no marker shows the segment: interpolated, and by sensors
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,8 @@ def prepare_sensor(  # noqa: PLR0917
     time: FloatArray,
     seen: BoolArray,
     shares: tuple[float, float] = SHARES,
+    *,
+    twist: FloatArray | None = None,
 ) -> Prepared:
     """Return a sensor's signals at the cameras' frames.
 
@@ -71,20 +73,24 @@ def prepare_sensor(  # noqa: PLR0917
         The frame's own markers determine the segment's pose.
     shares : (float, float)
         Standard deviations of gyroscope and accelerometer in a frame, relative to their residuals against the markers.
+    twist : (F,) array, optional
+        Of the segment, rad, if it is also known in frames that are not seen; otherwise it is interpolated there.
     """
     frame = float(time[1] - time[0])
     gyro, force = signals.at(found.clock.stamps(time), frame)
-    known = np.flatnonzero(np.isfinite(motion.twist) & seen)
-    twist = np.interp(np.arange(len(time)), known, motion.twist[known])
-    back = so3.exp(-found.lag * twist[:, None] * motion.long_axis) @ found.mount
+    shown = np.where(seen, motion.twist, np.nan) if twist is None else twist
+    known = np.flatnonzero(np.isfinite(shown))
+    turned = np.interp(np.arange(len(time)), known, shown[known])
+    back = so3.exp(-found.lag * turned[:, None] * motion.long_axis) @ found.mount
     gyro = np.einsum("fij,fj->fi", back, (gyro - found.gyro_bias) / (1 + found.gyro_scale))
     force = np.einsum("fij,fj->fi", back, (force - found.acc_bias) / (1 + found.acc_scale))
     lag = np.hypot(float(found.sd["lag"][0]), _UNKNOWN_LAG if found.lag else 0.0)
     speed = np.nan_to_num(np.sum(gyro**2, axis=1))
     tilt = float(np.mean(found.sd["turn"] ** 2))
-    lasting = speed * (tilt + np.mean(found.sd["gyro_scale"] ** 2) + lag**2)
+    spin = np.nan_to_num(gyro @ motion.long_axis) ** 2
+    lasting = speed * (tilt + np.mean(found.sd["gyro_scale"] ** 2)) + spin * lag**2
     lasting += float(np.mean(found.sd["gyro_bias"] ** 2))
-    unknown = (found.lag * _UNKNOWN_TWIST) ** 2 * ~seen
+    unknown = (found.lag * (_UNKNOWN_TWIST if twist is None else _BRIDGED_TWIST)) ** 2 * ~seen
     white = signals.noise**2 / (frame * signals.rate)
     variance = np.empty((len(time), 2))
     variance[:, 0] = white[0] + (shares[0] * found.left[0]) ** 2

@@ -39,8 +39,10 @@ from mocap_id.estimation.space.space_smoothing import (
 from mocap_id.estimation.space.spatial_noise import SpatialNoise
 from mocap_id.geometry.spatial_chain import SpatialChain
 
+_UP = (0.0, 1.0, 0.0)  # long axis of the base, which does not twist
 _SNAP = 2.0  # the sensors show faster movement than the markers
 _ACCELERATION_SHARE = 0.6  # of the filter's standard deviation, in simulated arms
+_LONG = 0.1  # s, without markers, after which the twist is not interpolated
 _LASTS = 0.3  # s, in which errors of a gyroscope keep their sign
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
 _LEAST_USED = 0.8  # share of the samples that pass the gate
@@ -82,30 +84,59 @@ def smooth_with_sensors(
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
 
-    def smooth(noise: SpatialNoise, fused: Sensors | None = None, followed: BoolArray | None = None) -> SpatialStates:
-        track = run_both_ways(model, steady, 1.0 / rate, frames, noise, settings.gate, fused)
+    def smooth(ready: Mapping[int, Prepared]) -> SpatialStates:
+        fused, followed = (_as_arrays(chain, kept, ready), _followed(model, list(ready))) if ready else (None, None)
+        faster = noise if followed is None else _faster(noise, followed)
+        track = run_both_ways(model, steady, 1.0 / rate, frames, faster, settings.gate, fused)
         _check_gate(track, fused)
         lost = find_lost(chain, model, track, settings)
-        scale_to_movement(track, noise.errors)
+        scale_to_movement(track, faster.errors)
         if followed is not None:
             _shrink_accelerations(track.covariance, followed)
             _add_lasting_errors(track.covariance, model, frames.observed, ready, 1.0 / rate)
-        return collect_states(chain, model, frames, track, noise, lost)
+        return collect_states(chain, model, frames, track, faster, lost)
 
-    alone = smooth(noise)
+    def prepare(twists: Sequence[FloatArray | None]) -> dict[int, Prepared]:
+        seen = frames.observed
+        return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], twist=twists[s]) for s in kept}
+
+    kept: dict[int, Calibrated] = {}
+    alone = smooth({})
     motions = segment_motions(chain, alone, rate, find_shown(frames.observed, rate))
     results = calibrate_all(sensors, motions, time)
-    kept = {s: each.found for s, each in results.items() if each.found is not None and each.why is None}
+    kept |= {s: each.found for s, each in results.items() if each.found is not None and each.why is None}
     if not kept:
         return alone, results
-    ready = {s: prepare_sensor(sensors[s], kept[s], motions[s], time, frames.observed[:, s]) for s in kept}
-    followed = _followed(model, list(ready))
     try:
-        both = smooth(_faster(noise, followed), _as_arrays(kept, ready, motions), followed)
+        both = smooth(prepare([None] * len(motions)))
         _check_residual(both, alone, points)
+        if _hidden_for_long(frames.observed, kept, rate):
+            both = smooth(prepare(_twists(chain, both)))
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
     return replace(both, noise=noise), results
+
+
+def _hidden_for_long(observed: BoolArray, found: Mapping[int, Calibrated], rate: float) -> bool:
+    """Return whether a segment whose skin does not follow its twist is hidden too long to interpolate this twist."""
+    soft = (s for s, each in found.items() if each.lag)
+    return any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~observed[:, s]))
+
+
+def _twists(chain: SpatialChain, states: SpatialStates) -> list[FloatArray | None]:
+    """Return the twist (F,) of every segment, rad, also where only sensors show it; None for the base."""
+    found: list[FloatArray | None] = [None]
+    for k, joint in enumerate(chain.joints):
+        found.append(_continuous(joint.twist(states.joint_rotations[:, k])))
+    return found
+
+
+def _continuous(angle: FloatArray) -> FloatArray:
+    """Return angles (F,) without whole turns between known samples, rad."""
+    known = np.isfinite(angle)
+    found = angle.copy()
+    found[known] = np.unwrap(angle[known])
+    return found
 
 
 def _check_gate(track: SpatialTrack, sensors: Sensors | None) -> None:
@@ -137,24 +168,21 @@ def segment_motions(chain: SpatialChain, states: SpatialStates, rate: float, sho
         force = np.full(origin.shape, np.nan)
         force[1:-1] = (origin[2:] - 2 * origin[1:-1] + origin[:-2]) * rate**2 + [0.0, GRAVITY, 0.0]
         own = [np.einsum("fji,fj->fi", turn, each) for each in (states.omega[:, s], states.alpha[:, s], force)]
-        twist, speed, along = np.zeros(len(turn)), np.zeros(len(turn)), np.array([0.0, 1.0, 0.0])
+        twist, speed, along = np.zeros(len(turn)), np.zeros(len(turn)), np.array(_UP)
         if s > 0:
             joint = chain.joints[s - 1]
             along = joint.long_axis
-            twist = joint.twist(states.joint_rotations[:, s - 1])
-            known = np.isfinite(twist)
-            twist[known] = np.unwrap(twist[known])
-            speed = states.velocity[:, s - 1] @ along
+            twist = _continuous(joint.twist(states.joint_rotations[:, s - 1]))
+            speed = np.sum(states.velocity[:, s - 1] * joint.twist_axis(states.joint_rotations[:, s - 1]), axis=1)
         for each in (*own, twist, speed):
             each[~shown[:, s]] = np.nan
         found.append(SegmentMotion(own[0], own[1], own[2], twist, speed, along))
     return found
 
 
-def _as_arrays(
-    found: Mapping[int, Calibrated], ready: Mapping[int, Prepared], motions: Sequence[SegmentMotion]
-) -> Sensors:
+def _as_arrays(chain: SpatialChain, found: Mapping[int, Calibrated], ready: Mapping[int, Prepared]) -> Sensors:
     own = list(ready)
+    above = [chain.joints[s - 1] if s > 0 else None for s in own]
 
     def stack(name: str) -> FloatArray:
         return np.ascontiguousarray(np.stack([getattr(ready[s], name) for s in own], axis=1))
@@ -163,7 +191,9 @@ def _as_arrays(
         segment=np.array(own, dtype=np.int64),
         place=np.array([found[s].place for s in own]),
         lag=np.array([found[s].lag for s in own]),
-        long_axis=np.array([motions[s].long_axis for s in own]),
+        long_axis=np.array([_UP if joint is None else joint.long_axis for joint in above]),
+        parent=np.array([0 if joint is None else joint.parent for joint in above], dtype=np.int64),
+        rest_axis=np.array([_UP if joint is None else joint.untwisted @ joint.long_axis for joint in above]),
         gyro=stack("gyro"),
         force=stack("force"),
         variance=stack("variance"),

@@ -43,7 +43,8 @@ class SpatialTrack:
 def no_sensors() -> Sensors:
     """Return the sensors of a trial that has none."""
     flat, signals = np.zeros((0, 3)), np.zeros((0, 0, 3))
-    return Sensors(np.zeros(0, np.int64), flat, np.zeros(0), flat, signals, signals, signals, np.zeros((0, 2)), 0.0)
+    none = np.zeros(0, np.int64)
+    return Sensors(none, flat, np.zeros(0), flat, none, flat, signals, signals, signals, np.zeros((0, 2)), 0.0)
 
 
 def filter_and_smooth(

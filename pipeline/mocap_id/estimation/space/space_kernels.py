@@ -15,6 +15,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.compilation import compiled
+from mocap_id.geometry.spatial_chain import LEAST_TWIST
 
 _ROUNDS = 5  # iterations of an update from a frame's own pose
 _MOST = 20  # iterations of Gauss–Newton
@@ -93,6 +94,8 @@ class Sensors(NamedTuple):
     place: FloatArray  # (S, 3) in the segment's frame, m
     lag: FloatArray  # (S,) share of the twist that the skin under the sensor misses
     long_axis: FloatArray  # (S, 3)
+    parent: IntArray  # (S,) segment against which it twists; itself for the base
+    rest_axis: FloatArray  # (S, 3) direction of the long axis without swing, in the parent
     gyro: FloatArray  # (F, S, 3) rad/s; NaN where missing
     force: FloatArray  # (F, S, 3) specific force, m/s²; NaN where missing
     variance: FloatArray  # (F, S, 2) of a component of each
@@ -123,6 +126,11 @@ class Placed(NamedTuple):
     slope: FloatArray  # (d,) change of the glide's share
     glide: FloatArray  # (n, 3)
     share: FloatArray  # (n,)
+
+
+@compiled
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @compiled
@@ -890,23 +898,36 @@ def _sense(
     _add_cross(motion.omega[s], part, world)
     _turn_back(turn, motion.omega[s], gyro)
     _turn_back(turn, world, force)
-    _turn_back(turn, motion.own[s], own)
-    twist = sensors.lag[j] * (own[0] * along[0] + own[1] * along[1] + own[2] * along[2])
+    axis, rest, both = np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
-        gyro[i] -= twist * along[i]
+        for c in range(3):
+            axis[i] += turn[i, c] * along[c]
+            rest[i] += placed.turn[sensors.parent[j], i, c] * sensors.rest_axis[j, c]
+        both[i] = axis[i] + rest[i]
+    swing = 1.0 + _dot(axis, rest)
+    size = max(swing, LEAST_TWIST)
+    twist = _dot(both, motion.own[s]) / size
+    for i in range(3):
+        gyro[i] -= sensors.lag[j] * twist * along[i]
     for order in range(3):
         for c in range(d):
             at = order * d + c
             for i in range(3):
-                change[i], own[i] = motion.omega_by[s, order, c, i], motion.own_by[s, order, c, i]
+                change[i] = motion.omega_by[s, order, c, i]
+            more = _dot(both, motion.own_by[s, order, c])
             if order == 0:
                 _add_cross(motion.omega[s], motion.spin[s, c], change)
-                _add_cross(motion.own[s], motion.spin[s, c], own)
+                _cross(motion.spin[s, c], axis, own)
+                more += _dot(own, motion.own[s])
+                away = _dot(own, rest)
+                _cross(motion.spin[sensors.parent[j], c], rest, own)
+                more += _dot(own, motion.own[s])
+                away += _dot(own, axis)
+                if swing > LEAST_TWIST:
+                    more -= twist * away
             _turn_back(turn, change, part)
-            _turn_back(turn, own, change)
-            twist = sensors.lag[j] * (change[0] * along[0] + change[1] * along[1] + change[2] * along[2])
             for i in range(3):
-                rows[i, at] = part[i] - twist * along[i]
+                rows[i, at] = part[i] - sensors.lag[j] * more / size * along[i]
                 change[i] = motion.linear_by[s, order, c, i]
             _cross(motion.spin[s, c], arm, own)
             _carry(motion, s, c, order, arm, own, change)

@@ -10,6 +10,8 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind
 
+_LEAST_ALONG = 0.5  # 1 + cos: a segment that hangs far from its rest gives no reference
+
 
 @dataclass(frozen=True)
 class BundleProblem:
@@ -26,7 +28,8 @@ class BundleProblem:
         Parent of segment 1 … n.
     kinds : tuple of JointKind, length n
     rest : (3,) array
-        Direction of the second segment without elevation, in the frame of the base.
+        Direction of the second segment without elevation, in the frame of the base. Of a ball joint on the base, the
+        twist is what is left without the shortest swing from here; of others, from the reference pose.
     on_glide : (M,) bool array
         Markers of the base that ride on the girdle.
     glides : bool
@@ -47,6 +50,16 @@ class BundleProblem:
     glides: bool
     long_axes: FloatArray
     slide_sd: FloatArray
+
+    @property
+    def untwisted(self) -> FloatArray:
+        """Return the rotation (n, 3, 3) of every joint at which the skin of its segment does not twist."""
+        found = np.tile(np.eye(3), (len(self.parents), 1, 1))
+        along = 1.0 + float(self.long_axes[0] @ self.rest)
+        if self.kinds[0] == "ball" and self.parents[0] == 0 and along > _LEAST_ALONG:
+            turn = so3.hat(np.cross(self.long_axes[0], self.rest))
+            found[0] += turn + turn @ turn / along
+        return found
 
     @property
     def frame_size(self) -> int:
@@ -184,11 +197,13 @@ def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, Floa
     Returns
     -------
     twist : (F, n) array
-        The rotation about the long axis that is left when the shortest swing is taken off.
+        The rotation about the long axis that is left when the shortest swing from :attr:`BundleProblem.untwisted` is
+        taken off.
     by_child, by_parent : (F, n, 3) arrays
         Derivatives by the turns of the child and of the parent.
     """
-    quaternion = so3.quaternion(joint_rotations(problem, state))
+    untwisted = problem.untwisted
+    quaternion = so3.quaternion(np.swapaxes(untwisted, 1, 2) @ joint_rotations(problem, state))
     scalar, vector = quaternion[..., 0], quaternion[..., 1:]
     axis = problem.long_axes
     along = np.einsum("fni,ni->fn", vector, axis)
@@ -197,7 +212,7 @@ def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, Floa
     across = scalar[..., None] * np.cross(axis, vector)
     twist = 2 * np.arctan2(along, scalar)
     twist = (twist + np.pi) % (2 * np.pi) - np.pi
-    return twist, (common + across) / size, -(common - across) / size
+    return twist, (common + across) / size, -np.einsum("nij,fnj->fni", untwisted, (common - across) / size)
 
 
 def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, frames: FloatArray) -> BundleState:

@@ -173,6 +173,7 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
         state.centres[j],
         centre,
         long_axis=problem.long_axes[j],
+        untwisted=problem.untwisted[j],
         known=arc >= _LEAST_ARC and _is_known(kind, near, axis),
         slide_sd=float(np.sqrt(np.mean(state.slides[:, j] ** 2))),
     )

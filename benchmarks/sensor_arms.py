@@ -1,0 +1,163 @@
+"""Arms in space with inertial sensors: the same trial with them, from markers alone, and with a gap of all markers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import harness
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.geometry import so3
+from mocap_id.runner import run
+from mocap_id.simulation.arm import ArmOptions, write_arm
+from mocap_id.simulation.arm.arm import generate_arm
+from mocap_id.simulation.arm.options import Preset
+from mocap_id.simulation.trial_files import points_bytes
+from mocap_id.store import Folder
+
+LIMITS: Mapping[Preset, float] = {"default": 0.26, "hard": 0.30}
+"""Largest angular acceleration error of the forearm with sensors, rad/s²."""
+_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_ON = ("thorax", "upper_arm", "forearm")
+_GAP, _BEFORE = 2.0, 0.5  # s, and time from its start to a movement
+_MOVING = 0.5  # rad/s
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Errors and standard deviations of a run, of thorax, upper arm and forearm in the axes of the trial.
+
+    Parameters
+    ----------
+    codes : tuple of str
+        Cautions, or the refusal.
+    summary : mapping
+    turn, rate, gain : (F, 3, 3) arrays
+        Errors of rotation, rad, against the truth without its constant, of angular velocity and acceleration.
+    sd : (3, F, 3) array
+        Their standard deviations per axis.
+    """
+
+    codes: tuple[str, ...]
+    summary: Mapping[str, Any]
+    turn: FloatArray
+    rate: FloatArray
+    gain: FloatArray
+    sd: FloatArray
+
+
+def measure(seed: int, preset: Preset, place: Path) -> tuple[tuple[str, ...], dict[str, float], dict[str, float]]:
+    """Simulate an arm and run it three times; return cautions, errors, and shares inside 95 % intervals."""
+    options = ArmOptions(seed=seed, preset=preset, cycles=1, imus=True)
+    configuration = write_arm(place / "trial", options)
+    text = configuration.read_text("utf-8")
+    configuration.write_text(text.split("imus:")[0], "utf-8")
+    alone = _run(configuration)
+    configuration.write_text(text, "utf-8")
+    both = _run(configuration)
+    if alone is None or both is None:
+        return ("not identified",), {}, {}
+    hidden = _hide(configuration, options)
+    gap = _run(configuration)
+    size = {name: [_size(each.gain[:, k]) for each in (both, alone)] for k, name in enumerate(_ON)}
+    clocks = _clock_errors(configuration, both.summary)
+    shown = [abs(off) for off, _, observable in clocks if observable]
+    errors = {
+        "acceleration of the forearm, rad/s²": size["forearm"][0],
+        "from markers alone, rad/s²": size["forearm"][1],
+        "acceleration of the upper arm, rad/s²": size["upper_arm"][0],
+        "of the upper arm from markers alone, rad/s²": size["upper_arm"][1],
+        "clock where the motion shows it, ms": 1e3 * max(shown, default=0.0),
+        "upper arm in 2 s without markers, degrees": _largest(gap, hidden, 1),
+        "forearm in 2 s without markers, degrees": _largest(gap, hidden, 2),
+        "upper arm in the same 2 s with markers, degrees": _largest(both, hidden, 1),
+        "forearm in the same 2 s with markers, degrees": _largest(both, hidden, 2),
+    }
+    inside = {"clock": float(np.mean([abs(off) < harness.QUANTILE * sd for off, sd, _ in clocks]))}
+    for k, name in ((1, "upper arm"), (2, "forearm")):
+        inside[f"velocity of the {name}"] = _inside(both.rate[:, k], both.sd[1, :, k])
+        inside[f"acceleration of the {name}"] = _inside(both.gain[:, k], both.sd[2, :, k])
+        if gap is not None:
+            inside[f"rotation of the {name} without markers"] = _inside(gap.turn[hidden, k], gap.sd[0, hidden, k])
+    return both.codes, errors, inside
+
+
+def _run(configuration: Path) -> _Run | None:
+    """Run a trial and compare it with its truth; None if it is refused or has no arm."""
+    outcome = run(load(configuration))
+    if outcome.refused is not None:
+        return None
+    poses = Folder(outcome.folder).read("poses.parquet")
+    if f"{_ON[-1]}_qw" not in poses.names:
+        return None
+    summary: dict[str, Any] = json.loads((outcome.folder / "summary.json").read_text("utf-8"))
+    true = harness.read_true_arrays(configuration, poses["time"], ["seg_R", "omega", "alpha"])
+    turn = np.stack([_turned(poses, name, _UP @ true["seg_R"][:, s]) for s, name in enumerate(_ON)], axis=1)
+    rate, gain = (
+        np.stack([poses.stack([f"{name}_{key}_{axis}" for axis in "xyz"]) for name in _ON], axis=1)
+        - true[key][:, : len(_ON)] @ _UP.T
+        for key in ("omega", "alpha")
+    )
+    sd = np.stack([poses.stack([f"sd_{name}_{key}" for name in _ON]) for key in ("rotation", "omega", "alpha")])
+    codes = tuple(each["code"] for each in summary["verdict"]["reasons"] if each.get("level") != "ok")
+    return _Run(codes, summary, turn, rate, gain, sd)
+
+
+def _turned(poses: Any, name: str, true: FloatArray) -> FloatArray:
+    """Return the error (F, 3) of a segment's rotation, rad, without the constant that its axes define."""
+    scalar, vector = poses[f"{name}_qw"], poses.stack([f"{name}_q{axis}" for axis in "xyz"])
+    cross = so3.hat(vector)
+    found = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
+    known = np.isfinite(scalar)
+    u, _, v = np.linalg.svd(np.mean(np.swapaxes(true[known], 1, 2) @ found[known], axis=0))
+    turned = np.full((len(found), 3), np.nan)
+    turned[known] = so3.log(found[known] @ np.swapaxes(true[known] @ (u @ v), 1, 2))
+    return turned
+
+
+def _hide(configuration: Path, options: ArmOptions) -> slice:
+    """Hide all markers for 2 s, beginning in a movement, and return these frames."""
+    trial = generate_arm(options)
+    speed, rate = np.linalg.norm(trial.omega[:, 2], axis=1), trial.rate
+    count, margin = round(_GAP * rate), round(2 * rate)
+    moving = np.flatnonzero(speed[margin : -2 * margin] > _MOVING) + margin
+    first = int(np.random.default_rng(options.seed).choice(moving)) - round(_BEFORE * rate)
+    points = trial.positions.copy()
+    points[first : first + count] = np.nan
+    configuration.with_name("trial.c3d").write_bytes(points_bytes(trial.labels, points, rate))
+    return slice(first, first + count)
+
+
+def _largest(of: _Run | None, frames: slice, k: int) -> float:
+    """Return the largest error of a segment's rotation in some frames, degrees; infinite where it is not known."""
+    if of is None:
+        return float("inf")
+    size = np.degrees(np.linalg.norm(of.turn[frames, k], axis=1))
+    return float(np.where(np.isfinite(size), size, np.inf).max())
+
+
+def _size(error: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
+
+
+def _inside(error: FloatArray, sd: FloatArray) -> float:
+    known = np.isfinite(error).all(axis=1) & np.isfinite(sd)
+    return float(np.mean(np.abs(error[known]) < harness.QUANTILE * sd[known, None]))
+
+
+def _clock_errors(configuration: Path, summary: Mapping[str, Any]) -> Sequence[tuple[float, float, bool]]:
+    """Return the error of every clock in the middle of the trial, its standard deviation, s, and if it is shown."""
+    truth = harness.read_truth(configuration)
+    middle, found = truth["n_frames"] / truth["point_rate_hz"] / 2, []
+    for name, each in summary["imus"].items():
+        if each["used"] and each["clock_offset_s"] is not None:
+            right = truth["imu"][name]
+            off = each["clock_offset_s"] - right["offset_s"] + 1e-6 * (each["ppm"] - right["ppm"]) * middle
+            found.append((off, each["sd_s"], each["observable"]))
+    return found
