@@ -43,7 +43,7 @@ def _stage(name: str) -> Any:
 
 _BEFORE_STAGES = {
     "run": "Run the whole pipeline on a trial.",
-    "demo": "Simulate a sit-to-stand, run the whole pipeline on it and open its report.",
+    "demo": "Simulate a sit-to-stand, run it and open its report.",
 }
 _AFTER_STAGES = {
     "init": "Write a study file for a folder of recordings.",
@@ -67,7 +67,7 @@ _AFTER_STAGES = {
 _GROUPS = {
     "simulate": "Simulate recordings whose exact truth is known.",
     "validate": "Repeat the validation studies of the thesis.",
-    "pneumatic": "Describe a pneumatic cylinder as a spring, and choose its pressures.",
+    "pneumatic": "Describe a pneumatic spring, and choose its pressures.",
 }
 _REFERENCE = {
     "schema": "Print the JSON Schema of a trial's YAML file, for editors.",

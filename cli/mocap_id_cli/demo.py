@@ -21,7 +21,7 @@ def demo(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Simulate a sit-to-stand, run the whole pipeline on it and open its report.
+    """Simulate a sit-to-stand, run it and open its report.
 
     No file is needed. FOLDER then has the recording, its exact truth, trial.yaml and the results, as for a trial of
     your own. The same command again reuses them.

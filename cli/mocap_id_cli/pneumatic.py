@@ -29,7 +29,7 @@ def commands() -> typer.Typer:
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode=None,
-        help="Describe a pneumatic cylinder as a spring, and choose its pressures.",
+        help="Describe a pneumatic spring, and choose its pressures.",
     )
     for name, function in (("curve", _curve), ("pressures", _pressures), ("identify", _identify), ("budget", _budget)):
         app.command(name)(function)

@@ -41,6 +41,13 @@ _HELP = {
     + ".",
     "faults": "Faults of the recording: " + ", ".join(each.name for each in fields(FaultOptions)) + ".",
 }
+_TRIALS: dict[Kind, str] = {
+    kind: f"Simulate {what}.\n\nFOLDER then has the recording, its exact truth and a trial.yaml that is ready to run."
+    for kind, what in (
+        ("sit-to-stand", "a person who stands up and sits down"),
+        ("robot", "a robot that turns one joint in a vertical plane"),
+    )
+}
 _ROBOT_SET = (
     *("seed", "repetitions", "rate", "analog_rate", "marker_noise", "occlusions", "plate_noise", "plate_bias"),
     "clock_offset",
@@ -60,7 +67,7 @@ def commands() -> typer.Typer:
     )
     every = tuple(name for name in _names(Options()) if name != "subject")
     for kind in get_args(Kind):
-        app.command(kind)(_with_options(partial(_trial, kind), _trial.__doc__, Options(), every))
+        app.command(kind)(_with_options(partial(_trial, kind), _TRIALS[kind], Options(), every))
     in_space: tuple[tuple[str, Callable[..., Path], _AnyOptions], ...] = (
         ("arm", _arm, ArmOptions()),
         ("chain", _chain, ChainOptions()),
@@ -113,22 +120,30 @@ def _parameters(defaults: _AnyOptions, names: tuple[str, ...]) -> Iterator[inspe
 
 
 def _trial(kind: Kind, folder: Folder, *, options: Options) -> Path:
-    """Simulate a recording with its exact truth and a trial.yaml that is ready to run."""
     return simulation.simulate(kind, folder, options)
 
 
 def _arm(folder: Folder, *, options: ArmOptions) -> Path:
-    """Simulate an arm that reaches or curls, in space, with its exact truth and a trial.yaml that is ready to run."""
+    """Simulate an arm that reaches or curls, in space.
+
+    FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run.
+    """
     return write_arm(folder, options)
 
 
 def _chain(folder: Folder, *, options: ChainOptions) -> Path:
-    """Simulate a chain of bodies without names, in space, with its exact truth and a trial.yaml ready to run."""
+    """Simulate a chain of bodies without names, in space.
+
+    FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run.
+    """
     return write_chain(folder, options)
 
 
 def _space_robot(folder: Folder, *, options: SpaceRobotOptions) -> Path:
-    """Simulate a robot whose joints move together in space, on a force plate, with its exact truth."""
+    """Simulate a robot on a force plate that moves in space.
+
+    Its joints move together. FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run.
+    """
     return simulate_space_robot(folder, options)
 
 
@@ -138,7 +153,11 @@ def _robot_set(
     repeats: Annotated[int, typer.Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
     options: Options,
 ) -> Path:
-    """Simulate the thesis's robot study, each joint at two speeds in two orientations, with a robot-study.yaml."""
+    """Simulate the thesis's robot study.
+
+    Each joint moves at two speeds in two orientations. FOLDER then has the recordings, their exact truth and a
+    robot-study.yaml.
+    """
     return simulation.simulate_robot_set(folder, RobotSet(repeats, options=options))
 
 
@@ -152,7 +171,10 @@ def _cohort(
     trials: Annotated[int, typer.Option(help="Trials of each person and strategy.")] = Cohort.trials,
     options: Options,
 ) -> Path:
-    """Simulate the recordings of several persons with their exact truth and a study.yaml that is ready to run."""
+    """Simulate several people who stand up and sit down.
+
+    FOLDER then has their recordings, the exact truth and a study.yaml that is ready to run.
+    """
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
     return simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options))
 
@@ -169,7 +191,10 @@ def _reach_cohort(
     ] = ReachCohort.skeletons,
     options: ArmOptions,
 ) -> Path:
-    """Simulate people who reach, with their exact truth and a study.yaml that is ready to run."""
+    """Simulate people who reach.
+
+    FOLDER then has their recordings, the exact truth and a study.yaml that is ready to run.
+    """
     return simulate_reach_cohort(folder, ReachCohort(subjects, sessions, skeletons, options))
 
 
@@ -183,6 +208,9 @@ def _curl_study(
     ),
     options: ArmOptions,
 ) -> Path:
-    """Simulate people who curl with a pneumatic device, with their exact truth and a study.yaml ready to run."""
+    """Simulate people who curl with a pneumatic device.
+
+    FOLDER then has their recordings, the exact truth and a study.yaml that is ready to run.
+    """
     names = tuple(cast(CurlCondition, name.strip()) for name in conditions.split(","))
     return simulate_curl_study(folder, CurlStudy(subjects, trials, names, options))

@@ -225,8 +225,12 @@ def test_zooming_one_curve_zooms_all_and_hovering_shows_values(pages: Pages) -> 
     ActionChains(browser).move_to_element(plot).perform()
     hovered = (By.CSS_SELECTOR, "[data-figure=wrench] .hoverlayer text")
     WebDriverWait(browser, 10).until(lambda _: any("identified" in one.text for one in browser.find_elements(*hovered)))
-    ActionChains(browser).double_click(plot).perform()
-    WebDriverWait(browser, 10).until(lambda _: browser.execute_script(ranges) == whole)
+
+    def reset(_: webdriver.Chrome) -> bool:  # again if a busy computer took two clicks for single ones
+        ActionChains(browser).double_click(plot).perform()
+        return bool(browser.execute_script(ranges) == whole)
+
+    WebDriverWait(browser, 10).until(reset)
     assert complaints(browser) == []
 
 

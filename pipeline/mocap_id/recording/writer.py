@@ -213,6 +213,7 @@ def _put_frame_fields(content: Any, first_frame: int, frames: int) -> None:
     for name, number in (("ACTUAL_START_FIELD", first_frame), ("ACTUAL_END_FIELD", first_frame + frames - 1)):
         low, high = number % 65536, number // 65536
         content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])
+        content["parameters"]["TRIAL"][name]["type"] = 2  # 16-bit words; ezc3d takes them for floats otherwise
 
 
 def _put_plates(content: Any, plates: Sequence[PlateSignals], rate: float, frames: int) -> None:

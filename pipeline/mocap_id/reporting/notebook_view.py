@@ -18,6 +18,7 @@ from mocap_id.reporting.summary_schema import Summary
 from mocap_id.reporting.tables import Grid, grid
 
 _PER_INCH = 104  # pixels of the page for an inch on paper, as in chart.js
+_TITLE = 0.35  # inches, the title of a panel and the space below
 _PLAYER_HEIGHT = 860  # pixels, in a notebook 60rem wide
 
 
@@ -61,7 +62,7 @@ def figure_frame(of: str, drawing: Drawing) -> str:
     panels = (
         0.0
         if isinstance(drawing.figure, str)
-        else sum(max(panel.height for panel in line) for line in drawing.figure.lines)
+        else sum(max(panel.height for panel in line) + _TITLE for line in drawing.figure.lines)
     )
     return _frame(_page(of, drawing), round(_PER_INCH * panels) + 180)
 

@@ -15,9 +15,9 @@ from mocap_id.store import Facts
 
 _SHOWN = {
     "wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque", "motion",
-    "pins",
+    "pins", "torques",
 }  # fmt: skip
-"""Facts of ``dynamics.h5`` that have their own tables."""
+"""Facts of ``dynamics.h5`` that have their own tables, or are for programs alone."""
 
 
 @dataclass(frozen=True)
@@ -218,8 +218,8 @@ def identification(data: ReportData) -> tables.Grid:
 
 
 def segmentation(data: ReportData) -> tables.Grid:
-    """Return the facts of ``segments.parquet`` that no other table shows."""
-    shown = {"names", "joint_names", "bad_stretches", *segment_tables.SHOWN}  # the reasons list the stretches
+    """Return the facts of ``segments.parquet`` that no other table shows, without those for programs alone."""
+    shown = {"names", "joint_names", "divisions", "bad_stretches", *segment_tables.SHOWN}  # reasons list the stretches
     return tables.facts("Segmentation", _without(data.facts("segments.parquet"), shown))
 
 

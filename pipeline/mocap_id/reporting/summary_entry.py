@@ -19,5 +19,7 @@ def why_unknown(why: str, *values: object) -> str | None:
 
 
 def join_sentences(sentences: Iterable[str | None]) -> str | None:
-    """Join distinct sentences with semicolons; None if there are none."""
-    return "; ".join(dict.fromkeys(sentence for sentence in sentences if sentence)) or None
+    """Join sentences with semicolons, without those that another one contains; None if there are none."""
+    found = dict.fromkeys(sentence for sentence in sentences if sentence)
+    whole = (one for one in found if not any(one != other and one in other for other in found))
+    return "; ".join(whole) or None

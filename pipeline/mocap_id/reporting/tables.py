@@ -243,7 +243,7 @@ def markers(data: ReportData) -> Grid:
 
 
 def facts(caption: str, values: Mapping[str, Any]) -> Grid:
-    """Return a table of the known values; nested keys are joined by colons."""
+    """Return a table of the known values; nested keys are joined by colons, and matrices are left out."""
     return grid(caption, ("quantity", "value"), _flat(values, ""), (0, 1))
 
 
@@ -251,8 +251,13 @@ def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{above}{_readable(key)}: ")
-        elif value not in (None, "", UNKNOWN, [], ()):
+        elif value not in (None, "", UNKNOWN, [], ()) and not _is_matrix(value):
             yield above + _readable(key), _cell(value)
+
+
+def _is_matrix(value: object) -> bool:
+    rows = value if isinstance(value, list) else []
+    return any(isinstance(row, list) and any(isinstance(item, float) for item in row) for row in rows)
 
 
 def _readable(key: str) -> str:

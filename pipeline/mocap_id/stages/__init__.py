@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 __all__ = ["STAGES", "STAGE_HELP", "Stage"]
 
 STAGE_HELP = {
-    "planarise": "Read the recording and express markers and ground forces in the plane of motion.",
-    "segment": "Sort the markers into a fixed base and the segments of a chain.",
-    "fit-joints": "Fit joint centres, marker coordinates and segment lengths together.",
-    "ukf-smooth": "Estimate joint angles, velocities and accelerations with their uncertainty.",
-    "identify-dim": "Identify the inertial parameters from joint angles and the wrench of the ground.",
-    "report": "Write the verdict, the figures and the page from the artefacts of all other stages.",
+    "planarise": "Read the recording and find the plane of motion.",
+    "segment": "Sort the markers into a base and the segments of a chain.",
+    "fit-joints": "Fit joint centres, marker coordinates and segment lengths.",
+    "ukf-smooth": "Estimate joint angles, velocities and accelerations.",
+    "identify-dim": "Identify the inertial parameters and the joint torques.",
+    "report": "Write the verdict, the figures and the page.",
 }
 """One line for each stage, in their order."""
 

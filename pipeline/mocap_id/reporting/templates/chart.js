@@ -120,6 +120,7 @@ const Charts = (() => {
   };
   const CONFIG = {
     displaylogo: false, responsive: true, showTips: false, displayModeBar: true, // shown by the page's style sheet
+    doubleClickDelay: 500, // ms, as most systems have it; Plotly's own 300 are too few on a busy computer
     modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
   };
 

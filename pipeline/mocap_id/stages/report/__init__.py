@@ -28,7 +28,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="report",
-    version=9,
+    version=10,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),
