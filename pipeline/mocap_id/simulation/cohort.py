@@ -21,7 +21,7 @@ from mocap_id.simulation.simulated_trial import generate
 from mocap_id.simulation.subject import Subject, draw_subject
 from mocap_id.simulation.trial_files import c3d_bytes, new_folder, truth_json, truth_npz
 from mocap_id.simulation.yaml_files import study_yaml
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import replace_together, write_files
 
 FILE = "study.yaml"
 _STRATEGIES = tuple(STRATEGIES)
@@ -127,14 +127,12 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
         simulated = generate("sit-to-stand", trial.options)
         bodies.setdefault(trial.subject, simulated.scene.body)
         truth = f"truth/{trial.name}"
-        with explained(folder):
-            (folder / truth).mkdir(parents=True, exist_ok=True)
         contents = {
             trial.file: c3d_bytes(trial.options, simulated),
             f"{truth}/truth.json": truth_json("sit-to-stand", trial.options, simulated),
             f"{truth}/truth.npz": truth_npz(simulated),
         }
-        replace_together(folder, contents)
+        write_files(folder, contents)
     rows = [(trial.name, trial.subject.name, trial.strategy, trial.file) for trial in trials]
     text = study_yaml(cohort.options, bodies, rows)
     replace_together(folder, {FILE: text.encode()})

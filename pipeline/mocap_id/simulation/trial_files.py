@@ -27,7 +27,7 @@ from mocap_id.simulation.scene import streams
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 from mocap_id.simulation.truth import arrays, document
 from mocap_id.simulation.yaml_files import trial_yaml
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import explained, write_files
 
 
 def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | None = None) -> Path:
@@ -76,9 +76,7 @@ def write_trial(folder: Path, make: Callable[[str], Mapping[str, bytes]]) -> Pat
     if (folder / "trial.c3d").exists():
         raise StoreError(f"{folder} already holds a trial: remove it or choose another folder")
     contents = make(folder.resolve().name)
-    with explained(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    replace_together(folder, contents)
+    write_files(folder, contents)
     return folder / "trial.yaml"
 
 

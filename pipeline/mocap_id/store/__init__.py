@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from mocap_id.store.artefact_set import ArtefactSet
 from mocap_id.store.columns import Column, TableSchema, TreeSchema
-from mocap_id.store.document import Document
 from mocap_id.store.folder import Folder
 from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.provenance import Origin, Provenance, dumps
+from mocap_id.store.record import Document
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree

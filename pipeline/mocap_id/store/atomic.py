@@ -80,6 +80,15 @@ def replace_together(folder: Path, contents: Mapping[str, Content], void: str | 
             written.unlink(missing_ok=True)
 
 
+def write_files(folder: Path, contents: Mapping[str, Content]) -> None:
+    """Write files as :func:`replace_together` does, into a folder that is made if needed, with its sub-folders."""
+    with explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in contents:
+            within(folder, name).parent.mkdir(parents=True, exist_ok=True)
+    replace_together(folder, contents)
+
+
 def within(folder: Path, name: str) -> Path:
     """Return the path of a file in a folder; ``/`` in the name separates a sub-folder.
 

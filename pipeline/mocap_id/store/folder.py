@@ -17,11 +17,10 @@ from filelock import SoftFileLock, Timeout
 from mocap_id import plain_files, store
 from mocap_id.errors import StoreError
 from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
-from mocap_id.store.document import Document
 from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.locking import LOCK, MARKER, lock_in
 from mocap_id.store.provenance import Origin, Provenance
-from mocap_id.store.record import UNREADABLE, Checksum, Record
+from mocap_id.store.record import UNREADABLE, Checksum, Document, Record
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:

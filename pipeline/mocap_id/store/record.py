@@ -1,4 +1,4 @@
-"""Record of a stage's outputs: their origin, and the hash of each file at the time of writing.
+"""Documents of a stage, and the record of its outputs: origin, and hash of each file at the time of writing.
 
 Artefacts store their origin themselves, documents cannot. The record also shows without decoding any file that the
 files still hold the bytes that were written, so that a run finds quickly that there is nothing to compute.
@@ -15,6 +15,14 @@ from mocap_id.store.provenance import Origin, Provenance
 
 UNREADABLE = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
 """Exceptions for an invalid record."""
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file of a run that is no artefact, such as the report; it is written unchanged."""
+
+    file: str
+    content: bytes
 
 
 @dataclass(frozen=True)

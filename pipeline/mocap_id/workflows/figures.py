@@ -12,7 +12,7 @@ from mocap_id.reporting.cohort.page_data import PAGE_FILE as COHORT
 from mocap_id.reporting.contents import PAGE_FILE, PdfFonts
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawings
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import write_files
 
 PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
 """Pages that a folder may hold."""
@@ -49,9 +49,7 @@ def figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3
     with _readable(page):
         files = paper_figures.figure_files(_drawings(page), pdf_fonts)
     folder = page.parent if out is None else out
-    with explained(folder):
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-    replace_together(folder, files)
+    write_files(folder, files)
     return tuple(folder / file for file in files)
 
 

@@ -16,7 +16,7 @@ from mocap_id.config.trial import compose
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording import Recording, write_recording, write_recording_as_text
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import explained, write_files
 from mocap_id.workflows.study.discovery import find_forces
 from mocap_id.workflows.study.reaches import find_reach
 
@@ -182,6 +182,4 @@ def _write(file: Path, text: str) -> None:
         return
     if file.exists() and not _is_ours(file):
         raise StoreError(f"{file} exists already and was not made by `mocap-id run`: choose another name")
-    with explained(file.parent):
-        file.parent.mkdir(parents=True, exist_ok=True)
-    replace_together(file.parent, {file.name: text.encode()})
+    write_files(file.parent, {file.name: text.encode()})

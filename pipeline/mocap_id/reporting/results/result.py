@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_id.store import hash_bytes
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import write_files
 
 if TYPE_CHECKING:
     from mocap_id.reporting.results.columns import ResultTable
@@ -47,7 +47,7 @@ class Result:
         return head | {"files": {name: hash_bytes(file) for name, file in self.files.items()}} if self.hashed else head
 
     def write(self, folder: Path) -> tuple[str, ...]:
-        """Write all files, or none, and return their names.
+        """Write all files, or none, and return their names, that of the document first.
 
         Raises
         ------
@@ -55,21 +55,8 @@ class Result:
             The folder cannot be written.
         """
         text = json.dumps(self.document, indent=self.indent, ensure_ascii=False, allow_nan=False) + self.end
-        return write_files(folder, {**self.files, self.file: text.encode()}, first=self.file)
-
-
-def write_files(folder: Path, files: Mapping[str, bytes], first: str = "") -> tuple[str, ...]:
-    """Write all files into a folder, which is made if needed, or none, and return their names, `first` before others.
-
-    Raises
-    ------
-    StoreError
-        The folder cannot be written.
-    """
-    with explained(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    replace_together(folder, files)
-    return tuple(sorted(files, key=lambda name: name != first))
+        write_files(folder, {**self.files, self.file: text.encode()})
+        return (self.file, *self.files)
 
 
 def text_file(lines: Iterable[str]) -> bytes:

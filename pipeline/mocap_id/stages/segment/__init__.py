@@ -57,7 +57,7 @@ def _function(context: Context) -> Outputs:
 
         return segment_bodies(context)
     if without_markers(context.long("planar.parquet").facts):
-        from mocap_id.stages.segment.sensors_alone import calibrated_segments  # noqa: PLC0415
+        from mocap_id.stages.segment.known_segments import calibrated_segments  # noqa: PLC0415
 
         return calibrated_segments(context)
     from mocap_id.stages.segment.function import segment  # noqa: PLC0415  loads its libraries only when run

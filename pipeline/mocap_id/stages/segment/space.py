@@ -19,8 +19,7 @@ from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
-from mocap_id.stages.segment.known_segments import facts_without_search
-from mocap_id.stages.segment.skeleton import skeleton_segments
+from mocap_id.stages.segment.known_segments import facts_without_search, skeleton_segments
 from mocap_id.stages.trial_keys import given_landmarks
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.reporting.results.result import write_files
-from mocap_id.store.atomic import explained
+from mocap_id.store.atomic import explained, write_files
 from mocap_id.workflows.batch.named_trials import find_trials
 from mocap_id.workflows.batch.table import BATCH, read_trial, row, unreadable_trial
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials

@@ -10,7 +10,7 @@ import pandas as pd
 
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import write_files
 from mocap_id.workflows.compare.difference import Difference, changed
 from mocap_id.workflows.compare.origins import artefacts, origins
 from mocap_id.workflows.compare.results import results
@@ -87,9 +87,7 @@ def write(rows: tuple[Difference, ...], file: Path) -> None:
     check_format(file)
     columns = list(Difference.__dataclass_fields__)
     text = pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n")
-    with explained(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-    replace_together(file.parent, {file.name: text.encode()})
+    write_files(file.parent, {file.name: text.encode()})
 
 
 def as_json(comparison: Comparison, rows: tuple[Difference, ...]) -> dict[str, Any]:

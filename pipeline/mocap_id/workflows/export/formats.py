@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import write_files
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.forces import forces
 from mocap_id.workflows.export.free_bodies import free_model, free_poses, free_states
@@ -100,7 +100,5 @@ def export(
             f"{existing[0]} exists already: choose another folder with `out=` or `--out`, or overwrite it with "
             "`force=True` or `--force`"
         )
-    with explained(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    replace_together(folder, made.files)
+    write_files(folder, made.files)
     return Export(tuple(folder / name for name in made.files), made.notes)

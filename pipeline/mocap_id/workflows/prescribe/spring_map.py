@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config.prescription import SearchGrid
 from mocap_id.prescription.level_set import JointDynamics, Scheme, compute_reachable_set, reached_holdable_angles
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.reporting.results.result import write_files
+from mocap_id.store.atomic import write_files
 
 KEPT = "search.json"
 """File in the output folder with the finished rows of the map."""

@@ -13,12 +13,12 @@ from mocap_id import __version__
 from mocap_id.config.robot_study import RobotStudy, load_robot_study
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.reporting.results.result import Result, write_files
+from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.robot.page_data import RobotStudyData
 from mocap_id.simulation import RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
-from mocap_id.store.atomic import explained
+from mocap_id.store.atomic import explained, write_files
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.robot_study.figure_data import average_wrench, recovery, state_traces, trials_of_cell
 from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting.results.result import write_files
+from mocap_id.store.atomic import write_files
 from mocap_id.workflows.study.discovery import Discovery, FoundRecording
 
 SUBJECTS_FILE = "subjects.csv"

@@ -15,7 +15,7 @@ import pyarrow.parquet
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import finite
-from mocap_id.reporting.results.result import write_files
+from mocap_id.store.atomic import write_files
 from mocap_id.workflows.transfer.model_transfer import BodyErrors, Transfer, TrialTransfer, rms_error
 from mocap_id.workflows.transfer.support import AT_HOME, SERIES, Support
 
