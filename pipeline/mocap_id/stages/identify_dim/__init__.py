@@ -110,7 +110,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=22,
+    version=23,
     inputs=(
         *("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
         "angles.parquet",
